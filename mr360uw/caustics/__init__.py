@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sea surface and the caustics it casts."""

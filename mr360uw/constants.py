@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Physical and colorimetric constants, each defined once.
+
+`gl/source.py` writes the upper-case numbers of this module into the shaders as `constants.glsl`.
+"""
+
+from __future__ import annotations
+
+import math
+
+PI = math.pi
+INV_PI = 1.0 / math.pi
+INV_4PI = 0.25 / math.pi
+
+REFRACTIVE_INDEX_SEA = 1.34
+"""Refractive index of sea water relative to air, mean of the visible (Quan & Fry 1995)."""
+
+SUN_HALF_ANGLE_RAD = 0.00465
+"""Mean angular radius of the solar disc seen from the Earth, above the surface."""
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity (CGPM 1901)."""
+
+SURFACE_TENSION_OVER_DENSITY = 7.3e-5
+"""Surface tension over density of sea water, m^3/s^2."""
+
+MEAN_COSINE_SEA = 0.90
+"""Mean cosine g of the volume scattering phase function where none is given (Petzold 1972: 0.87 to 0.92)."""
+
+LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
+"""Luminance of linear Rec.709 primaries (ITU-R BT.709-6)."""
+
+ENVIRONMENT_ROWS = 32
+ENVIRONMENT_COLUMNS = 64
+"""Size of the environment maps."""

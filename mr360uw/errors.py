@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exceptions of the toolkit.
+
+Every message reads *where - what is wrong (got ...) - what to do*. The library raises them; only the command
+line turns them into text and an exit code.
+"""
+
+from __future__ import annotations
+
+
+class Mr360uwError(Exception):
+    """Base of everything the toolkit raises on purpose."""
+
+
+class SceneError(Mr360uwError):
+    """A scene file that cannot be run; `problems` holds one line for each thing that is wrong."""
+
+    def __init__(self, where: str, problems: list[str] | tuple[str, ...]) -> None:
+        self.where = where
+        self.problems = tuple(problems)
+        count = f"{len(self.problems)} problem" + ("s" if len(self.problems) != 1 else "")
+        super().__init__("\n".join([f"{where}: {count}", *(f"  {line}" for line in self.problems)]))
+
+
+class VideoError(Mr360uwError):
+    """A plate that cannot be read or an output that cannot be written."""
+
+
+class MeshError(Mr360uwError):
+    """A mesh, texture or height map that cannot be used."""
+
+
+class GlError(Mr360uwError):
+    """No OpenGL context, or a shader that does not compile."""
+
+
+class ParameterError(Mr360uwError, ValueError):
+    """An argument outside its physical domain."""
+
+
+class OutputExistsError(VideoError):
+    """The output is already there; nothing is overwritten without being asked to."""

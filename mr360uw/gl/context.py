@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one OpenGL context of a process, programs and textures on it.
+
+OpenGL 3.3 core is enough for every shader. On Linux the context comes headless from EGL, on a GPU or on Mesa's
+llvmpipe; elsewhere from the system's own window system. All OpenGL work of a process stays on the thread that made it.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.errors import GlError
+from mr360uw.gl.source import Source, expand_source, load_source
+
+if TYPE_CHECKING:
+    import moderngl
+
+_FULLSCREEN = """
+out vec2 uv;
+void main() {
+    uv = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
+    gl_Position = vec4(uv * 2.0 - 1.0, 0.0, 1.0);
+}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class GlDevice:
+    """What the context runs on."""
+
+    renderer: str
+    vendor: str
+    version: str
+    software: bool
+
+
+@functools.cache
+def _context_of_thread(_thread_id: int) -> moderngl.Context:
+    try:
+        import moderngl
+
+        settings: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+        context = moderngl.create_context(standalone=True, require=330, **settings)
+    except Exception as error:  # the drivers' own exceptions have no common base
+        raise GlError(
+            f"OpenGL - no 3.3 core context can be made (got: {error}) - "
+            "install a driver or Mesa's libEGL, or use backend='reference'"
+        ) from error
+    context.gc_mode = "context_gc"
+    return context
+
+
+def gl_context() -> moderngl.Context:
+    """Return this thread's context, made at the first call; raise `GlError` where there is no OpenGL 3.3."""
+    return _context_of_thread(threading.get_ident())
+
+
+def gl_available() -> bool:
+    """Return whether a context can be made here."""
+    try:
+        gl_context()
+    except GlError:
+        return False
+    return True
+
+
+def gl_device() -> GlDevice:
+    """Return the names the driver gives itself."""
+    info = gl_context().info
+    renderer = str(info["GL_RENDERER"])
+    software = any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swiftshader", "software"))
+    return GlDevice(renderer, str(info["GL_VENDOR"]), str(info["GL_VERSION"]), software)
+
+
+def _compile(sources: dict[str, Source]) -> moderngl.Program:
+    import moderngl
+
+    texts: dict[str, Any] = {stage: source.text for stage, source in sources.items()}
+    try:
+        return gl_context().program(**texts)
+    except moderngl.Error as error:
+        log = str(error)
+        # the message names the one stage that failed; line numbers belong to that stage's files
+        failed = next((stage for stage in sources if stage in log), None)
+        log = sources[failed].explain(log) if failed else log
+        raise GlError(f"shader - does not compile - {log.strip()}") from error
+
+
+def program(
+    *,
+    vertex: str | None = None,
+    geometry: str | None = None,
+    fragment: str | None = None,
+    defines: Mapping[str, str | int | float] | None = None,
+) -> moderngl.Program:
+    """Return a linked program of shader files below the package; without `vertex`, one triangle fills the target.
+
+    The full-screen triangle hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`.
+    """
+    sources = {
+        "vertex_shader": load_source(vertex, defines) if vertex else expand_source(_FULLSCREEN, "fullscreen.vert")
+    }
+    if geometry:
+        sources["geometry_shader"] = load_source(geometry, defines)
+    if fragment:
+        sources["fragment_shader"] = load_source(fragment, defines)
+    return _compile(sources)
+
+
+def program_from_text(*, fragment: str, name: str = "shader") -> moderngl.Program:
+    """Return a linked full-screen program of fragment shader text, for harnesses that wrap a function of a file."""
+    return _compile(
+        {
+            "vertex_shader": expand_source(_FULLSCREEN, "fullscreen.vert"),
+            "fragment_shader": expand_source(fragment, name),
+        }
+    )
+
+
+def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> None:
+    """Run `program`'s fragment shader once for every pixel of `target`."""
+    target.use()
+    vertex_array = gl_context().vertex_array(program, [])
+    vertex_array.render(vertices=3)
+    vertex_array.release()
+
+
+def set_uniforms(program: moderngl.Program, **values: Any) -> None:
+    """Set uniforms by name (a double underscore stands for a dot); names the compiler removed are passed over."""
+    import moderngl
+
+    for name, value in values.items():
+        uniform = program.get(name.replace("__", "."), None)
+        if isinstance(uniform, moderngl.Uniform):
+            uniform.value = tuple(np.asarray(value).ravel().tolist()) if np.ndim(value) else value
+
+
+def texture_from_array(array: ArrayLike, dtype: str = "f4", *, nearest: bool = True) -> moderngl.Texture:
+    """Return a texture of an image (H, W), (H, W, C); row 0 is texel row 0."""
+    import moderngl
+
+    image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
+    channels = image.shape[2] if image.ndim == 3 else 1
+    texture = gl_context().texture(image.shape[1::-1], channels, image.tobytes(), dtype=dtype, alignment=1)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST) if nearest else (moderngl.LINEAR, moderngl.LINEAR)
+    return texture
+
+
+def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
+    """Return a float texture array of images (N, H, W, C)."""
+    import moderngl
+
+    images = np.ascontiguousarray(array, dtype=np.float32)
+    count, height, width, channels = images.shape
+    texture = gl_context().texture_array((width, height, count), channels, images.tobytes(), dtype="f4", alignment=1)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
+
+
+def read_framebuffer(target: moderngl.Framebuffer, channels: int, attachment: int = 0) -> np.ndarray:
+    """Return a float attachment as (H, W, channels) float32, row 0 = the row drawn at gl_FragCoord.y = .5."""
+    width, height = target.size
+    data = target.read(components=channels, attachment=attachment, dtype="f4", alignment=1)
+    return np.frombuffer(data, np.float32).reshape(height, width, channels)

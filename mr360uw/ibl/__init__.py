@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light from the plate: expansion to scene radiance, environment maps, the sun."""

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How shading reads an environment map: bilinear in direction, periodic across the seam, closed at the poles.
+
+Twin: lookup.glsl, whose maps are textures of the same 32 rows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.sphere import frame_from_direction
+from mr360uw.types import Floats
+
+
+def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
+    """Return the map's (H, W, 3) value in `direction` (..., 3): bilinear between pixel centres.
+
+    Beyond the centre of the first or last row the neighbour is the same row half a turn away, as over a pole.
+    """
+    height, width = map_.shape[:2]
+    x, y = frame_from_direction(direction, width, height)
+    column, row = np.floor(x - 0.5), np.floor(y - 0.5)
+    fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
+    i, j = column.astype(np.int64), row.astype(np.int64)
+
+    def texel(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        over_pole = (j < 0) | (j >= height)
+        i = np.where(over_pole, i + width // 2, i) % width
+        return map_[np.clip(j, 0, height - 1), i]
+
+    upper = texel(i, j) * (1.0 - fx) + texel(i + 1, j) * fx
+    lower = texel(i, j + 1) * (1.0 - fx) + texel(i + 1, j + 1) * fx
+    return upper * (1.0 - fy) + lower * fy
+
+
+def glossy_lookup(levels: Floats, level_roughness: Floats, direction: ArrayLike, roughness: ArrayLike) -> Floats:
+    """Return the GGX-filtered radiance (..., 3) in `direction` at `roughness` (...,), linear between levels.
+
+    levels: (L, H, W, 3). Roughness outside `level_roughness` (L,) takes the nearest level.
+    """
+    position = np.interp(np.asarray(roughness, np.float64), level_roughness, np.arange(len(level_roughness)))
+    lower = np.minimum(position.astype(np.int64), max(len(level_roughness) - 2, 0))
+    fraction = (position - lower)[..., None]
+    result = np.zeros((*np.broadcast_shapes(np.shape(direction)[:-1], position.shape), 3))
+    for k in range(len(level_roughness)):
+        weight = np.where(lower[..., None] == k, 1.0 - fraction, 0.0) + np.where(
+            lower[..., None] + 1 == k, fraction, 0.0
+        )
+        if np.any(weight > 0.0):
+            result = result + weight * environment_lookup(levels[k], direction)
+    return result

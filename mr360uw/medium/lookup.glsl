@@ -1,0 +1,53 @@
+// twin: lookup.py
+struct MediumTable {
+    float camera_depth_m;
+    float length_m;
+};
+
+float table_coordinate(float s, float length_m) {
+    return 1.0 - length_m / (max(s, 0.0) + length_m);
+}
+
+// a table (U, V, 3) is a texture of U rows and V columns
+vec3 bilinear(sampler2D table, float u, float v) {
+    ivec2 size = textureSize(table, 0);
+    vec2 p = clamp(vec2(v, u), 0.0, 1.0) * vec2(size - 1);
+    ivec2 i = max(min(ivec2(p), size - 2), 0);
+    vec2 f = p - vec2(i);
+    ivec2 next = min(i + 1, size - 1);
+    return mix(mix(texelFetch(table, i, 0).rgb, texelFetch(table, ivec2(next.x, i.y), 0).rgb, f.x),
+               mix(texelFetch(table, ivec2(i.x, next.y), 0).rgb, texelFetch(table, next, 0).rgb, f.x), f.y);
+}
+
+float in_water_distance(float distance_m, float camera_depth_m, float up) {
+    return min(distance_m, camera_depth_m / max(up, 1e-9));
+}
+
+vec3 veil_lookup(MediumTable medium, sampler2D veil, float distance_m, float up) {
+    float s = in_water_distance(distance_m, medium.camera_depth_m, up);
+    return (1.0 - exp(-s / medium.length_m)) * bilinear(veil, 0.5 + 0.5 * up, table_coordinate(s, medium.length_m));
+}
+
+vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float distance_m, float up) {
+    float s = in_water_distance(distance_m, medium.camera_depth_m, up);
+    float depth = medium.camera_depth_m - s * up;
+    return exp(-s * bilinear(attenuation, table_coordinate(depth, medium.length_m),
+                             table_coordinate(s, medium.length_m)));
+}
+
+// the tables over depth, (D, 3), are textures of one row: `beam` and `diffuse`
+vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m) {
+    float d = max(depth_m, 0.0);
+    return exp(-bilinear(diffuse, 0.0, table_coordinate(d, medium.length_m)) * (d - medium.camera_depth_m));
+}
+
+vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
+    float d = max(depth_m, 0.0);
+    return exp(-bilinear(beam, 0.0, table_coordinate(d, medium.length_m)) * (d - medium.camera_depth_m) / sun_up);
+}
+
+vec3 caustic_contrast(MediumTable medium, sampler2D beam, sampler2D diffuse, float depth_m, float sun_up) {
+    float d = max(depth_m, 0.0);
+    float u = table_coordinate(d, medium.length_m);
+    return exp(-max(bilinear(beam, 0.0, u) / sun_up - bilinear(diffuse, 0.0, u), 0.0) * d);
+}

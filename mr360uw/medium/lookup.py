@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How shading reads a `MediumTable`: a pixel costs the same however many wavelengths went into it.
+
+Twin: lookup.glsl.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.types import Floats, MediumTable
+
+
+def table_coordinate(length: ArrayLike, length_m: float) -> Floats:
+    """Return S/(S + length_m) in [0, 1] for lengths S >= 0; 1 at infinity."""
+    s = np.maximum(np.asarray(length, np.float64), 0.0)
+    return 1.0 - length_m / (s + length_m)
+
+
+def bilinear(table: Floats, u: ArrayLike, v: ArrayLike) -> Floats:
+    """Return values (..., 3) of a table (U, V, 3) at coordinates in [0, 1], nodes at the ends."""
+    rows, columns = table.shape[:2]
+    u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
+    x, y = np.clip(u, 0.0, 1.0) * (rows - 1), np.clip(v, 0.0, 1.0) * (columns - 1)
+    i, j = np.minimum(x.astype(np.int64), rows - 2), np.minimum(y.astype(np.int64), columns - 2)
+    fx, fy = (x - i)[..., None], (y - j)[..., None]
+    return (table[i, j] * (1.0 - fy) + table[i, j + 1] * fy) * (1.0 - fx) + (
+        table[i + 1, j] * (1.0 - fy) + table[i + 1, j + 1] * fy
+    ) * fx
+
+
+def linear(table: Floats, u: ArrayLike) -> Floats:
+    """Return values (..., 3) of a table (U, 3) at coordinates in [0, 1], nodes at the ends."""
+    x = np.clip(np.asarray(u, np.float64), 0.0, 1.0) * (len(table) - 1)
+    i = np.minimum(x.astype(np.int64), len(table) - 2)
+    f = (x - i)[..., None]
+    return table[i] * (1.0 - f) + table[i + 1] * f
+
+
+def in_water_distance(distance_m: ArrayLike, camera_depth_m: float, up: ArrayLike) -> Floats:
+    """Return the part [m] of a camera ray that runs below the mean surface."""
+    s, mu = np.broadcast_arrays(np.asarray(distance_m, np.float64), np.asarray(up, np.float64))
+    return np.minimum(s, camera_depth_m / np.maximum(mu, 1e-9))
+
+
+def veil_lookup(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> Floats:
+    """Return the radiance (..., 3) the water adds to a camera ray of length `distance_m`; `up` = y of its direction."""
+    s = in_water_distance(distance_m, table.camera_depth_m, up)
+    smooth = bilinear(table.veil, 0.5 + 0.5 * np.asarray(up, np.float64), table_coordinate(s, table.length_m))
+    return -np.expm1(-s / table.length_m)[..., None] * smooth
+
+
+def transmittance_lookup(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> Floats:
+    """Return the factor (..., 3) on the radiance of an object `distance_m` along a camera ray."""
+    s = in_water_distance(distance_m, table.camera_depth_m, up)
+    depth = table.camera_depth_m - np.where(np.isfinite(s), s, 0.0) * np.asarray(up, np.float64)
+    attenuation = bilinear(
+        table.attenuation, table_coordinate(depth, table.length_m), table_coordinate(s, table.length_m)
+    )
+    return np.exp(-attenuation * s[..., None])
+
+
+def ambient_ratio(table: MediumTable, depth_m: ArrayLike) -> Floats:
+    """Return the ambient irradiance (..., 3) at a depth over that at the camera."""
+    d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
+    diffuse = linear(table.diffuse, table_coordinate(d, table.length_m))
+    return np.exp(-diffuse * (d - table.camera_depth_m)[..., None])
+
+
+def beam_ratio(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
+    """Return the sun's beam (..., 3) at a depth over that at the camera; `sun_up` = y of its direction."""
+    d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
+    beam = linear(table.beam, table_coordinate(d, table.length_m))
+    return np.exp(-beam * ((d - table.camera_depth_m) / sun_up)[..., None])
+
+
+def caustic_contrast(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
+    """Return how much (..., 3) of the caustic pattern is left at a depth: that of the beam over that of all light.
+
+    A lower bound: light scattered by small angles blurs the pattern rather than removing it.
+    """
+    d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
+    u = table_coordinate(d, table.length_m)
+    excess = np.maximum(linear(table.beam, u) / sun_up - linear(table.diffuse, u), 0.0)
+    return np.exp(-excess * d[..., None])

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The equirectangular sphere: pixels, directions, solid angles, rotations.
+
+Right-handed axes, +y up, forward = -z, right = +x. Pixel (column i, row j) of a W x H frame has
+
+    longitude = 2 pi ((i + .5)/W - .5)        latitude = pi (.5 - (j + .5)/H)
+    direction = (cos lat sin lon, sin lat, -cos lat cos lon)
+
+so the centre of the frame looks along -z and a quarter turn to the right is +x. Continuous frame coordinates
+(x, y) put pixel (i, j) at [i, i + 1) x [j, j + 1). Twin: sphere.glsl.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) -> Array:
+    """Return the unit directions (..., 3) seen at continuous frame coordinates, pixel centres at i + .5."""
+    longitude = 2.0 * np.pi * (np.asarray(x, np.float64) / width - 0.5)
+    latitude = np.pi * (0.5 - np.asarray(y, np.float64) / height)
+    longitude, latitude = np.broadcast_arrays(longitude, latitude)
+    cos_latitude = np.cos(latitude)
+    return np.stack([cos_latitude * np.sin(longitude), np.sin(latitude), -cos_latitude * np.cos(longitude)], axis=-1)
+
+
+def frame_from_direction(direction: ArrayLike, width: int, height: int) -> tuple[Array, Array]:
+    """Return continuous frame coordinates (x in [0, W], y in [0, H]) of directions (..., 3) of any length."""
+    d = np.asarray(direction, np.float64)
+    longitude = np.arctan2(d[..., 0], -d[..., 2])
+    latitude = np.arctan2(d[..., 1], np.hypot(d[..., 0], d[..., 2]))
+    return width * (longitude / (2.0 * np.pi) + 0.5), height * (0.5 - latitude / np.pi)
+
+
+def directions(width: int, height: int) -> Array:
+    """Return the unit direction of every pixel centre, (H, W, 3)."""
+    return direction_from_frame(np.arange(width) + 0.5, (np.arange(height) + 0.5)[:, None], width, height)
+
+
+def row_solid_angle(width: int, height: int) -> Array:
+    """Return the exact solid angle [sr] of one pixel of every row, (H,); W times its sum is 4 pi."""
+    edge = np.sin(np.pi * (0.5 - np.arange(height + 1) / height))
+    return (2.0 * np.pi / width) * (edge[:-1] - edge[1:])
+
+
+def unit(vector: ArrayLike) -> Array:
+    """Return vectors (..., 3) scaled to length 1; raise `ParameterError` where one is zero or not finite."""
+    v = np.asarray(vector, np.float64)
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    if not np.all(np.isfinite(length)) or not np.all(length > 0.0):
+        raise ParameterError(f"direction - must be finite and not zero (got {v.tolist()!r:.80}) - give three numbers")
+    return v / length
+
+
+def direction_from_angles(azimuth_rad: float, elevation_rad: float) -> Array:
+    """Return the unit direction (3,) at an azimuth (0 = forward, positive to the right) and elevation [rad]."""
+    cos_elevation = np.cos(elevation_rad)
+    return np.array([cos_elevation * np.sin(azimuth_rad), np.sin(elevation_rad), -cos_elevation * np.cos(azimuth_rad)])
+
+
+def yaw_matrix(yaw_rad: float) -> Array:
+    """Return the (3, 3) rotation about +y that turns forward (-z) to the right (+x) for positive angles."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What flows between the stages, and the conventions that hold everywhere.
+
+Units: metres, seconds, radians; wavelength in nm; optical coefficients in 1/m. Bare floats carry the unit in the
+name (`time_s`, `depth_m`).
+
+Axes: right-handed, +y up, camera at the origin of the world at t = 0, forward = -z, right = +x. The mean water
+surface is the plane y = camera_depth_m; the depth of a point is camera_depth_m - y, positive below the surface.
+Equirectangular pixels: see `mr360uw.sphere`.
+
+Directions are unit vectors. View directions point from the camera outwards, light directions *towards* the light;
+a direction of travel says `_travel`. Phase functions take the cosine between the directions of travel before and
+after a scattering event, forward = +1.
+
+Colour is linear Rec.709 scene radiance, float32, alpha premultiplied; names say `_linear` or `_encoded`. Arrays are
+images first: (H, W, 3), row 0 at the top. Random numbers depend on the seed and the frame index alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """A dominant light as the camera sees it (below the surface: after refraction).
+
+    direction: (3,) unit, towards the sun. irradiance: (3,) linear RGB on a plane perpendicular to the beam, in plate
+    radiance times sr. half_angle_rad: angular radius of the disc. confidence: 0 (a guess) to 1 (given or certain).
+    """
+
+    direction: Floats
+    irradiance: Floats
+    half_angle_rad: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """The light that reaches the camera, (32, 64, 3) equirectangular maps in plate radiance.
+
+    radiance: of the expanded plate. irradiance: cosine integral of `radiance` over the hemisphere about each
+    pixel's direction. sun: None where there is none. residual: `radiance` without the sun. ambient: cosine integral
+    of `residual`, what surfaces receive besides the sun's beam. glossy: `residual` filtered by GGX lobes, (L, 32, 64,
+    3), at the roughnesses `glossy_roughness` (L,), ascending; L = 0 where nothing needs them.
+    """
+
+    radiance: Floats
+    irradiance: Floats
+    sun: Sun | None
+    residual: Floats
+    ambient: Floats
+    glossy: Floats
+    glossy_roughness: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A displaced water surface at one time.
+
+    position: (..., 3), y = height above the mean surface. normal: (..., 3) unit, y > 0. jacobian: (...,) determinant
+    of the horizontal displacement, positive where the surface does not fold over.
+    """
+
+    position: Floats
+    normal: Floats
+    jacobian: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class CausticStack:
+    """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
+
+    ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z;
+    pixel (0, 0) spans [0, tile_m/size) from the world's origin, periodic. sun_direction: (3,) unit, towards the sun,
+    in the water.
+    """
+
+    ratio: Floats
+    depth_m: Floats
+    tile_m: float
+    sun_direction: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class MediumTable:
+    """Everything one pixel needs of the water, for one camera depth, in linear RGB.
+
+    Distances S enter as t = S/(S + length_m) and depths d as d/(d + length_m), both uniform over [0, 1]; `up`, the y
+    of the view direction, is uniform over [-1, 1].
+
+    veil: (U, T, 3) radiance scattered into a camera ray of distance S, divided by 1 - exp(-S/length_m).
+    attenuation: (D, T, 3) effective beam attenuation [1/m] of an object at depth d seen over distance S:
+    transmittance = exp(-attenuation S).
+    diffuse: (D, 3) effective attenuation [1/m] of the ambient irradiance between the camera's depth and d:
+    E(d)/E(camera) = exp(-diffuse (d - camera_depth_m)).
+    beam: (D, 3) the same of the sun's beam, per metre of its slant path.
+    """
+
+    camera_depth_m: float
+    length_m: float
+    veil: Floats
+    attenuation: Floats
+    diffuse: Floats
+    beam: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A rectangle of the frame that something was drawn into.
+
+    column, row: top left pixel; 0 <= column < W and the tile never crosses the seam. All arrays are (h, w, ...).
+    radiance: (h, w, 3) premultiplied by alpha. alpha: (h, w) coverage in [0, 1]. distance_m: (h, w) along the ray
+    to the nearest object, infinity where there is none. ratio: (h, w, 3) factor on the surface part of the plate
+    behind the object (shadow below 1, caustics about 1). veil: (h, w, 3) the part of the plate's radiance that the
+    water between camera and receiver adds, on which no shadow falls.
+    """
+
+    column: int
+    row: int
+    radiance: Floats
+    alpha: Floats
+    distance_m: Floats
+    ratio: Floats
+    veil: Floats
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """The tile's rows and columns, to index a full frame with."""
+        height, width = self.alpha.shape
+        return slice(self.row, self.row + height), slice(self.column, self.column + width)
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """What is laid over a plate: disjoint tiles of a height x width frame; everything else stays untouched."""
+
+    height: int
+    width: int
+    tiles: tuple[Tile, ...]
+
+    def _full(self, name: str, background: float, channels: int) -> Floats:
+        shape = (self.height, self.width, channels) if channels else (self.height, self.width)
+        image = np.full(shape, background, np.float32)
+        for tile in self.tiles:
+            image[tile.window] = getattr(tile, name)
+        return image
+
+    @property
+    def radiance(self) -> Floats:
+        """Premultiplied radiance of the whole frame, (H, W, 3)."""
+        return self._full("radiance", 0.0, 3)
+
+    @property
+    def alpha(self) -> Floats:
+        """Coverage of the whole frame, (H, W)."""
+        return self._full("alpha", 0.0, 0)
+
+    @property
+    def distance_m(self) -> Floats:
+        """Ray distance of the whole frame, (H, W), infinity where there is no object."""
+        return self._full("distance_m", np.inf, 0)
+
+    @property
+    def ratio(self) -> Floats:
+        """Receiver ratio of the whole frame, (H, W, 3), 1 where nothing changes."""
+        return self._full("ratio", 1.0, 3)

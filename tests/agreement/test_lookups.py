@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lookups of shading, Python against GLSL, on random tables and places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
+from mr360uw.gl.context import texture_array_from_array, texture_from_array
+from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.medium.lookup import (
+    ambient_ratio,
+    beam_ratio,
+    caustic_contrast,
+    transmittance_lookup,
+    veil_lookup,
+)
+from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
+from mr360uw.types import CausticStack, MediumTable
+from tests.glsl import glsl_call
+from tests.tolerances import FLOAT32_LOOKUP, FLOAT32_TWIN
+
+COUNT = 4096
+
+
+def padded(*columns: np.ndarray) -> np.ndarray:
+    inputs = np.zeros((COUNT, 4))
+    values = np.column_stack(columns)
+    inputs[:, : values.shape[1]] = values
+    return inputs.astype(np.float32).astype(np.float64)
+
+
+@pytest.mark.usefixtures("gl")
+def test_sphere(rng: np.random.Generator) -> None:
+    position = padded(rng.uniform(0, 64, COUNT), rng.uniform(0.1, 31.9, COUNT))[:, :2]
+    direction = direction_from_frame(position[:, 0], position[:, 1], 64, 32)
+    got = glsl_call("sphere.glsl", "direction_from_frame(p, vec2(64.0, 32.0))", 3, p=position)
+    np.testing.assert_allclose(got, direction, atol=FLOAT32_TWIN)
+    back = glsl_call("sphere.glsl", "frame_from_direction(d, vec2(64.0, 32.0))", 2, d=direction)
+    np.testing.assert_allclose(back, np.column_stack(frame_from_direction(direction, 64, 32)), atol=FLOAT32_LOOKUP)
+
+
+@pytest.mark.usefixtures("gl")
+def test_environment(rng: np.random.Generator) -> None:
+    levels = rng.uniform(0, 2, (4, 32, 64, 3))
+    roughness = np.array([0.1, 0.3, 0.6, 1.0])
+    inputs = padded(unit(rng.normal(size=(COUNT, 3))), rng.uniform(0, 1.2, COUNT))
+    textures = {"levels": texture_array_from_array(levels)}
+    declared = "uniform sampler2DArray levels;"
+    got = glsl_call("ibl/lookup.glsl", "environment_lookup(levels, 2, v.xyz)", 3, declared, textures, v=inputs)
+    np.testing.assert_allclose(got, environment_lookup(levels[2], inputs[:, :3]), atol=FLOAT32_LOOKUP)
+    position = inputs.copy()
+    position[:, 3] = np.interp(inputs[:, 3], roughness, np.arange(4))
+    got = glsl_call("ibl/lookup.glsl", "glossy_lookup(levels, v.w, v.xyz)", 3, declared, textures, v=position)
+    np.testing.assert_allclose(got, glossy_lookup(levels, roughness, inputs[:, :3], inputs[:, 3]), atol=FLOAT32_LOOKUP)
+
+
+@pytest.mark.usefixtures("gl")
+def test_medium(rng: np.random.Generator) -> None:
+    table = MediumTable(
+        5.0, 8.0, rng.uniform(0, 1, (17, 32, 3)), rng.uniform(0.05, 0.5, (9, 8, 3)),
+        rng.uniform(0.02, 0.3, (16, 3)), rng.uniform(0.05, 0.5, (16, 3)),
+    )  # fmt: skip
+    distance, up = rng.exponential(10.0, COUNT), rng.uniform(-1, 1, COUNT)
+    depth = rng.exponential(6.0, COUNT)
+    inputs = padded(distance, up, depth)
+    distance, up, depth = inputs[:, 0], inputs[:, 1], inputs[:, 2]
+    textures = {
+        "veil": texture_from_array(table.veil),
+        "attenuation": texture_from_array(table.attenuation),
+        "diffuse": texture_from_array(table.diffuse[None]),
+        "beam": texture_from_array(table.beam[None]),
+    }
+    declarations = "uniform MediumTable medium; uniform sampler2D veil, attenuation, diffuse, beam;"
+    uniforms = {"medium__camera_depth_m": table.camera_depth_m, "medium__length_m": table.length_m}
+    cases = {
+        "veil_lookup(medium, veil, v.x, v.y)": veil_lookup(table, distance, up),
+        "transmittance_lookup(medium, attenuation, v.x, v.y)": transmittance_lookup(table, distance, up),
+        "ambient_ratio(medium, diffuse, v.z)": ambient_ratio(table, depth),
+        "beam_ratio(medium, beam, v.z, 0.8)": beam_ratio(table, depth, 0.8),
+        "caustic_contrast(medium, beam, diffuse, v.z, 0.8)": caustic_contrast(table, depth, 0.8),
+    }
+    for expression, expected in cases.items():
+        got = glsl_call("medium/lookup.glsl", expression, 3, declarations, textures, uniforms, v=inputs)
+        np.testing.assert_allclose(got, expected, atol=FLOAT32_LOOKUP, rtol=FLOAT32_LOOKUP, err_msg=expression)
+
+
+@pytest.mark.usefixtures("gl")
+def test_caustics(rng: np.random.Generator) -> None:
+    stack = CausticStack(
+        rng.uniform(0.5, 2.0, (5, 16, 16, 3)), np.array([1.0, 2.0, 4.0, 8.0, 16.0]), 8.0, unit([0.3, 0.9, -0.2])
+    )
+    inputs = padded(
+        rng.uniform(-20, 20, COUNT), rng.uniform(0, 20, COUNT), rng.uniform(-20, 20, COUNT), rng.uniform(0, 9, COUNT)
+    )
+    textures = {
+        "ratio": texture_array_from_array(mip_atlas(mip_levels(stack.ratio))),
+        "plane_depth": texture_from_array(stack.depth_m[None]),
+    }
+    got = glsl_call(
+        "caustics/lookup.glsl",
+        "caustic_lookup(stack, ratio, plane_depth, v.xyz, v.w)",
+        3,
+        "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;",
+        textures,
+        {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
+        v=inputs,
+    )
+    expected = caustic_lookup(stack, mip_levels(stack.ratio), inputs[:, 0], inputs[:, 1], inputs[:, 2], inputs[:, 3])
+    np.testing.assert_allclose(got, expected, atol=FLOAT32_LOOKUP)
