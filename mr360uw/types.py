@@ -24,7 +24,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import ColorSpec
+
 Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class YuvImage:
+    """The planes of a decoded video frame, as code values.
+
+    y: (H, W); u, v: (H/2, W/2) for 4:2:0, (H, W/2) for 4:2:2, (H, W) for 4:4:4; uint8, or uint16 above 8 bits. Chroma
+    of 4:2:0 is sited left, as H.264 and HEVC do. spec: how the codes are to be read.
+    """
+
+    y: NDArray[np.unsignedinteger[Any]]
+    u: NDArray[np.unsignedinteger[Any]]
+    v: NDArray[np.unsignedinteger[Any]]
+    spec: ColorSpec
 
 
 @dataclass(frozen=True, slots=True)
