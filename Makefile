@@ -1,0 +1,37 @@
+# Everything happens in a private environment (.venv); nothing else on the machine is touched.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint bench clean
+.DEFAULT_GOAL := demo
+
+$(VENV)/.installed: pyproject.toml
+	@if command -v uv >/dev/null 2>&1; then \
+		uv venv --quiet --allow-existing --python '>=3.11,<3.14' $(VENV) && \
+		uv pip install --quiet --python $(BIN)/python -e '.[dev]'; \
+	else \
+		$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
+			{ echo 'mr360uw needs Python 3.11 to 3.13: make PYTHON=/path/to/python3.12'; exit 1; }; \
+		$(PYTHON) -m venv $(VENV) || { echo 'venv is missing: sudo apt install python3-venv'; exit 1; }; \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
+	fi
+	@touch $@
+
+demo: $(VENV)/.installed  ## make a short 360 dive, put a mesh into it, say where the result is
+	$(BIN)/mr360uw sample demo --overwrite
+	$(BIN)/mr360uw composite demo/scene.toml demo/composite.mp4 --overwrite
+
+test: $(VENV)/.installed  ## the whole suite, on two workers
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.installed  ## every benchmark; tables on standard output
+	@for program in benchmarks/*.py; do echo "== $$program"; $(BIN)/python $$program; done
+
+clean:
+	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
