@@ -22,6 +22,9 @@ TRANSFERS: tuple[Transfer, ...] = ("srgb", "bt709", "bt1886", "gamma22", "linear
 
 LUMINANCE = np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B])
 
+# The curve of ITU-R BT.709-6 with the digits of BT.2020-2 table 4, with which its two pieces join smoothly.
+_CURVE_ALPHA, _CURVE_BETA = 1.09929682680944, 0.018053968510807
+
 # Luma weights (K_R, K_B): ITU-R BT.601-7, BT.709-6, BT.2020-2.
 _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
     "bt601": (0.299, 0.114),
@@ -60,7 +63,7 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     if transfer == "srgb":
         linear = np.where(a <= 0.04045, a / 12.92, ((a + 0.055) / 1.055) ** 2.4)
     elif transfer == "bt709":
-        linear = np.where(a < 0.081, a / 4.5, ((a + 0.099) / 1.099) ** (1.0 / 0.45))
+        linear = np.where(a < 4.5 * _CURVE_BETA, a / 4.5, ((a + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45))
     elif transfer == "bt1886":
         linear = a**2.4
     elif transfer == "gamma22":
@@ -80,7 +83,7 @@ def encode(linear: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     if transfer == "srgb":
         code = np.where(a <= 0.04045 / 12.92, a * 12.92, 1.055 * a ** (1.0 / 2.4) - 0.055)
     elif transfer == "bt709":
-        code = np.where(a < 0.018, a * 4.5, 1.099 * a**0.45 - 0.099)
+        code = np.where(a < _CURVE_BETA, a * 4.5, _CURVE_ALPHA * a**0.45 - (_CURVE_ALPHA - 1.0))
     elif transfer == "bt1886":
         code = a ** (1.0 / 2.4)
     elif transfer == "gamma22":

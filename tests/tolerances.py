@@ -6,6 +6,8 @@ from __future__ import annotations
 # --- arithmetic ------------------------------------------------------------------------------------------------
 FLOAT64 = 1e-12
 """Closed forms evaluated in double precision: a few hundred roundings."""
+TRANSFER_JOIN = 4e-5
+"""Transfer curves there and back: the published break points of sRGB and BT.709 meet to about this, not exactly."""
 FLOAT32_TWIN = 2e-5
 """A pure GLSL function against its float64 twin: single precision and the driver's sin, cos, exp (4 ulp each)."""
 FLOAT32_LOOKUP = 3e-4

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A synthetic 360 dive with everything known: plate, sound, mesh and scene file."""
+
+from __future__ import annotations
+
+from mr360uw.sample.dive import SampleDive, sample_dive
+
+__all__ = ["SampleDive", "sample_dive"]

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: everything that is set about a composite, as one model and one TOML file.
+
+The tables are the parameter models that live beside their physics; this module only composes them, reads and checks
+files, and reports every problem of a file at once.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from mr360uw.caustics.gerstner import GerstnerSea
+from mr360uw.caustics.settings import CausticSettings, Sea
+from mr360uw.color import Transfer
+from mr360uw.composite.settings import HoldoutSettings, ObjectSettings, ReceiverSettings
+from mr360uw.errors import SceneError
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.medium.settings import WaterSettings
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.problems import Lines, Location, key_lines, place, problems
+from mr360uw.video.settings import EncodeSettings
+
+
+class PlateSettings(Parameters):
+    """The video, image sequence or still that objects are put into."""
+
+    path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
+    transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
+    eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
+
+
+class CameraSettings(Parameters):
+    """Where the camera is."""
+
+    depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
+
+
+def _plate_from_path(value: Any) -> Any:
+    return {"path": value} if isinstance(value, str | Path) else value
+
+
+class Scene(Parameters):
+    """A composite: a plate and everything that is put into it."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    plate: Annotated[PlateSettings, BeforeValidator(_plate_from_path)] = parameter(..., "the video to work on")
+    camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
+    light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
+    water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
+    sea: Sea = parameter(GerstnerSea(), "the water surface")
+    caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
+    objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
+    receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
+    holdouts: tuple[HoldoutSettings, ...] = parameter(
+        (), "mattes of the plate in front of the objects", alias="holdout"
+    )
+    output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
+    seed: int = parameter(0, "seed of everything random; frame k depends on it and on k alone", low=0)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Return the scene of a TOML file; relative paths in it start at its folder.
+
+    Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise SceneError(
+            str(path), ["no such scene file - check the path, or make one: mr360uw new VIDEO MESH"]
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(str(path), [f"cannot be read (got: {error}) - give a TOML text file"]) from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(str(path), [f"is not TOML (got: {error}) - correct the line"]) from None
+    return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
+
+
+def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
+    """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(where, problems(error, Scene, where, lines or {})) from None
+    scene = _with_absolute_paths(scene, folder)
+    missing = [
+        f"{place(where, lines or {}, location)} - no such file (got {file}) - check the path; it starts at {folder}"
+        for location, file in _files(scene)
+        if not _exists(file)
+    ]
+    if missing:
+        raise SceneError(where, missing)
+    return scene
+
+
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scene file, with units, ranges and help."""
+    return Scene.model_json_schema(by_alias=True)
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+def _with_absolute_paths(value: Any, folder: Path) -> Any:
+    if isinstance(value, Path):
+        return value if value.is_absolute() else folder / value
+    if isinstance(value, tuple):
+        return tuple(_with_absolute_paths(item, folder) for item in value)
+    if isinstance(value, BaseModel):
+        changed = {}
+        for name in type(value).model_fields:
+            old = getattr(value, name)
+            new = _with_absolute_paths(old, folder)
+            if new is not old:
+                changed[name] = new
+        return value.model_copy(update=changed) if changed else value
+    return value
+
+
+def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path]]:
+    if isinstance(value, Path):
+        yield location, value
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from _files(item, (*location, index))
+    elif isinstance(value, BaseModel):
+        for name, field in type(value).model_fields.items():
+            yield from _files(getattr(value, name), (*location, field.alias or name))
+
+
+def _exists(path: Path) -> bool:
+    """A file, or a pattern of numbered files of which the folder is there; the reader says more about its frames."""
+    return path.exists() or (any(c in path.name for c in "%#*") and path.parent.is_dir())
