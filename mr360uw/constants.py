@@ -30,6 +30,9 @@ MEAN_COSINE_SEA = 0.90
 LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
 """Luminance of linear Rec.709 primaries (ITU-R BT.709-6)."""
 
+LONGEST_RAY_M = 1e9
+"""Stands for an infinite ray through water, so that no infinity meets a zero."""
+
 ENVIRONMENT_ROWS = 32
 ENVIRONMENT_COLUMNS = 64
 """Size of the environment maps."""

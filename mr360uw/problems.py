@@ -49,12 +49,12 @@ def place(where: str, lines: Lines, location: Location) -> str:
     return f"{where}:{line} {name}" if line else f"{where} {name}"
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
+def models_of(annotation: Any) -> list[type[BaseModel]]:
     """Return the parameter models an annotation may hold."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if get_origin(annotation) is not None:
-        return [model for part in get_args(annotation) for model in _models(part)]
+        return [model for part in get_args(annotation) for model in models_of(part)]
     return []
 
 
@@ -77,7 +77,7 @@ def _locate(root: type[BaseModel], location: Location) -> tuple[Location, list[t
             continue
         owners, field = models, (found[0] if found else None)
         clean.append(part)
-        models = [model for f in found for model in _models(f.annotation)] or []
+        models = [model for f in found for model in models_of(f.annotation)] or []
     return tuple(clean), owners, field
 
 
@@ -87,14 +87,12 @@ def _is_key(part: str) -> bool:
 
 
 def _tags(model: type[BaseModel]) -> tuple[str, ...]:
-    names = [model.__name__]
-    for field in model.model_fields.values():
-        if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1:
-            names.append(str(get_args(field.annotation)[0]))
-    return tuple(names)
+    literals = [get_args(f.annotation) for f in model.model_fields.values() if get_origin(f.annotation) is Literal]
+    return (model.__name__, *(str(values[0]) for values in literals if len(values) == 1))
 
 
-def _bounds(field: Any) -> str:
+def bounds_text(field: Any) -> str:
+    """Return a field's range and unit in words, as in 'in [0, 1] 1/m'; empty where it has neither."""
     low = high = None
     for rule in getattr(field, "metadata", ()):
         low = getattr(rule, "ge", None) if getattr(rule, "ge", None) is not None else low
@@ -123,7 +121,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         location, owners, field = _locate(root, item["loc"])
         help_text = (field.description or "") if field is not None else ""
         got = "" if item["type"] == "missing" else f" (got {_short(item['input'])})"
-        bounds = _bounds(field)
+        bounds = bounds_text(field)
         if item["type"] == "missing":
             siblings = [str(u[-1]) for u in unknown if u[:-1] == location[:-1]]
             if difflib.get_close_matches(str(location[-1]), siblings, 1):

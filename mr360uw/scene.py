@@ -8,7 +8,7 @@ files, and reports every problem of a file at once.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -64,9 +64,10 @@ class Scene(Parameters):
     seed: int = parameter(0, "seed of everything random; frame k depends on it and on k alone", low=0)
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
+    overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
     path = Path(path)
@@ -82,6 +83,8 @@ def load_scene(path: str | Path) -> Scene:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(str(path), [f"is not TOML (got: {error}) - correct the line"]) from None
+    for text_override in overrides:
+        _override(data, text_override)
     return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
 
 
@@ -105,6 +108,32 @@ def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", li
 def scene_schema() -> dict[str, Any]:
     """Return the JSON schema of a scene file, with units, ranges and help."""
     return Scene.model_json_schema(by_alias=True)
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Set one key of nested tables from 'a.b=value'."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    *parents, last = key.strip().split(".")
+    table: Any = data
+    for depth, part in enumerate(parents):
+        if isinstance(table, list):
+            if not part.isdigit() or int(part) >= len(table):
+                where = ".".join(parents[:depth])
+                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part}) - it has {len(table)}"])
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
+    if isinstance(table, list):
+        raise SceneError("--set", [f"{key} - names a list of tables - say which one, as in {parents[-1]}.0.{last}"])
+    table[last] = parsed
 
 
 # --- files ---------------------------------------------------------------------------------------------------------

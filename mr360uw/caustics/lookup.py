@@ -51,6 +51,20 @@ def _periodic_bilinear(level: Floats, plane: Floats, u: Floats, v: Floats) -> Fl
     ) * fy
 
 
+def periodic_trilinear(levels: Sequence[Floats], plane: Floats, u: Floats, v: Floats, level: Floats) -> Floats:
+    """Return values (..., 3) of mip levels (D, size, size, 3) at tile coordinates (u, v) and fractional `level`.
+
+    All arguments (...,) have one shape; `plane` holds integers below D.
+    """
+    result = np.zeros((*u.shape, 3))
+    for k, image in enumerate(levels):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0)
+        here = weight > 0.0
+        if np.any(here):
+            result[here] += weight[here][:, None] * _periodic_bilinear(image, plane[here], u[here], v[here])
+    return result
+
+
 def caustic_lookup(
     stack: CausticStack,
     levels: Sequence[Floats],
@@ -76,12 +90,7 @@ def caustic_lookup(
         along = (d - planes[plane]) / stack.sun_direction[1]
         u = (x + stack.sun_direction[0] * along) / stack.tile_m
         v = (z + stack.sun_direction[2] * along) / stack.tile_m
-        result = np.zeros((*d.shape, 3))
-        for k in range(len(levels)):
-            weight = np.maximum(1.0 - np.abs(level - k), 0.0)
-            if np.any(weight > 0.0):
-                result += weight[..., None] * _periodic_bilinear(levels[k], plane, u, v)
-        return result
+        return periodic_trilinear(levels, plane, u, v, level)
 
     upper_plane = np.minimum(lower + 1, len(planes) - 1)
     return at_plane(lower) * (1.0 - fraction) + at_plane(upper_plane) * fraction

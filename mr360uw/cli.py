@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: text in, one library call, text out.
+
+Exit codes: 0 done, 2 bad input (one line for each problem), 130 interrupted. A run that fails leaves no output.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mr360uw.errors import Mr360uwError, ParameterError
+
+app = typer.Typer(
+    name="mr360uw",
+    help="Put virtual objects into 360 degree underwater video, physically right.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False)]
+FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
+BackendOption = Annotated[str, typer.Option(help="auto, gl or reference")]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an output that is there")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
+]
+
+
+def main() -> None:
+    """Run the command line; turn every expected error into exit code 2 and plain lines."""
+    try:
+        app()
+    except Mr360uwError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        typer.echo("interrupted; nothing was written", err=True)
+        sys.exit(130)
+
+
+def frame_range(text: str | None) -> tuple[int, int | None]:
+    """Return (start, stop) of 'a:b'; a single number k means k:k+1."""
+    if text is None:
+        return 0, None
+    head, colon, tail = text.partition(":")
+    try:
+        start = int(head) if head else 0
+        stop = (int(tail) if tail else None) if colon else start + 1
+    except ValueError:
+        raise ParameterError(f"--frames - is not a range (got {text!r}) - write a:b, as in 0:48") from None
+    if start < 0 or (stop is not None and stop <= start):
+        raise ParameterError(f"--frames - is empty or negative (got {text!r}) - write a:b with 0 <= a < b")
+    return start, stop
+
+
+@app.command()
+def composite(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write")],
+    frames: FramesOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+    explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
+) -> None:
+    """Put the objects of SCENE into its plate and write OUT."""
+    from mr360uw.pipeline import composite_video, explain_plan
+    from mr360uw.progress import terminal_progress
+    from mr360uw.scene import load_scene
+
+    loaded = load_scene(scene, overrides or ())
+    if explain:
+        typer.echo(explain_plan(loaded, backend))
+        return
+    with terminal_progress() as progress:
+        report = composite_video(
+            loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, progress=progress
+        )
+    typer.echo(str(report))
+
+
+@app.command()
+def new(
+    video: Annotated[Path, typer.Argument(help="360 plate")],
+    mesh: Annotated[Path, typer.Argument(help="glTF, OBJ, PLY or STL")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
+    from mr360uw.template import write_scene
+
+    path = write_scene(video, mesh, out, overwrite=overwrite)
+    typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
+
+
+@app.command()
+def check(scene: SceneArgument, overrides: SetOption = None) -> None:
+    """Check SCENE and every file it names, without rendering; print the plan."""
+    from mr360uw.pipeline import explain_plan
+    from mr360uw.scene import load_scene
+
+    typer.echo(explain_plan(load_scene(scene, overrides or ()), "auto"))
+
+
+@app.command()
+def sample(
+    folder: Annotated[Path, typer.Argument(help="folder to make")],
+    width: Annotated[int, typer.Option(help="frame width in pixels; the height is half of it")] = 1024,
+    frames: Annotated[int, typer.Option(help="number of frames")] = 48,
+    seed: Annotated[int, typer.Option(help="seed of sea and sand")] = 1,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a synthetic 360 dive: plate with sound, whale, and a scene file that puts one into the other."""
+    from mr360uw.progress import terminal_progress
+    from mr360uw.sample import sample_dive
+
+    with terminal_progress() as progress:
+        dive = sample_dive(folder, width=width, frames=frames, seed=seed, overwrite=overwrite, progress=progress)
+    typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}")
+
+
+@app.command()
+def analyse(
+    video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,
+    frames: FramesOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.analysis import analyse_video
+    from mr360uw.progress import terminal_progress
+
+    with terminal_progress() as progress:
+        written = analyse_video(video, out, frames=frame_range(frames), overwrite=overwrite, progress=progress)
+    typer.echo("wrote " + "\n      ".join(str(path) for path in written))
+
+
+@app.command()
+def caustics(
+    scene: SceneArgument,
+    folder: Annotated[Path, typer.Argument(help="folder for the images")],
+    frames: Annotated[int, typer.Option(help="number of frames of the loop")] = 48,
+    loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
+    image_format: Annotated[str, typer.Option("--format", help="png or exr")] = "png",
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
+    from mr360uw.pipeline import export_caustics
+    from mr360uw.scene import load_scene
+
+    loaded = load_scene(scene, overrides or ())
+    written = export_caustics(loaded, folder, frames, loop_s, image_format=image_format, overwrite=overwrite)
+    typer.echo(f"wrote {written} images into {folder}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of a scene file."""
+    import json
+
+    from mr360uw.scene import scene_schema
+
+    typer.echo(json.dumps(scene_schema(), indent=2))
+
+
+@app.command()
+def info() -> None:
+    """Print the renderer, the graphics device, the video codecs and the versions in use."""
+    from mr360uw.info import describe
+
+    typer.echo(describe())
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="print the version")] = False
+) -> None:
+    if version:
+        from mr360uw import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+    del context
+
+
+def run(arguments: list[str]) -> Any:
+    """Run the command line on `arguments` inside this process, for tests; raises what the command raises."""
+    return app(arguments, standalone_mode=False)

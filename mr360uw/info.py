@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the toolkit runs on here."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+
+_PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
+             "embreex", "colour-science", "pydantic")  # fmt: skip
+_ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "ffv1", "hevc_nvenc")
+
+
+def describe() -> str:
+    """Return several lines: version, renderer and device, video library and encoders, packages."""
+    import av
+
+    from mr360uw import __version__
+    from mr360uw.errors import GlError
+    from mr360uw.gl.context import gl_device
+
+    lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
+    try:
+        device = gl_device()
+        kind = "software" if device.software else "GPU"
+        lines.append(f"renderer  gl: {device.renderer} ({kind}), OpenGL {device.version}, {device.vendor}")
+    except GlError as error:
+        lines.append(f"renderer  reference: {error}")
+    ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
+    found = [name for name in _ENCODERS if name in av.codecs_available]
+    lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
+    for name in _PACKAGES:
+        try:
+            lines.append(f"package   {name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            lines.append(f"package   {name} is not installed")
+    return "\n".join(lines)
