@@ -76,7 +76,7 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
 
 
 def merge(rectangles: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Return disjoint rectangles (column, row, width, height) that cover the given ones; overlapping ones become one."""
+    """Return disjoint rectangles (column, row, width, height) that cover the given ones; overlaps become one."""
     boxes = [(c, r, c + w, r + h) for c, r, w, h in rectangles if w > 0 and h > 0]
     merged: list[tuple[int, int, int, int]] = []
     while boxes:

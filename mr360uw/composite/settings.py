@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a scene file says of objects, receivers, holdouts and drawing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from mr360uw.parameters import Parameters, parameter
+
+Vector = tuple[float, float, float]
+Unit = Literal["auto", "m", "cm", "mm"]
+Attachment = Literal["world", "camera"]
+Interpolation = Literal["linear", "smooth"]
+Samples = Literal[1, 5, 10, 13, 17, 26, 37, 65]
+
+
+class KeySettings(Parameters):
+    """One instant of an object's motion; what is not set keeps the object's own value."""
+
+    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
+    position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
+    rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll)", unit="deg")
+    scale: float | None = parameter(None, "factor on the object's size", unit="1", above=0.0, high=1e6)
+
+
+class ObjectSettings(Parameters):
+    """A mesh in the scene: where it is, how large, what it is made of, how it moves."""
+
+    mesh: Path = parameter(..., "glTF, GLB, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
+    position_m: Vector = parameter((0.0, 0.0, -3.0), "position (right, up, back) from the camera at time 0", unit="m")
+    rotation_deg: Vector = parameter(
+        (0.0, 0.0, 0.0), "(yaw, pitch, roll): roll about z, then pitch about x, then yaw about +y, each counter-"
+        "clockwise seen against its axis", unit="deg",
+    )  # fmt: skip
+    scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
+    unit: Unit = parameter("auto", "what one unit of the file is; auto: metres, with a report where that looks wrong")
+    attach: Attachment = parameter("world", "what the object is fixed to: the world, or the camera and its turns")
+    key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time")
+    interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
+    casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
+    visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
+    texture: Path | None = parameter(None, "base colour image to use instead of the file's own")
+    normal_texture: Path | None = parameter(None, "tangent space normal map to use instead of the file's own")
+    orm_texture: Path | None = parameter(None, "occlusion, roughness, metallic in red, green, blue, instead")
+    base_color: Vector | None = parameter(
+        None, "linear base colour, multiplies the texture; none: the file's", unit="1"
+    )
+    metallic: float | None = parameter(None, "0 dielectric, 1 metal; none: the file's", unit="1", low=0.0, high=1.0)
+    roughness: float | None = parameter(None, "0 mirror, 1 matt; none: the file's", unit="1", low=0.0, high=1.0)
+    refractive_index: float = parameter(1.5, "of the surface, against vacuum", unit="1", low=1.0, high=4.0)
+    emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
+    double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
+    vertex_colors: bool = parameter(True, "whether vertex colours multiply the base colour")
+    part: str = parameter("", "draw only the parts whose name contains this")
+
+
+class ReceiverSettings(Parameters):
+    """The surface of the plate that catches shadows and, on request, caustics."""
+
+    kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "how its shape is given")
+    height_m: float = parameter(-2.0, "height of the plane above the camera's position at time 0", unit="m")
+    path: Path | None = parameter(None, "the mesh, the height map, or the distance map (image, sequence or video)")
+    position_m: Vector = parameter((0.0, 0.0, 0.0), "position of the mesh or centre of the height map", unit="m")
+    rotation_deg: Vector = parameter((0.0, 0.0, 0.0), "(yaw, pitch, roll) of the mesh", unit="deg")
+    scale: float = parameter(1.0, "factor on the mesh's size", unit="1", above=0.0, high=1e6)
+    size_m: tuple[float, float] = parameter((20.0, 20.0), "extent of the height map along x and z", unit="m")
+    range_m: tuple[float, float] = parameter(
+        (0.0, 1.0), "heights of black and white of the height map, or distances of those of the distance map", unit="m"
+    )
+    shadow: bool = parameter(True, "whether the sun's shadow falls on it")
+    occlusion: bool = parameter(True, "whether objects keep ambient light off it")
+    caustics: bool = parameter(False, "whether caustics are added to those the plate already shows")
+    extent_m: float = parameter(30.0, "how far from the camera it is changed", unit="m", above=0.0, high=1e4)
+
+
+class HoldoutSettings(Parameters):
+    """A matte of the plate that stays in front of the objects."""
+
+    path: Path = parameter(..., "image, sequence (matte_%04d.png) or video of the plate's shape")
+    kind: Literal["mask", "distance"] = parameter("mask", "white hides the objects, or a distance along the ray")
+    range_m: tuple[float, float] = parameter((0.0, 100.0), "distances of black and white of a distance map", unit="m")
+    invert: bool = parameter(False, "whether black hides the objects instead")
+    feather_px: float = parameter(0.0, "width of a soft edge added to the matte", unit="px", low=0.0, high=200.0)
+
+
+class DrawSettings(Parameters):
+    """How finely objects are drawn."""
+
+    samples: Samples = parameter(17, "samples of every pixel, on a rotated grid", unit="1")
+    shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
+    sun_samples: int = parameter(16, "directions over the sun's disc that shadows are the mean of", low=1, high=64)
+    sun_spread_deg: float = parameter(
+        0.0, "spread (standard deviation) of the sun's light by forward scattering", unit="deg", low=0.0, high=30.0
+    )
+    motion_samples: int = parameter(1, "sub-frames averaged for motion blur; 1: none", low=1, high=64)
+    shutter: float = parameter(0.5, "part of the frame's time that the shutter is open", unit="1", low=0.0, high=1.0)

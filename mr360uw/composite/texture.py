@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Textures: linear light, box-filtered levels, trilinear lookup with a footprint.
+
+The footprint comes from the rays of the neighbouring pixels (Igehy 1999), so it knows how the sphere stretches.
+Twin: texture.glsl, which keeps all levels of all maps one after the other in a single store.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.color import decode
+from mr360uw.types import Floats
+
+Wrap = Literal["repeat", "clamp", "mirror"]
+WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """An image to be looked up: `levels[0]` is (h, w, 4) float16, linear, colour not premultiplied; then its halves.
+
+    Texture coordinates (u, v) run right and down from the top left corner of the image.
+    """
+
+    levels: tuple[NDArray[np.float16], ...]
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the finest level."""
+        height, width = self.levels[0].shape[:2]
+        return width, height
+
+
+def make_texture(image: NDArray[np.uint8], *, srgb: bool, wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")) -> Texture:
+    """Return a texture of an image (h, w, 3 or 4) of code values; `srgb` where its colours are encoded.
+
+    Levels below the first average the colour weighted by alpha, so that the colour of clear texels does not leak.
+    """
+    import cv2
+
+    codes = np.arange(256) / 255.0
+    table = (decode(codes, "srgb") if srgb else codes).astype(np.float32)
+    rgba = np.ones((*image.shape[:2], 4), np.float32)
+    rgba[..., :3] = table[image[..., :3]]
+    if image.shape[2] == 4:
+        rgba[..., 3] = image[..., 3] / np.float32(255.0)
+    levels = [rgba]
+    alpha_varies = bool(rgba[..., 3].min() < 1.0)
+    while max(levels[-1].shape[:2]) > 1:
+        height, width = (max(n // 2, 1) for n in levels[-1].shape[:2])
+        if not alpha_varies:
+            levels.append(cv2.resize(levels[-1], (width, height), interpolation=cv2.INTER_AREA))
+            continue
+        weighted = levels[-1].copy()
+        weighted[..., :3] *= np.maximum(weighted[..., 3:], 1e-4)
+        small = cv2.resize(weighted, (width, height), interpolation=cv2.INTER_AREA)
+        small[..., :3] /= np.maximum(small[..., 3:], 1e-4)
+        levels.append(small)
+    return Texture(tuple(level.astype(np.float16) for level in levels), wrap)
+
+
+def wrapped(index: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
+    """Return texel indices brought into [0, size)."""
+    if wrap == "clamp":
+        return np.clip(index, 0, size - 1)
+    if wrap == "mirror":
+        folded = index % (2 * size)
+        return np.minimum(folded, 2 * size - 1 - folded)
+    return index % size
+
+
+def bilinear_level(texture: Texture, level: int, uv: Floats) -> Floats:
+    """Return one level (..., 4) at texture coordinates (..., 2), bilinear between texel centres."""
+    image = texture.levels[level]
+    height, width = image.shape[:2]
+    x, y = uv[..., 0] * width - 0.5, uv[..., 1] * height - 0.5
+    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    fx, fy = (x - i)[..., None], (y - j)[..., None]
+    i0, i1 = wrapped(i, width, texture.wrap[0]), wrapped(i + 1, width, texture.wrap[0])
+    j0, j1 = wrapped(j, height, texture.wrap[1]), wrapped(j + 1, height, texture.wrap[1])
+    upper = image[j0, i0] * (1.0 - fx) + image[j0, i1] * fx
+    lower = image[j1, i0] * (1.0 - fx) + image[j1, i1] * fx
+    return upper * (1.0 - fy) + lower * fy
+
+
+def texture_level(texture: Texture, du: ArrayLike, dv: ArrayLike) -> Floats:
+    """Return the fractional level (...,) for changes of (u, v), each (..., 2), from one pixel to the next."""
+    size = np.asarray(texture.size, np.float64)
+    extent = np.maximum(np.linalg.norm(np.asarray(du) * size, axis=-1), np.linalg.norm(np.asarray(dv) * size, axis=-1))
+    return np.clip(np.log2(np.maximum(extent, 1e-6)), 0.0, len(texture.levels) - 1.0)
+
+
+def texture_lookup(texture: Texture, uv: ArrayLike, level: ArrayLike) -> Floats:
+    """Return the texture (..., 4) at coordinates (..., 2) and fractional levels (...,), trilinear."""
+    uv, level = np.asarray(uv, np.float64), np.asarray(level, np.float64)
+    result = np.zeros((*level.shape, 4))
+    for k in range(len(texture.levels)):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0)
+        used = weight > 0.0
+        if np.any(used):
+            result[used] += weight[used][:, None] * bilinear_level(texture, k, uv[used])
+    return result
