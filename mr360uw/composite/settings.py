@@ -30,9 +30,8 @@ class ObjectSettings(Parameters):
     mesh: Path = parameter(..., "glTF, GLB, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
     position_m: Vector = parameter((0.0, 0.0, -3.0), "position (right, up, back) from the camera at time 0", unit="m")
     rotation_deg: Vector = parameter(
-        (0.0, 0.0, 0.0), "(yaw, pitch, roll): roll about z, then pitch about x, then yaw about +y, each counter-"
-        "clockwise seen against its axis", unit="deg",
-    )  # fmt: skip
+        (0.0, 0.0, 0.0), "(yaw, pitch, roll): nose (-z) to the right, nose up, right side down; roll first", unit="deg"
+    )
     scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
     unit: Unit = parameter("auto", "what one unit of the file is; auto: metres, with a report where that looks wrong")
     attach: Attachment = parameter("world", "what the object is fixed to: the world, or the camera and its turns")
@@ -51,7 +50,9 @@ class ObjectSettings(Parameters):
     refractive_index: float = parameter(1.5, "of the surface, against vacuum", unit="1", low=1.0, high=4.0)
     emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
     double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
-    vertex_colors: bool = parameter(True, "whether vertex colours multiply the base colour")
+    vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(
+        "auto", "vertex colours as a tint; auto: where there is no base texture"
+    )
     part: str = parameter("", "draw only the parts whose name contains this")
 
 

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which rectangles of the frame a body touches.
+
+A body is bounded by triangles; each of them has an exact rectangle of longitudes and latitudes: its edges are arcs of
+great circles that bulge towards the poles, and a triangle over a pole takes all columns. Rectangles may run over the
+seam (column + width > W); `split` cuts them there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.over import merge
+from mr360uw.sphere import frame_from_direction
+from mr360uw.types import Floats
+
+Rectangle = tuple[int, int, int, int]
+"""(column, row, width, height) in pixels; column in [0, W)."""
+
+
+def rectangle_of_triangles(corners: Floats, width: int, height: int, margin: int = 1) -> Rectangle | None:
+    """Return the rectangle of triangles (T, 3, 3) seen from the origin, `margin` pixels wider; None for none."""
+    if len(corners) == 0:
+        return None
+    latitudes, over_pole = _latitudes(corners)
+    top = int(np.floor(height * (0.5 - latitudes.max() / np.pi))) - margin
+    bottom = int(np.ceil(height * (0.5 - latitudes.min() / np.pi))) + margin
+    row, end = max(top, 0), min(bottom, height)
+    if np.any(over_pole):
+        return 0, row, width, end - row
+    x, _ = frame_from_direction(corners, width, height)
+    step = (np.diff(x[:, [0, 1, 2]], axis=1) + width / 2) % width - width / 2
+    unwrapped = x[:, :1] + np.concatenate([np.zeros((len(x), 1)), np.cumsum(step, axis=1)], axis=1)
+    first = np.floor(unwrapped.min(axis=1)).astype(np.int64) - margin
+    last = np.ceil(unwrapped.max(axis=1)).astype(np.int64) + margin
+    touched = np.zeros(width, bool)
+    if np.any(last - first >= width):
+        return 0, row, width, end - row
+    edges = np.zeros(2 * width + 1, np.int64)
+    np.add.at(edges, first % width, 1)
+    np.add.at(edges, first % width + (last - first), -1)
+    running = np.cumsum(edges[:-1]) > 0
+    touched = running[:width] | running[width:]
+    column, columns = _interval(touched)
+    return column, row, columns, end - row
+
+
+def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
+    """Return the rectangle of the set pixels (h, w) of a frame, shortest around the seam; None where none is set."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if len(rows) == 0:
+        return None
+    column, columns = _interval(mask.any(axis=0))
+    return column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1)
+
+
+def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
+    """Return the rectangle cut at the seam."""
+    column, row, columns, rows = rectangle
+    if column + columns <= width:
+        return [rectangle]
+    return [(column, row, width - column, rows), (0, row, column + columns - width, rows)]
+
+
+def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rectangle]:
+    """Return disjoint rectangles within the frame that cover the given ones, with even origins and sizes where the
+    frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.
+    """
+    grown = []
+    for column, row, columns, rows in (part for r in rectangles for part in split(r, width)):
+        c0, r0 = column - column % 2, row - row % 2
+        c1, r1 = column + columns, row + rows
+        grown.append((c0, r0, min(c1 + c1 % 2, width) - c0, min(r1 + r1 % 2, height) - r0))
+    return merge(grown)
+
+
+def _interval(touched: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return (start, length) of the shortest circular interval that holds every set entry."""
+    width = len(touched)
+    at = np.flatnonzero(touched)
+    gap = np.diff(np.concatenate([at, [at[0] + width]])) - 1
+    largest = int(np.argmax(gap))
+    if gap[largest] == 0:
+        return 0, width
+    start = int(at[(largest + 1) % len(at)])
+    return start, width - int(gap[largest])
+
+
+def _latitudes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return latitudes that bound each triangle (T, n) and whether it lies over a pole (T,)."""
+    unit = corners / np.maximum(np.linalg.norm(corners, axis=-1, keepdims=True), 1e-30)
+    latitude = np.arcsin(np.clip(unit[..., 1], -1.0, 1.0))
+    following = np.roll(unit, -1, axis=1)
+    normal = np.cross(unit, following)
+    length = np.maximum(np.linalg.norm(normal, axis=-1), 1e-30)
+    # the highest point of an edge's great circle, where the edge holds it: y without its part along the normal
+    top = np.array([0.0, 1.0, 0.0]) - normal * (normal[..., 1] / length**2)[..., None]
+    highest = np.arcsin(np.clip(np.linalg.norm(top, axis=-1), 0.0, 1.0))
+    after = np.sum(np.cross(unit, top) * normal, -1)
+    before = np.sum(np.cross(top, following) * normal, -1)
+    north = np.where((after > 0.0) & (before > 0.0), highest, latitude)
+    south = np.where((after < 0.0) & (before < 0.0), -highest, latitude)
+    # the pole's ray is inside where it lies on one side of all three edges, and in front
+    side = normal[..., 1]
+    volume = np.sum(corners[:, 0] * np.cross(corners[:, 1], corners[:, 2]), -1)
+    same = np.all(side >= 0.0, axis=1) | np.all(side <= 0.0, axis=1)
+    ahead = np.sum(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, [1]], -1) * volume
+    north_pole, south_pole = same & (ahead > 0.0), same & (ahead < 0.0)
+    north[north_pole] = np.pi / 2
+    south[south_pole] = -np.pi / 2
+    return np.concatenate([latitude, north, south], axis=1), north_pole | south_pole
