@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user can say about the light: the `[light]` table of a scene."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from mr360uw.color import Transfer
+from mr360uw.parameters import Parameters, parameter
+
+Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
+OPERATORS: tuple[Operator, ...] = ("none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure")
+Region = Literal["all", "upper", "snell"]
+SunSource = Literal["detect", "given", "date", "none"]
+
+
+class LightSettings(Parameters):
+    """How a plate becomes light: expansion to scene radiance, where it acts, and where the sun comes from."""
+
+    operator: Operator = parameter("closure", "inverse tone mapping; none = the plate already is scene radiance")
+    transfer: Transfer = parameter("srgb", "curve between code values and linear light that the operators assume")
+    region: Region = parameter("upper", "where the expansion acts: the whole sphere, above the horizon, Snell's cone")
+    ramp_deg: float = parameter(10.0, "half width of the smooth edge of that region", unit="deg", low=0.0, high=45.0)
+    peak: float = parameter(
+        12.0, "radiance that display white expands to (landis, akyuz, piecewise)", unit="1", low=1.0, high=1e4
+    )
+    mr360_strength: float = parameter(10.0, "factor of the MR360 power term", unit="1", low=0.0, high=1e3)
+    mr360_power: float = parameter(10.0, "exponent of the MR360 power term", unit="1", low=1.0, high=40.0)
+    mr360_base: float = parameter(1.8, "gain of black under MR360", unit="1", low=0.1, high=10.0)
+    landis_threshold: float = parameter(0.5, "luminance above which Landis expands", unit="1", low=0.0, high=0.99)
+    landis_alpha: float = parameter(2.0, "exponent of the Landis blend", unit="1", low=0.1, high=10.0)
+    akyuz_gamma: float = parameter(1.0, "exponent of the Akyuz scale", unit="1", low=0.1, high=10.0)
+    kovaleski_threshold: float = parameter(
+        0.9, "code value of the brightest channel that Kovaleski-Oliveira enhance", unit="1", low=0.1, high=1.0
+    )
+    kovaleski_boost: float = parameter(3.0, "gain they add where it is enhanced fully", unit="1", low=0.0, high=1e3)
+    piecewise_split: float = parameter(
+        0.85, "luminance of diffuse white, above which the piecewise curve is steep", unit="1", low=0.01, high=0.99
+    )
+    clip_level: float = parameter(
+        0.98, "code value from which a channel of the plate counts as clipped", unit="1", low=0.5, high=1.0
+    )
+    direct_to_diffuse: float | None = parameter(
+        None, "sun's horizontal irradiance over the sky's, for the closure; none = a middle value", unit="1",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    sun: SunSource = parameter("detect", "where the sun's direction comes from")
+    sun_azimuth_deg: float = parameter(
+        0.0, "given sun: azimuth, 0 = centre of the frame, + = right", unit="deg", low=-360.0, high=360.0
+    )
+    sun_elevation_deg: float = parameter(60.0, "given sun: elevation as the camera sees it", unit="deg", low=0, high=90)
+    sun_time: str = parameter("", "date and time of the shot with its zone, ISO 8601: 2026-06-21T12:00:00+00:00")
+    latitude_deg: float = parameter(0.0, "place of the shot, + = north", unit="deg", low=-90.0, high=90.0)
+    longitude_deg: float = parameter(0.0, "place of the shot, + = east", unit="deg", low=-180.0, high=180.0)
+    heading_deg: float = parameter(
+        0.0, "compass heading of the frame's centre, 0 = north, + = east", unit="deg", low=-360.0, high=360.0
+    )
+    minimum_confidence: float = parameter(
+        0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0
+    )
+    glossy_roughness: tuple[float, ...] = parameter(
+        (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending", unit="1"
+    )
