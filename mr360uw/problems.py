@@ -120,7 +120,13 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
     for item in errors:
         location, owners, field = _locate(root, item["loc"])
         help_text = (field.description or "") if field is not None else ""
-        got = "" if item["type"] == "missing" else f" (got {_short(item['input'])})"
+        context = item.get("ctx", {})
+        value = item["input"]
+        if item["type"].startswith("union_tag"):
+            kind = context["discriminator"].strip("'")
+            location = (*location, kind)
+            value = value.get(kind) if isinstance(value, dict) else value
+        got = "" if item["type"] == "missing" else f" (got {_short(value)})"
         bounds = bounds_text(field)
         if item["type"] == "missing":
             siblings = [str(u[-1]) for u in unknown if u[:-1] == location[:-1]]
@@ -132,14 +138,14 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             near = difflib.get_close_matches(str(location[-1]), names, 1)
             what = "unknown key"
             todo = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(dict.fromkeys(names))}"
-        elif item["type"] == "literal_error":
-            what = f"must be {item['ctx']['expected']}"
-            near = difflib.get_close_matches(str(item["input"]), re.findall(r"'([^']+)'", what), 1)
+        elif item["type"] in ("literal_error", "union_tag_invalid"):
+            what = f"must be {context.get('expected') or context['expected_tags']}"
+            near = difflib.get_close_matches(str(value), re.findall(r"'([^']+)'", what), 1)
             todo = f"did you mean '{near[0]}'?" if near else help_text
         elif item["type"] in ("greater_than_equal", "less_than_equal", "greater_than", "less_than"):
             what, todo = f"must be {bounds}", help_text
         elif item["type"] == "value_error":
-            what, todo = str(item["ctx"]["error"]), help_text
+            what, todo = str(context["error"]), help_text
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text

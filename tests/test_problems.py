@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The words for what is wrong with a file of settings, on a small model of every kind of field."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field, ValidationError
+
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.problems import key_lines, problems
+
+
+class Calm(Parameters):
+    model: Literal["calm"] = "calm"
+    height_m: float = parameter(0.1, "height of the waves", unit="m", low=0.0, high=2.0)
+
+
+class Rough(Parameters):
+    model: Literal["rough"] = "rough"
+    wind: float = parameter(9.0, "speed of the wind", unit="m/s", above=0.0)
+
+
+class Fish(Parameters):
+    mesh: str = parameter(..., "file of the mesh")
+    scale: float = parameter(1.0, "factor on the size", unit="1", above=0.0, high=100.0)
+    codec: Literal["libx264", "libx265"] = parameter("libx264", "encoder")
+
+
+class World(Parameters):
+    depth_m: float = parameter(5.0, "depth of the camera", unit="m", low=0.0, high=200.0)
+    sea: Annotated[Calm | Rough, Field(discriminator="model")] = Calm()
+    fish: tuple[Fish, ...] = ()
+
+
+TEXT = """depth_m = -5
+[sea]
+model = "rough"
+wind = "strong"
+[[fish]]
+mesh = "a.glb"
+scael = 2.0
+[[fish]]
+mehs = "b.glb"
+codec = "libx2655"
+scale = 1000.0
+"""
+
+
+def messages(text: str) -> list[str]:
+    with pytest.raises(ValidationError) as caught:
+        World.model_validate(tomllib.loads(text))
+    return problems(caught.value, World, "w.toml", key_lines(text))
+
+
+def test_every_problem_has_its_line_its_value_and_its_remedy() -> None:
+    found = messages(TEXT)
+    expected = [
+        ("w.toml:1 depth_m - must be in [0, 200] m (got -5)", "depth of the camera"),
+        ("w.toml:4 sea.wind - ", "(got 'strong') - speed of the wind"),
+        ("w.toml:7 fish[0].scael - unknown key (got 2.0)", "did you mean 'scale'?"),
+        ("w.toml:9 fish[1].mehs - unknown key (got 'b.glb')", "did you mean 'mesh'?"),
+        ("w.toml:10 fish[1].codec - must be 'libx264' or 'libx265' (got 'libx2655')", "did you mean 'libx265'?"),
+        ("w.toml:11 fish[1].scale - must be > 0 and <= 100 1 (got 1000.0)", "factor on the size"),
+    ]
+    assert len(found) == len(expected)  # the missing mesh is not reported beside its misspelling
+    for message, (start, end) in zip(found, expected, strict=True):
+        assert message.startswith(start)
+        assert end in message
+
+
+def test_a_missing_key_points_at_its_table_and_says_what_to_give() -> None:
+    assert messages("[[fish]]\nscale = 2.0\n") == ["w.toml:1 fish[0].mesh - is missing - give file of the mesh"]
+
+
+def test_an_unknown_key_without_a_near_miss_lists_the_known_ones() -> None:
+    (message,) = messages("[[fish]]\nmesh = 'a'\nxyzzy = 1\n")
+    assert message.endswith("known here: mesh, scale, codec")
+
+
+def test_an_unknown_kind_names_the_kinds() -> None:
+    (message,) = messages('[sea]\nmodel = "choppy"\n')
+    assert "calm" in message
+    assert "rough" in message
+    assert "w.toml:2" in message
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", '"deep"', "[1]"])
+def test_numbers_must_be_finite_numbers(value: str) -> None:
+    (message,) = messages(f"depth_m = {value}\n")
+    assert message.startswith("w.toml:1 depth_m")
