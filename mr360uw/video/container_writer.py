@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Video files as output: pictures encoded, sound copied, marked as a 360 degree panorama."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import av.error
+from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+from mr360uw.errors import VideoError
+from mr360uw.video.audio import AudioCopy
+from mr360uw.video.frame import VideoFrame
+from mr360uw.video.image_writer import picture_codes
+from mr360uw.video.native import native_frame
+from mr360uw.video.reader import VideoReader
+from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.spherical import SphericalMetadata, v1_xml, write_spherical
+from mr360uw.video.writer import VideoWriter
+
+_FORMATS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
+_ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+_NO_PICTURE_TYPE = 0
+
+
+class ContainerWriter(VideoWriter):
+    """A video file as output; made by `create_video`.
+
+    Pictures keep the plate's pixel format where the encoder has it, colour tags, time stamps and the container's time
+    base (Matroska counts milliseconds).
+    """
+
+    def __init__(self, path: Path, like: VideoReader, settings: EncodeSettings, audio: bool, rebase: bool) -> None:
+        self.path = path
+        self._like, self._settings, self._rebase = like, settings, rebase
+        self._part = path.with_name(path.name + ".part")
+        self._audio: AudioCopy | None = None
+        self._container: Any = None
+        self._last: VideoFrame | None = None
+        self._shift = 0
+        self._durations: dict[int, int] = {}
+        kind = _FORMATS.get(path.suffix.lower())
+        if kind is None:
+            raise VideoError(
+                f"{path} - this kind of output is not known (got {path.suffix}) - take {', '.join(_FORMATS)}"
+            )
+        self._boxes = kind in ("mp4", "mov")
+        self._metadata = replace(like.spherical or SphericalMetadata(), stereo="mono")
+        self.notes = like.notes if self._boxes else (*like.notes, "spherical metadata only as a V1 tag")
+        try:
+            with self._errors("begun"):
+                self._open(kind, audio)
+        except BaseException:
+            self.abort()
+            raise
+
+    def _open(self, kind: str, audio: bool) -> None:
+        like, settings = self._like, self._settings
+        scale = str(like.time_base.denominator)
+        options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
+        self._container = av.open(str(self._part), "w", format=kind, options=options)
+        self._container.metadata.update(_title_tags(like))
+        stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
+        context = stream.codec_context
+        context.width, context.height = like.width, like.height
+        context.pix_fmt = self._pixel_format(context.codec)
+        context.time_base = like.time_base
+        context.thread_type = "AUTO"
+        context.thread_count = settings.threads
+        context.options = settings.encoder_options()
+        like.tags.write_to(context)
+        if like.spec.full_range and like.pixel_format:
+            context.color_range = int(ColorRange.JPEG)
+        if settings.codec == "h265" and self._boxes:
+            context.codec_tag = "hvc1"
+        if not self._boxes:
+            stream.metadata["SPHERICAL-VIDEO"] = v1_xml(self._metadata)
+        stream.time_base = like.time_base
+        self._stream = stream
+        if audio and like.has_audio:
+            self._audio = AudioCopy(like.path, self._container)
+        self._container.start_encoding()
+
+    def _pixel_format(self, codec: Any) -> str:
+        """The format asked for, or the encoder's that is closest to the plate's."""
+        wanted = self._settings.pixel_format or self._like.pixel_format or "yuv420p"
+        known = [format_.name for format_ in codec.video_formats]
+        plain = wanted.replace("yuvj", "yuv")
+        deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
+        for name in (wanted, plain, *(deeper if "10" in wanted or plain not in known else ())):
+            if name in known:
+                return name
+        raise VideoError(
+            f"{self.path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of {', '.join(known[:12])}"
+        )
+
+    def write(self, frame: VideoFrame) -> None:
+        """Encode a frame and copy the sound up to it."""
+        if self._container is None:
+            raise VideoError(f"{self.path} - is already complete or given up - begin a new output")
+        if frame.shape != (self._like.height, self._like.width):
+            raise VideoError(
+                f"{self.path} - frame {frame.index} has another size (got {frame.shape[1]}x{frame.shape[0]}) - write "
+                f"frames of {self._like.width}x{self._like.height}"
+            )
+        with self._errors(f"written at frame {frame.index}"):
+            if self._last is None:
+                self._begin(frame)
+            native = self._native(frame)
+            native.pts, native.time_base = frame.pts - self._shift, frame.time_base
+            native.pict_type = _NO_PICTURE_TYPE
+            self._durations[native.pts] = frame.duration
+            self._mux(self._stream.encode(native))
+            if self._audio is not None:
+                self._audio.advance(frame.pts * frame.time_base)
+        self._last = frame
+
+    def _begin(self, first: VideoFrame) -> None:
+        whole = first.index == 0
+        self._shift = first.pts - self._like.start_pts if self._rebase and not whole else 0
+        if self._audio is not None:
+            start_s = None if whole else first.pts * first.time_base
+            self._audio.begin(start_s, self._shift * first.time_base)
+
+    def _mux(self, packets: list[Any]) -> None:
+        for packet in packets:
+            duration = self._durations.pop(packet.pts, 0)
+            if duration and packet.time_base == self._like.time_base:
+                packet.duration = duration
+            self._container.mux(packet)
+
+    def _native(self, frame: VideoFrame) -> Any:
+        """The frame as the encoder wants it; shares memory with the plate where nothing was changed."""
+        wanted = self._stream.codec_context.pix_fmt
+        if frame.yuv is None:
+            codes = picture_codes(frame)
+            native = av.VideoFrame.from_ndarray(codes, "rgb24" if codes.dtype.itemsize == 1 else "rgb48le")
+            return native.reformat(
+                format=wanted,
+                dst_colorspace=Colorspace.ITU709,
+                dst_color_range=ColorRange.MPEG,
+                interpolation=_ACCURATE,
+            )
+        native = frame.native if frame.native is not None else native_frame(frame.yuv)
+        if native.format.name == wanted:
+            return native
+        if native.format.name.replace("yuvj", "yuv") == wanted.replace("yuvj", "yuv"):
+            return native_frame(frame.yuv, wanted)
+        full = int(ColorRange.JPEG if frame.spec.full_range else ColorRange.MPEG)
+        return native.reformat(format=wanted, src_color_range=full, dst_color_range=full, interpolation=_ACCURATE)
+
+    def finish(self) -> None:
+        """Encode what is pending, copy the rest of the sound, mark the panorama and rename."""
+        if self._container is None:
+            return
+        last = self._last
+        if last is None:
+            raise VideoError(f"{self.path} - no frame was written - check the range of frames")
+        with self._errors("completed"):
+            self._mux(self._stream.encode(None))
+            if self._audio is not None:
+                is_end = last.index + 1 == self._like.frame_count
+                self._audio.advance(None if is_end else _end_s(last, self._like.frame_rate))
+            self._container.close()
+            self._container = None
+            if self._boxes:
+                write_spherical(self._part, self._metadata, self._settings.faststart)
+            self._part.replace(self.path)
+
+    def abort(self) -> None:
+        """Close and remove the temporary file, if it is still there."""
+        if self._audio is not None:
+            self._audio.close()
+        if self._container is not None:
+            with suppress(av.error.FFmpegError, OSError, ValueError):
+                self._container.close()
+            self._container = None
+        self._part.unlink(missing_ok=True)
+
+    @contextmanager
+    def _errors(self, doing: str) -> Iterator[None]:
+        try:
+            yield
+        except (av.error.FFmpegError, OSError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise VideoError(
+                f"{self.path} - cannot be {doing} (got {reason}) - check the space left, the folder's rights, and that "
+                f"{self.path.suffix} can hold {self._settings.codec}"
+            ) from error
+
+
+def _end_s(frame: VideoFrame, frame_rate: Fraction) -> Fraction:
+    """When a frame is over, in seconds on the clock of its file."""
+    duration = frame.duration * frame.time_base if frame.duration else 1 / frame_rate
+    return frame.pts * frame.time_base + duration
+
+
+def _title_tags(like: VideoReader) -> dict[str, str]:
+    """Title, date and the like of the plate's container, without what describes the container itself."""
+    own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
+    return {key: value for key, value in like.container_metadata.items() if key not in own}

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenEXR pictures: reading RGB plates and maps, writing layered results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import VideoError
+from mr360uw.types import Floats
+
+Compression = Literal["none", "zips", "zip", "piz", "dwaa", "dwab"]
+Part = Mapping[str, NDArray[Any]]
+"""Channels by name: "RGB" or "RGBA" (H, W, 3 or 4), "Z" (H, W), "normal" (H, W, 3) ...; float16, float32 or uint32."""
+
+
+def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the channels of all parts, {part: {channel: array}}, as they are stored (negative samples too).
+
+    A part without a name is called by its number. Channels R, G, B, (A) of a layer come as one array (H, W, 3 or 4)
+    called "RGB" or "RGBA", or by the layer's name.
+    """
+    import OpenEXR
+
+    path = Path(path)
+    try:
+        file = OpenEXR.File(str(path))
+    except (RuntimeError, ValueError, OSError) as error:
+        raise VideoError(f"{path} - is not an EXR file that can be read (got {error}) - write it again") from error
+    with file:
+        return {
+            part.name() or str(number): {name: channel.pixels for name, channel in part.channels.items()}
+            for number, part in enumerate(file.parts)
+        }
+
+
+def read_rgb(path: str | Path) -> NDArray[np.float32]:
+    """Return the colour of an EXR's first part as linear RGB, (H, W, 3) float32, alpha left out."""
+    parts = read_exr(path)
+    channels = next(iter(parts.values()))
+    for name in ("RGBA", "RGB"):
+        if name in channels:
+            return np.ascontiguousarray(channels[name][..., :3], np.float32)
+    if "Y" in channels:
+        return np.repeat(np.asarray(channels["Y"], np.float32)[..., None], 3, axis=-1)
+    raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(sorted(channels))}) - write them")
+
+
+def write_exr(
+    path: str | Path,
+    parts: Mapping[str, Part] | Floats,
+    *,
+    latlong: bool = True,
+    compression: Compression = "zip",
+    full_size: tuple[int, int] | None = None,
+    origin: tuple[int, int] = (0, 0),
+    attributes: Mapping[str, Any] | None = None,
+) -> None:
+    """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
+
+    parts: {part: {channel: array}}, or one linear image (H, W, 3 or 4). float16 channels are stored as half, float32
+    as float. latlong: say that it is a latitude-longitude environment map. full_size: (width, height) of the frame
+    that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
+    frame. attributes: more header entries (numbers, strings).
+    """
+    import OpenEXR
+
+    path = Path(path)
+    image_parts = parts if isinstance(parts, Mapping) else {"": {"RGBA"[: np.shape(parts)[-1]]: np.asarray(parts)}}
+    kinds = {
+        name: getattr(OpenEXR, f"{name.upper()}_COMPRESSION") for name in ("none", "zips", "zip", "piz", "dwaa", "dwab")
+    }
+    header: dict[str, Any] = {"compression": kinds[compression], "type": OpenEXR.scanlineimage, **(attributes or {})}
+    if latlong:
+        header["envmap"] = OpenEXR.ENVMAP_LATLONG
+    made = []
+    for name, channels in image_parts.items():
+        arrays = {channel: np.ascontiguousarray(array) for channel, array in channels.items()}
+        height, width = next(iter(arrays.values())).shape[:2]
+        own = dict(header)
+        if full_size is not None:
+            column, row = origin
+            low = np.array([column, row], np.int32)
+            own["dataWindow"] = (low, low + np.array([width - 1, height - 1], np.int32))
+            own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
+        made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
+    part_file = path.with_name(path.name + ".part")
+    try:
+        OpenEXR.File(made).write(str(part_file))
+        part_file.replace(path)
+    except (RuntimeError, ValueError, OSError) as error:
+        raise VideoError(
+            f"{path} - cannot be written (got {error}) - check the folder, its rights and the space"
+        ) from error
+    finally:
+        part_file.unlink(missing_ok=True)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One frame of a plate, and what is laid over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import ColorSpec
+from mr360uw.types import Floats, Layer, Tile, YuvImage
+
+Blend = Callable[[Floats, Tile], Floats]
+"""(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
+
+
+@dataclass(frozen=True)
+class VideoFrame:
+    """One picture of a plate.
+
+    index: position in order of presentation, from 0. pts, time_base: presentation time stamp as the container has
+    it. time_s: seconds since the first frame. duration: in units of time_base, 0 where unknown. spec: how the codes
+    are read. yuv: the planes (views, read-only) or None for RGB plates. rgb: code values (H, W, 3) of an RGB plate,
+    uint8 or uint16, or linear float32, else None. native: the decoder's frame that owns exactly these planes, if any.
+    wrap: the left and right edges meet (a full panorama).
+    """
+
+    index: int
+    pts: int
+    time_base: Fraction
+    time_s: float
+    duration: int
+    spec: ColorSpec
+    yuv: YuvImage | None = None
+    rgb: NDArray[Any] | None = None
+    native: Any = None
+    wrap: bool = True
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        image = self.yuv.y if self.yuv is not None else self.rgb
+        assert image is not None
+        return int(image.shape[0]), int(image.shape[1])
+
+    @cached_property
+    def image_linear(self) -> NDArray[np.float32]:
+        """The picture as linear Rec.709, (H, W, 3) float32, not clipped."""
+        height, width = self.shape
+        return self._linear((0, 0, height, width))
+
+    def _linear(self, rectangle: tuple[int, int, int, int]) -> NDArray[np.float32]:
+        if self.yuv is not None:
+            from mr360uw.video.planes import linear_from_planes
+
+            return linear_from_planes(self.yuv, rectangle, self.wrap)
+        from mr360uw.video.rgb import linear_from_codes
+
+        assert self.rgb is not None
+        row, column, height, width = rectangle
+        return linear_from_codes(self.rgb[row : row + height, column : column + width], self.spec.transfer)
+
+    def over(self, layer: Layer, blend: Blend) -> VideoFrame:
+        """Return the frame with the layer's tiles laid over it.
+
+        blend: the compositing formula of one tile. The frame itself is left alone; where the layer has no tile, and
+        at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
+        Light above 1 is clipped to the top code (EXR plates keep it).
+        """
+        if not layer.tiles:
+            return self
+        if (layer.height, layer.width) != self.shape:
+            raise ValueError(f"layer of {layer.width}x{layer.height} pixels over a frame of {self.shape[::-1]}")
+        return self._over_planes(layer, blend) if self.yuv is not None else self._over_codes(layer, blend)
+
+    def _over_planes(self, layer: Layer, blend: Blend) -> VideoFrame:
+        from mr360uw.video.native import copy_planes
+        from mr360uw.video.planes import lay_over_planes
+
+        assert self.yuv is not None
+        native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
+        for tile in layer.tiles:
+            changed = _changed(tile)
+            if changed.any():
+                rectangle = (tile.row, tile.column, *tile.alpha.shape)
+                linear = blend(self._linear(rectangle), tile)
+                lay_over_planes(self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap)
+        return replace(self, yuv=_read_only(planes), native=native)
+
+    def _over_codes(self, layer: Layer, blend: Blend) -> VideoFrame:
+        from mr360uw.video.rgb import lay_over_codes
+
+        assert self.rgb is not None
+        codes = self.rgb.copy()
+        for tile in layer.tiles:
+            changed = _changed(tile)
+            if changed.any():
+                rectangle = (tile.row, tile.column, *tile.alpha.shape)
+                linear = blend(self._linear(rectangle), tile)
+                lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
+        codes.flags.writeable = False
+        return replace(self, rgb=codes)
+
+
+def _changed(tile: Tile) -> NDArray[np.bool_]:
+    """Pixels of a tile where anything is laid over the plate, (h, w)."""
+    return (tile.alpha != 0) | (tile.ratio != 1).any(-1) | (tile.radiance != 0).any(-1)
+
+
+def _read_only(image: YuvImage) -> YuvImage:
+    for plane in (image.y, image.u, image.v):
+        plane.flags.writeable = False
+    return image

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the output is encoded."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from mr360uw.parameters import Parameters, parameter
+
+Codec = Literal["h264", "h265", "av1", "ffv1", "prores"]
+Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
+
+ENCODERS: dict[Codec, str] = {
+    "h264": "libx264",
+    "h265": "libx265",
+    "av1": "libsvtav1",
+    "ffv1": "ffv1",
+    "prores": "prores",
+}
+# SVT-AV1 counts its presets from 13 (fast) to 0 (best).
+_AV1_PRESETS: dict[Preset, int] = {
+    "ultrafast": 12, "superfast": 11, "veryfast": 10, "faster": 9, "fast": 8,
+    "medium": 6, "slow": 5, "slower": 4, "veryslow": 3,
+}  # fmt: skip
+
+
+class EncodeSettings(Parameters):
+    """Codec, quality and layout of a video output; what is not set follows the plate."""
+
+    codec: Codec = parameter("h264", "codec of the pictures")
+    quality: int = parameter(17, "constant rate factor, smaller is better (h264, h265, av1)", low=0, high=51)
+    preset: Preset = parameter("veryfast", "speed against size (h264, h265, av1)")
+    lossless: bool = parameter(False, "keep every code value (h264, h265; ffv1 always does)")
+    pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
+    threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
+    faststart: bool = parameter(True, "put the index of an mp4 or mov before the pictures, for the web")
+
+    @model_validator(mode="after")
+    def _lossless_codec(self) -> Self:
+        if self.lossless and self.codec in ("av1", "prores"):
+            raise ValueError(f"lossless is not available with {self.codec}; take h264, h265 or ffv1")
+        return self
+
+    def encoder_options(self) -> dict[str, str]:
+        """Return the options of FFmpeg's encoder."""
+        crf = {"crf": str(self.quality)}
+        if self.codec == "h264":
+            return {"preset": self.preset, **({"qp": "0"} if self.lossless else crf)}
+        if self.codec == "h265":
+            quiet = "log-level=error"
+            return {
+                "preset": self.preset,
+                **({"x265-params": f"{quiet}:lossless=1"} if self.lossless else {"x265-params": quiet, **crf}),
+            }
+        if self.codec == "av1":
+            return {"preset": str(_AV1_PRESETS[self.preset]), **crf}
+        if self.codec == "ffv1":
+            return {"level": "3", "slices": "16", "slicecrc": "1", "g": "1"}
+        return {"profile": "3"}

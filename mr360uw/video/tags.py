@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How FFmpeg's colour tags and pixel formats become a `ColorSpec`.
+
+Untagged clips are read as the industry does: BT.709 from 720 rows up, BT.601 below; limited range unless the pixel
+format is one of the full-range `yuvj` kinds. A tagged transfer curve is *not* followed by default: cameras tag BT.709
+and apply their own rendering for a display, so that the inverse of the display curve (sRGB here) gives back what one
+sees; name another curve to override it. PQ and HLG are refused, they need tone mapping first.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mr360uw.color import ColorSpec, Matrix, Transfer
+from mr360uw.errors import VideoError
+
+# Values of ITU-T H.273, as FFmpeg numbers them.
+_MATRICES: dict[int, Matrix] = {1: "bt709", 5: "bt601", 6: "bt601", 9: "bt2020"}
+_UNSPECIFIED = 2
+_HDR_CURVES = {16: "PQ (SMPTE ST 2084)", 18: "HLG (ARIB STD-B67)"}
+_FULL_RANGE = 2
+HD_ROWS = 720
+"""Untagged clips with at least this many rows are BT.709."""
+
+_PIXEL_FORMAT = re.compile(r"yuv(j?)(420|422|444)p(\d+)?(le)?$")
+
+
+@dataclass(frozen=True, slots=True)
+class ColorTags:
+    """The numbers of H.273 that a container or codec carries: range, matrix, primaries, transfer curve."""
+
+    color_range: int
+    colorspace: int
+    color_primaries: int
+    color_trc: int
+
+    @classmethod
+    def of(cls, native: Any) -> ColorTags:
+        """Read them from a PyAV codec context or frame."""
+        names = ("color_range", "colorspace", "color_primaries", "color_trc")
+        return cls(*(int(getattr(native, name)) for name in names))
+
+    def write_to(self, native: Any) -> None:
+        """Set them on a PyAV codec context or frame."""
+        native.color_range = self.color_range
+        native.colorspace = self.colorspace
+        native.color_primaries = self.color_primaries
+        native.color_trc = self.color_trc
+
+
+BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc=1)
+"""What video made from stills is tagged with."""
+
+
+def color_spec(path: Path, pixel_format: str, tags: ColorTags, rows: int, transfer: Transfer | None) -> ColorSpec:
+    """Return how the codes of a clip are to be read; VideoError where this toolkit cannot."""
+    found = _PIXEL_FORMAT.match(pixel_format)
+    if not found:
+        raise VideoError(
+            f"{path} - pixel format not supported (got {pixel_format}) - convert the clip to planar Y'CbCr, such as "
+            "yuv420p, yuv422p10le or yuv444p"
+        )
+    if transfer is None and tags.color_trc in _HDR_CURVES:
+        raise VideoError(
+            f"{path} - high dynamic range curve not supported (got {_HDR_CURVES[tags.color_trc]}) - tone-map the clip "
+            "to BT.709 first, or name a transfer curve to read it with"
+        )
+    if tags.colorspace == _UNSPECIFIED:
+        matrix: Matrix = "bt709" if rows >= HD_ROWS else "bt601"
+    elif tags.colorspace in _MATRICES:
+        matrix = _MATRICES[tags.colorspace]
+    else:
+        raise VideoError(
+            f"{path} - colour matrix not supported (got H.273 matrix {tags.colorspace}) - convert the clip to BT.709"
+        )
+    full_range = bool(found[1]) or tags.color_range == _FULL_RANGE
+    return ColorSpec(matrix, full_range, transfer or "srgb", int(found[3] or 8))
