@@ -33,6 +33,10 @@ LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
 LONGEST_RAY_M = 1e9
 """Stands for an infinite ray through water, so that no infinity meets a zero."""
 
+GAMUT_THRESHOLD = 0.9
+GAMUT_POWER = 1.2
+"""Where the compression of out-of-gamut colours sets in (distance from the largest channel), and how sharply."""
+
 ENVIRONMENT_ROWS = 32
 ENVIRONMENT_COLUMNS = 64
 """Size of the environment maps."""

@@ -1,2 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """The water between things: waters, sensors, bands, scattering."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_HOME = {
+    "Bands": "bands",
+    "bands": "bands",
+    "LightField": "transfer",
+    "Medium": "medium",
+    "MODES": "medium",
+    "PlateProfile": "plate",
+    "Sensor": "sensor",
+    "Water": "water",
+    "JERLOV_TYPES": "water",
+    "cameras": "sensor",
+    "compress_gamut": "gamut",
+    "fit_gain": "plate",
+    "multiple_scattering": "closed_form",
+}
+
+__all__ = sorted(_HOME)  # noqa: PLE0605 - resolved by __getattr__ at first use
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light scattered into a ray by water whose irradiance falls off as one exponential: closed, and stable everywhere.
+
+    L = b E/(4 pi) exp(-K y) (1 - exp(-(c - K mu) S)) / (c - K mu)
+
+b, c, K: scattering, beam and diffuse attenuation [1/m]; E: irradiance just below the surface; y: depth of the camera;
+mu: y of the view direction, +1 straight up; S: length of the ray, cut where it leaves the water. Monzon et al. 2022,
+poster eq. 4 and thesis eq. 4.7, with the signs that make it hold (looking up is brighter); the same as Monzon et al.
+2024 (Computer Graphics Forum 43(2), e15009) eq. 9. The quotient is written so that nothing overflows, whatever the
+sign of c - K mu, and so that its zero is no special case. Twin: closed_form.glsl.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import INV_4PI, LONGEST_RAY_M
+from mr360uw.errors import ParameterError
+
+if TYPE_CHECKING:
+    from mr360uw.medium.water import Water
+
+Array = NDArray[np.float64]
+
+
+def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
+    """Return the part [m] of a ray from `depth` that runs below the mean surface, finite."""
+    s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance, depth, up)))
+    out = np.divide(np.maximum(y, 0.0), mu, out=np.full(s.shape, LONGEST_RAY_M), where=mu > 0.0)
+    return np.minimum(np.maximum(s, 0.0), np.minimum(out, LONGEST_RAY_M))
+
+
+def mean_transmittance(x: ArrayLike) -> Array:
+    """Return (1 - exp(-x))/x, the mean of exp(-x t) over t in [0, 1], for x >= 0."""
+    x = np.asarray(x, np.float64)
+    return np.divide(-np.expm1(-x), x, out=np.ones(x.shape), where=x > 0.0)
+
+
+def path_integral(c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:
+    """Return the integral of exp(-c t - k (y - t mu)) over t in [0, s] [m]; s must end below the surface."""
+    c, k, s, y, mu = (np.asarray(x, np.float64) for x in (c, k, s, y, mu))
+    q = (c - k * mu) * s
+    return s * np.exp(-k * y - np.minimum(q, 0.0)) * mean_transmittance(np.abs(q))
+
+
+def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:
+    """Return the radiance [1/sr] scattered into a ray of length s from depth y, per unit irradiance at the surface."""
+    s = ray_in_water(s, y, mu)
+    return np.asarray(b, np.float64) * INV_4PI * path_integral(c, k, s, np.maximum(y, 0.0), mu)
+
+
+def multiple_scattering(
+    water: Water,
+    wavelength_nm: ArrayLike,
+    distance_m: ArrayLike,
+    depth_m: ArrayLike,
+    up: ArrayLike,
+    surface_irradiance: ArrayLike = 1.0,
+) -> Array:
+    """Return the radiance (..., n) scattered into camera rays at n wavelengths by the published closed form.
+
+    distance_m, depth_m, up: (...,) length of the ray, depth of the camera, y of the view direction. A distance may be
+    infinite; rays end at the surface. surface_irradiance: downwelling just below the surface, scalar or (n,).
+    Raises `ParameterError` for a negative distance or depth, or `up` outside [-1, 1].
+    """
+    check_ray(distance_m, depth_m, up)
+    w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
+    s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
+    radiance = closed_form(water.scattering(w), water.attenuation(w), water.diffuse_attenuation(w), s, y, mu)
+    return np.asarray(surface_irradiance, np.float64) * radiance
+
+
+def check_ray(distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> None:
+    """Raise `ParameterError` unless distance >= 0, 0 <= depth < infinity and -1 <= up <= 1."""
+    if not np.all(np.asarray(distance_m) >= 0.0):
+        raise ParameterError(
+            f"distance_m - must not be negative (got {np.min(distance_m)!r}) - give metres along the ray"
+        )
+    if not np.all(np.isfinite(depth_m) & (np.asarray(depth_m) >= 0.0)):
+        raise ParameterError(
+            f"depth_m - must be a depth below the surface (got {np.min(depth_m)!r}) - give metres >= 0"
+        )
+    if not np.all(np.abs(np.asarray(up)) <= 1.0 + 1e-9):
+        raise ParameterError(f"up - must be the y of a unit vector (got {np.max(np.abs(up))!r}) - scale it to length 1")

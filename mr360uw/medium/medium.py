@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A water seen by a sensor: what it takes from an object's light and what it adds, in linear RGB.
+
+Everything is per unit downwelling irradiance just below the surface, spectrally that of the illuminant; `scaled` puts
+the veil into the exposure of a plate.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.medium.bands import Bands, Rule, bands
+from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.gamut import compress_gamut
+from mr360uw.medium.models import (
+    FieldModel,
+    FormationModel,
+    KdModel,
+    SpectralModel,
+    gershun_factor,
+)
+from mr360uw.medium.phase import mean_cosine
+from mr360uw.medium.plate import PlateProfile
+from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.tabulate import medium_table
+from mr360uw.medium.transfer import MOMENTS, LightField, Sky, SurfaceKind
+from mr360uw.medium.water import Water
+from mr360uw.types import Floats, MediumTable
+
+Array = NDArray[np.float64]
+
+Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+
+RGB_NM = (650.0, 550.0, 450.0)
+"""The wavelengths of mode `rgb`, one for each channel."""
+DEFAULT_BANDS = 61
+"""5 nm apart; a pixel costs the same for any number."""
+_TINY = 1e-30
+
+
+class Medium:
+    """A water, a sensor and a way to compute what lies between camera and object.
+
+    mode: "kd", the published closed form (Monzon et al. 2022); "kd+", the same with Gershun's factor; "table", the
+    solved light field; "plate", the same with the veil's colour by direction from a radiance map of the plate; "rgb",
+    the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for object
+    and veil, or one each (Akkaynak & Treibitz 2018, CVPR), read off the solved field.
+
+    band_count, rule: wavelengths, see `bands`. illuminant: what white is balanced for. surface, sky: see `LightField`.
+    radiance_map: (32, 64, 3) of mode "plate". Raises `ParameterError`.
+    """
+
+    def __init__(
+        self,
+        water: Water,
+        sensor: Sensor | None = None,
+        mode: Mode = "table",
+        camera_depth_m: float = 5.0,
+        *,
+        band_count: int = DEFAULT_BANDS,
+        rule: Rule = "rectangle",
+        illuminant: str = "equal-energy",
+        surface: SurfaceKind = "snell",
+        sky: Sky = "uniform",
+        radiance_map: Floats | None = None,
+    ) -> None:
+        if mode not in MODES:
+            raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
+        if not 0.0 < camera_depth_m <= 1000.0:
+            raise ParameterError(
+                f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
+            )
+        self.water = water
+        self.sensor = sensor or Sensor.cie1931()
+        self.mode = mode
+        self.camera_depth_m = float(camera_depth_m)
+        self.gain: Array = np.ones(3)
+        self._surface: SurfaceKind = surface
+        self._sky: Sky = sky
+        self._direct = mode in ("rgb", "koschmieder", "akkaynak-treibitz")
+        self.bands = (
+            Bands(np.array(RGB_NM), np.eye(3), "one wavelength a channel")
+            if self._direct
+            else bands(band_count, self.sensor, rule, illuminant)
+        )
+        self._settings = {"band_count": band_count, "rule": rule, "illuminant": illuminant}
+        self.profile = None if radiance_map is None else PlateProfile.from_map(radiance_map)
+
+    @functools.cached_property
+    def model(self) -> SpectralModel:
+        """The model at the bands' wavelengths, solved at first use."""
+        if self.mode in ("koschmieder", "akkaynak-treibitz"):
+            return self._formation()
+        w = self.bands.wavelength_nm
+        if self.mode in ("table", "plate"):
+            return field_model(self.water, w, self._surface, self._sky)
+        a, b, kd = self.water.absorption(w), self.water.scattering(w), self.water.diffuse_attenuation(w)
+        plus = self.mode == "kd+"
+        factor = gershun_factor(a, b, kd, mean_cosine(self.water.phase)) if plus else np.ones(len(w))
+        return KdModel(b, a + b, kd, factor)
+
+    def _formation(self) -> FormationModel:
+        """Constants that make the quick models agree with the solved field on a level ray of one attenuation length."""
+        solved = Medium(
+            self.water, self.sensor, "table", self.camera_depth_m, surface=self._surface, sky=self._sky, **self._settings
+        )  # type: ignore[arg-type]  # fmt: skip
+        s = solved.length_m
+        direct = -solved.transmittance_log(np.array(s), np.array(self.camera_depth_m)) / s
+        far = solved.smooth_veil(np.array(1e4 * s), np.array(0.0))
+        near = solved.smooth_veil(np.array(s), np.array(0.0))
+        backscatter = direct if self.mode == "koschmieder" else -np.log1p(-near / far) / s
+        depth = np.array([self.camera_depth_m, 0.0])
+        log = solved.ambient_log(depth)
+        return FormationModel(direct, backscatter, far, (log[1] - log[0]) / self.camera_depth_m)
+
+    @functools.cached_property
+    def length_m(self) -> float:
+        """The tables' length: the attenuation length of the light at the camera."""
+        e = np.abs(self.bands.weight).sum(axis=1) * self.model.irradiance(self.camera_depth_m, 1.0)
+        return float(np.sum(e) / np.sum(e * self.model.extinction))
+
+    @functools.cached_property
+    def table(self) -> MediumTable:
+        """What shading reads for every pixel; made at first use, colours within the gamut."""
+        return medium_table(self, self.length_m)
+
+    # --- at the wavelengths of the bands ---------------------------------------------------------------------
+
+    def spectral_transmittance(self, distance_m: ArrayLike) -> Array:
+        """Return the factor (..., n) on an object's radiance at the bands' wavelengths."""
+        s = np.asarray(distance_m, np.float64)[..., None]
+        return np.exp(-self.model.extinction * np.minimum(s, 1e9))
+
+    def spectral_veil(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) added to a camera ray at the bands' wavelengths, without gain."""
+        check_ray(distance_m, depth_m, up)
+        return self.model.inscatter(ray_in_water(distance_m, depth_m, up), depth_m, up)
+
+    # --- in linear RGB ---------------------------------------------------------------------------------------
+
+    def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the factor (..., 3) in (0, 1] on the radiance of a grey object at the end of a camera ray.
+
+        depth_m: of the camera, up: y of the view direction. The object's light is that of its own depth, so what is
+        left of the spectrum decides; for grey objects the product with its colour there is exact.
+        """
+        check_ray(distance_m, depth_m, up)
+        s = ray_in_water(distance_m, depth_m, up)
+        depth = np.maximum(np.asarray(depth_m, np.float64) - s * np.asarray(up, np.float64), 0.0)
+        return np.exp(self.transmittance_log(s, np.minimum(depth, self.deepest_m)))
+
+    def veil(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., 3) that the water adds to a camera ray, times the gain.
+
+        depth_m: of the camera, up: y of the view direction; the ray ends at the surface. With the CIE observer clear
+        water gives negative red: `compress_gamut` maps it, as the tables do.
+        """
+        check_ray(distance_m, depth_m, up)
+        if self.profile is not None:
+            return self.smooth_veil(ray_in_water(distance_m, self.camera_depth_m, up), up)
+        return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., 3) that arrives when nothing stands in the way, times the gain."""
+        if self.profile is not None:
+            return self.profile(up)
+        return self.gain * self.bands.rgb(self.model.radiance(depth_m, up))
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
+        """Return the irradiance (..., 3) of a surface whose normal has the y component `normal_up`, times the gain."""
+        return self.gain * self.bands.rgb(self.model.irradiance(depth_m, normal_up))
+
+    def scaled(self, gain: ArrayLike) -> Medium:
+        """Return the same medium with veil and radiances multiplied by a gain, scalar or (3,), on top of its own."""
+        factor = np.broadcast_to(np.asarray(gain, np.float64), (3,))
+        if not np.all(np.isfinite(factor) & (factor >= 0.0)):
+            raise ParameterError(f"gain - must be three numbers >= 0 (got {factor.tolist()}) - correct it")
+        other = self._copy()
+        other.gain = self.gain * factor
+        return other
+
+    def with_map(self, radiance_map: Floats) -> Medium:
+        """Return the same medium with the veil's colour by direction from a plate's radiance map (32, 64, 3)."""
+        other = self._copy()
+        other.profile = PlateProfile.from_map(radiance_map)
+        return other
+
+    def _copy(self) -> Medium:
+        other = copy.copy(self)
+        other.__dict__.pop("table", None)
+        return other
+
+    # --- in colours within the gamut, for the tables -----------------------------------------------------------
+
+    def display(self, spectrum: Array) -> Array:
+        """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
+        rgb = self.bands.rgb(spectrum)
+        return compress_gamut(rgb) if self.bands.signed else rgb
+
+    def smooth_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the veil (..., 3) of rays from the camera, times the gain; they must end below the surface."""
+        depth = self.camera_depth_m
+        spectrum = self.model.inscatter(distance_m, depth, up)
+        if self.profile is None:
+            return self.gain * self.display(spectrum)
+        whole = self.model.radiance(depth, up)
+        return self.profile(up) * self.display(spectrum) / np.maximum(self.display(whole), _TINY)
+
+    def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
+        """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""
+        light = self.model.irradiance(depth_m, 1.0)
+        clearest = float(np.min(self.model.extinction))
+        s = np.asarray(distance_m, np.float64)[..., None]
+        left = light * np.exp(-(self.model.extinction - clearest) * s)
+        return self._log(left) - self._log(light) - clearest * s
+
+    def ambient_log(self, depth_m: Array) -> Array:
+        """Return the logarithm (..., 3) of the downwelling irradiance at depths."""
+        return self._log(self.model.irradiance(depth_m, 1.0))
+
+    def beam_log(self, depth_m: Array) -> Array:
+        """Return the logarithm (..., 3) of a vertical beam's irradiance at depths."""
+        clearest = float(np.min(self.model.extinction))
+        y = np.asarray(depth_m, np.float64)[..., None]
+        return self._log(np.exp(-(self.model.extinction - clearest) * y)) - clearest * y
+
+    def _log(self, spectrum: Array) -> Array:
+        rgb = self.display(spectrum)
+        return np.log(np.maximum(rgb, _TINY * rgb.max(axis=-1, keepdims=True)))
+
+    @functools.cached_property
+    def deepest_m(self) -> float:
+        """The depth [m] beyond which double precision holds no light; it stands for the bottomless."""
+        level = self.model.irradiance(np.array([0.0, self.camera_depth_m]), 1.0)
+        return 200.0 * self.camera_depth_m / float(np.min(np.log(level[0] / level[1])))
+
+
+@functools.lru_cache(maxsize=16)
+def _solved(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> LightField:
+    w = np.array(wavelength_nm)
+    return LightField(water.absorption(w), water.scattering(w), water.moments(w, MOMENTS), surface=surface, sky=sky)
+
+
+def field_model(water: Water, wavelength_nm: Array, surface: SurfaceKind, sky: Sky) -> FieldModel:
+    """Return the solved field of a water at wavelengths [nm]; light scattered by small angles stays in the image.
+
+    The share f = g^4 of the scattering counts as small-angled, g being the phase function's mean cosine.
+    """
+    field = _solved(water, tuple(np.asarray(wavelength_nm).tolist()), surface, sky)
+    g = water.moments(wavelength_nm, 2)[:, 1]
+    share = np.maximum(g, 0.0) ** 4
+    return FieldModel(field, field.absorption + (1.0 - share) * field.scattering)

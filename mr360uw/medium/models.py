@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a medium needs to know at each wavelength, by three ways of getting there.
+
+KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n) for n
+wavelengths, per unit downwelling irradiance just below the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import INV_4PI
+from mr360uw.medium.closed_form import path_integral, ray_in_water
+from mr360uw.medium.transfer import LightField
+
+Array = NDArray[np.float64]
+
+
+class SpectralModel(Protocol):
+    """Radiance and irradiance in water at n wavelengths."""
+
+    @property
+    def extinction(self) -> Array:
+        """Attenuation (n,) [1/m] of the light that forms the image of an object, and of the sun's beam."""
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) that arrives from a direction when nothing stands in the way."""
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
+        """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KdModel:
+    """Isotropic scattering of an irradiance that falls off as exp(-Kd y): b, c, kd and `factor` are (n,).
+
+    factor: 1 as published (Monzon et al. 2022); Gershun's for `kd+`, see `gershun_factor`.
+    """
+
+    b: Array
+    c: Array
+    kd: Array
+    factor: Array
+
+    @property
+    def extinction(self) -> Array:
+        """c: all scattered light is lost to the image."""
+        return self.c
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the closed form (..., n)."""
+        s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
+        return self.factor * self.b * INV_4PI * path_integral(self.c, self.kd, s, y, mu)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the in-scattered light of the whole ray: the model has no sky."""
+        return self.inscatter(ray_in_water(np.inf, depth_m, up), depth_m, up)
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
+        """Return exp(-Kd y) for every normal: the model's light has no direction."""
+        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
+        return np.exp(-self.kd * y[..., None])
+
+
+def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array:
+    """Return scalar irradiance over downwelling irradiance deep down, Kd (1 - R)/a (Gershun's law).
+
+    R = (1 - s)(1 - 0.139 s)/(1 + 1.17 s), s = sqrt(1 - w), w = b(1 - g)/(a + b(1 - g)): reflectance of a deep medium
+    after similarity scaling (van de Hulst 1980, Multiple Light Scattering, ch. 14).
+    """
+    a, b, kd = (np.asarray(x, np.float64) for x in (a, b, kd))
+    s = np.sqrt(1.0 - b * (1.0 - g) / (a + b * (1.0 - g)))
+    reflectance = (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)
+    return kd * (1.0 - reflectance) / a
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldModel:
+    """The solved light field, in which light scattered by small angles counts as still in the image.
+
+    extinction: (n,) [1/m], between that of the solver and c.
+    """
+
+    field: LightField
+    extinction: Array
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the in-scattered radiance (..., n) that goes with `extinction`."""
+        return self.field.inscatter(distance_m, depth_m, up, self.extinction)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the field's radiance (..., n)."""
+        return self.field.radiance(depth_m, up)
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
+        """Return the field's irradiance (..., n)."""
+        return self.field.irradiance(depth_m, normal_up)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationModel:
+    """The quick model of image formation, I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant a channel.
+
+    direct: beta_D, backscatter: beta_B [1/m], veil: B, diffuse: attenuation of the irradiance with depth [1/m]; all
+    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 (CVPR, eq. 20) keep them apart.
+    """
+
+    direct: Array
+    backscatter: Array
+    veil: Array
+    diffuse: Array
+
+    @property
+    def extinction(self) -> Array:
+        """beta_D."""
+        return self.direct
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
+        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
+        return -self.veil * np.expm1(-self.backscatter * s)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B."""
+        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
+        return np.broadcast_to(self.veil, (*shape, 3))
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
+        """Return exp(-diffuse y) for every normal."""
+        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
+        return np.exp(-self.diffuse * y[..., None])

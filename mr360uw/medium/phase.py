@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Phase functions: how the direction of light changes in a scattering event.
+
+p(cos) [1/sr] integrates to 1 over the sphere; cos is taken between the directions of travel before and after, forward
+= +1. Their Legendre moments chi_l = 2 pi int p P_l dcos (chi_0 = 1, chi_1 = mean cosine) feed the transfer equation.
+
+Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999 (Proc. SPIE 3761, 62); Petzold's average particle by Mobley
+et al. 1993; Zhang et al. 2009 for molecules (depolarisation 0.039). Twin of the closed forms: phase.glsl.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import INV_4PI, PI
+from mr360uw.errors import ParameterError
+from mr360uw.medium.tables import builtin_table
+
+Array = NDArray[np.float64]
+
+Phase = str | tuple[str, float] | tuple[str, float, float]
+"""A name ("isotropic", "petzold", "water"), ("hg", g) or ("fournier-forand", refractive index, Junge slope)."""
+
+_DEPOLARISATION = 0.039
+_PETZOLD_SLOPE = 1.3467
+"""Below 0.1 degree the measurements are continued as angle^-1.3467."""
+
+
+def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike) -> Array:
+    """Return the Henyey-Greenstein phase function [1/sr] of mean cosine g in (-1, 1)."""
+    cos_theta, g = np.asarray(cos_theta, np.float64), np.asarray(g, np.float64)
+    # |a - b|^2 of unit vectors, free of cancellation for forward peaks
+    d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos_theta)
+    return INV_4PI * (1.0 - g * g) / (d * np.sqrt(d))
+
+
+def molecular(cos_theta: ArrayLike, depolarisation: ArrayLike) -> Array:
+    """Return the phase function [1/sr] of molecules with a depolarisation ratio (0 = Rayleigh)."""
+    cos_theta, delta = np.asarray(cos_theta, np.float64), np.asarray(depolarisation, np.float64)
+    f = (1.0 - delta) / (1.0 + delta)
+    return 3.0 * INV_4PI / (3.0 + f) * (1.0 + f * cos_theta * cos_theta)
+
+
+def fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
+    """Return the Fournier-Forand phase function [1/sr] at angles [rad] for particles of a relative refractive index.
+
+    slope: of the Junge size distribution, 3 to 5. The removable singularity at delta = 1 is stepped over.
+    """
+    nu = 0.5 * (3.0 - slope)
+    s2 = np.sin(0.5 * np.asarray(theta, np.float64)) ** 2
+    scale = 4.0 / (3.0 * (index - 1.0) ** 2)
+    d = scale * np.maximum(s2, 1e-30)
+    d = np.where(np.abs(d - 1.0) < 1e-4, 1.0 + 1e-4, d)
+    d180 = scale
+    dn = d**nu
+    first = nu * (1.0 - d) - (1.0 - dn) + (d * (1.0 - dn) - nu * (1.0 - d)) * scale / d
+    second = (1.0 - d180**nu) / (4.0 * (d180 - 1.0) * d180**nu) * (3.0 * (1.0 - 2.0 * s2) ** 2 - 1.0)
+    return INV_4PI * (first / ((1.0 - d) ** 2 * dn) + second)
+
+
+def petzold(theta: ArrayLike) -> Array:
+    """Return the average particle phase function [1/sr] at angles [rad], normalised to 1 over the sphere."""
+    return _petzold_shape(np.asarray(theta, np.float64)) / _petzold_norm()
+
+
+def _petzold_shape(theta: Array) -> Array:
+    table = builtin_table("petzold_average_particle.csv")
+    log_angle, log_p = np.log(np.radians(table["angle_deg"])), np.log(table["phase_function"])
+    x = np.log(np.maximum(theta, 1e-12))
+    return np.exp(np.interp(x, log_angle, log_p) - _PETZOLD_SLOPE * np.minimum(x - log_angle[0], 0.0))
+
+
+@functools.cache
+def _petzold_norm() -> float:
+    theta, weight = _angle_quadrature()
+    return float(2.0 * PI * np.sum(weight * _petzold_shape(theta)))
+
+
+@functools.cache
+def _angle_quadrature() -> tuple[Array, Array]:
+    """Nodes theta and weights sin(theta) dtheta on (0, pi): Gauss-Legendre in panels that refine towards 0."""
+    edges = np.concatenate([[0.0], np.geomspace(1e-8, 0.02, 60), np.geomspace(0.02, PI, 141)[1:]])
+    x, w = np.polynomial.legendre.leggauss(8)
+    half = 0.5 * np.diff(edges)[:, None]
+    theta = 0.5 * (edges[:-1] + edges[1:])[:, None] + half * x
+    return theta.ravel(), (half * w * np.sin(theta)).ravel()
+
+
+def check_phase(phase: Phase) -> None:
+    """Raise `ParameterError` where a phase function is not one of `Phase` or its numbers have no meaning."""
+    if phase in ("isotropic", "petzold", "water"):
+        return
+    if isinstance(phase, tuple) and len(phase) == 2 and phase[0] == "hg" and -0.99 <= phase[1] <= 0.99:
+        return
+    if isinstance(phase, tuple) and len(phase) == 3 and phase[0] == "fournier-forand":
+        if 1.0 < phase[1] <= 1.35 and 3.0 < phase[2] < 5.0:
+            return
+        raise ParameterError(
+            f"phase - Fournier-Forand out of range (got {phase!r}) - choose an index of 1 to 1.35 and a slope of 3 to 5"
+        )
+    raise ParameterError(
+        f"phase - unknown phase function (got {phase!r}) - take 'isotropic', 'petzold', 'water', ('hg', g) with "
+        "|g| <= 0.99 or ('fournier-forand', index, slope)"
+    )
+
+
+def phase_function(phase: Phase, theta: ArrayLike) -> Array:
+    """Return the phase function [1/sr] at scattering angles [rad]."""
+    check_phase(phase)
+    angle = np.asarray(theta, np.float64)
+    if phase == "isotropic":
+        return np.full(angle.shape, INV_4PI)
+    if phase == "petzold":
+        return petzold(angle)
+    if phase == "water":
+        return molecular(np.cos(angle), _DEPOLARISATION)
+    if phase[0] == "hg":
+        return henyey_greenstein(np.cos(angle), phase[1])
+    return fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
+
+
+@functools.lru_cache(maxsize=64)
+def phase_moments(phase: Phase, count: int) -> Array:
+    """Return the Legendre moments chi_0 ... (count,) of a phase function, chi_0 = 1."""
+    check_phase(phase)
+    order = np.arange(count)
+    if phase == "isotropic":
+        moments = np.where(order == 0, 1.0, 0.0)
+    elif isinstance(phase, tuple) and phase[0] == "hg":
+        moments = np.power(float(phase[1]), order)
+    else:
+        theta, weight = _angle_quadrature()
+        p = weight * phase_function(phase, theta)
+        moments = np.polynomial.legendre.legvander(np.cos(theta), count - 1).T @ p
+        moments = moments / moments[0]
+    moments.setflags(write=False)
+    return moments
+
+
+def mean_cosine(phase: Phase) -> float:
+    """Return the mean cosine g of the scattering angle."""
+    return float(phase_moments(phase, 2)[1])
+
+
+@functools.lru_cache(maxsize=64)
+def backscatter_ratio(phase: Phase) -> float:
+    """Return bb/b, the share of the light that is scattered by more than 90 degrees."""
+    check_phase(phase)
+    if phase == "isotropic":
+        return 0.5
+    x, w = np.polynomial.legendre.leggauss(64)
+    cosine = 0.5 * (x - 1.0)
+    backward = PI * np.sum(w * phase_function(phase, np.arccos(cosine)))
+    if isinstance(phase, tuple) and phase[0] == "fournier-forand":
+        theta, weight = _angle_quadrature()
+        return float(backward / (2.0 * PI * np.sum(weight * phase_function(phase, theta))))
+    return float(backward)

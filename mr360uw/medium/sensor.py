@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What turns spectra into red, green and blue: observers, cameras, and the light they are balanced for.
+
+Sources: CIE 018:2019 (1931 observer); IEC 61966-2-1 (XYZ to linear Rec.709); rawtoaces-data (52 cameras); CIE 15 (D65);
+ASTM G173-03 (sun and sky).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
+
+Array = NDArray[np.float64]
+
+REC709_FROM_XYZ = np.array(
+    [
+        [3.2404542, -1.5371385, -0.4985314],
+        [-0.9692660, 1.8760108, 0.0415560],
+        [0.0556434, -0.2040259, 1.0572252],
+    ]
+)
+
+VISIBLE_NM = (400.0, 700.0)
+"""The range the bands cover unless told otherwise: all tables of waters reach over it, sensors see little beyond."""
+
+_CAMERA_STEP = (380.0, 780.0, 81)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """Relative responses of red, green and blue over wavelength; `response.value` is (w, 3).
+
+    Only ratios within a channel matter: bands are balanced so that the illuminant's white is (1, 1, 1).
+    """
+
+    name: str
+    response: Spectrum
+
+    @classmethod
+    def cie1931(cls) -> Sensor:
+        """Return the CIE 1931 2 degree observer in linear Rec.709; its responses have negative parts."""
+        return _cie1931()
+
+    @classmethod
+    def camera(cls, name: str) -> Sensor:
+        """Return the raw channels of one of `cameras()`, by its name or a part that only it has, like "Insta360 X5"."""
+        found = _matching(name, cameras())
+        if len(found) != 1:
+            what = "no such camera" if not found else f"fits {len(found)} cameras"
+            choices = ", ".join(found or cameras())
+            raise ParameterError(f"camera - {what} (got {name!r}) - take one of {choices}")
+        wavelength = np.linspace(*_CAMERA_STEP)
+        return cls(found[0], Spectrum(found[0], wavelength, builtin_cameras()[found[0]]))
+
+    @classmethod
+    def from_arrays(cls, wavelength_nm: ArrayLike, response: ArrayLike, name: str = "sensor") -> Sensor:
+        """Return a sensor of responses (w, 3) at wavelengths [nm] (w,)."""
+        values = np.asarray(response, np.float64)
+        if values.ndim != 2 or values.shape[1] != 3 or not np.all(np.isfinite(values)):
+            raise ParameterError(
+                f"{name} - responses must be (w, 3) finite numbers (got {values.shape}) - give red, green, blue"
+            )
+        if np.any(np.sum(values, axis=0) <= 0.0):
+            raise ParameterError(
+                f"{name} - a channel sees nothing (got sums {values.sum(0).tolist()}) - check the columns"
+            )
+        return cls(name, Spectrum(name, np.asarray(wavelength_nm, np.float64), values))
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> Sensor:
+        """Return a sensor of a CSV file with the columns wavelength_nm, R, G, B."""
+        columns = {name.lower(): values for name, values in read_table(path).items()}
+        missing = [name for name in ("wavelength_nm", "r", "g", "b") if name not in columns]
+        if missing:
+            raise ParameterError(
+                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - name them wavelength_nm, R, G, B"
+            )
+        response = np.column_stack([columns[channel] for channel in "rgb"])
+        return cls.from_arrays(columns["wavelength_nm"], response, Path(path).name)
+
+
+@functools.cache
+def _cie1931() -> Sensor:
+    table = builtin_table("cie1931.csv")
+    xyz = np.column_stack([table["x"], table["y"], table["z"]])
+    name = "CIE 1931"
+    return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz @ REC709_FROM_XYZ.T))
+
+
+def cameras() -> tuple[str, ...]:
+    """Return the names of the built-in cameras."""
+    return tuple(builtin_cameras())
+
+
+def _matching(name: str, names: tuple[str, ...]) -> list[str]:
+    """The names that equal `name`, else those that end in it, else those that contain it; case does not matter."""
+    wanted = name.casefold()
+    for fits in (str.__eq__, str.endswith, str.__contains__):
+        found = [full for full in names if wanted and fits(full.casefold(), wanted)]
+        if found:
+            return found
+    return []
+
+
+_ILLUMINANTS = {"D65": "d65", "sun-sky": "sun_sky"}
+
+
+@functools.cache
+def illuminant(name: str) -> Spectrum:
+    """Return the relative spectrum of a light that white is balanced for.
+
+    "equal-energy", "D65", "sun-sky" (ASTM G173 global), or any name that colour-science knows ("D50", "A", "FL2", ...).
+    """
+    if name == "equal-energy":
+        return Spectrum(name, np.array([300.0, 830.0]), np.ones(2))
+    if name in _ILLUMINANTS:
+        return builtin_spectrum("cie1931.csv", _ILLUMINANTS[name], name)
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns about optional packages
+        import colour
+    if name not in colour.SDS_ILLUMINANTS:
+        known = ", ".join(("equal-energy", *_ILLUMINANTS, *sorted(colour.SDS_ILLUMINANTS)))
+        raise ParameterError(f"illuminant - unknown (got {name!r}) - take one of {known}")
+    distribution = colour.SDS_ILLUMINANTS[name]
+    return Spectrum(name, np.asarray(distribution.wavelengths), np.asarray(distribution.values))

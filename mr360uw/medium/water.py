@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waters: absorption, scattering and diffuse attenuation over wavelength, and how they scatter.
+
+    a  absorption [1/m]     b  scattering [1/m]     c = a + b  beam attenuation     Kd  diffuse attenuation of E_d
+
+Sources: Solonenko & Mobley 2015 and Williamson & Hollins 2022 (Jerlov types, a and b); Jerlov 1976, Austin & Petzold
+1986 (Kd); Mason et al. 2016, Pope & Fry 1997, Zhang et al. 2009 (pure sea water); Morel & Maritorena 2001, Bricaud et
+al. 1998 (chlorophyll); Lee et al. 2005 (Kd from a and b). The tables' own headers cite them in full.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import MEAN_COSINE_SEA
+from mr360uw.errors import ParameterError
+from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments
+from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
+
+Array = NDArray[np.float64]
+
+JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
+JERLOV_TYPES: tuple[JerlovType, ...] = get_args(JerlovType)
+Inherent = Literal["solonenko2015", "williamson2022"]
+Diffuse = Literal["solonenko2015", "jerlov1976", "austin_petzold1986", "lee2005"]
+
+_KD_ROUNDING = 1.03
+"""Kd below a counts as an error from here on: the tables print two or three figures."""
+
+_CITATION = {
+    "solonenko2015": "Solonenko & Mobley 2015, Appl. Opt. 54, 5392",
+    "williamson2022": "Williamson & Hollins 2022, Appl. Opt. 61, 9951",
+    "jerlov1976": "Jerlov 1976, Marine Optics, Table XXVII",
+    "austin_petzold1986": "Austin & Petzold 1986, Opt. Eng. 25, 471",
+    "lee2005": "Lee et al. 2005, J. Geophys. Res. 110, C02016",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Water:
+    """Homogeneous water.
+
+    a, b: absorption and scattering. kd: diffuse attenuation, or None to derive it from a and b (Lee et al. 2005).
+    phase: of the particles. molecular: the part of b that the water itself scatters, or None to let `phase` hold for
+    all of b. source: where the figures come from. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
+    """
+
+    name: str
+    a: Spectrum
+    b: Spectrum
+    kd: Spectrum | None = None
+    phase: Phase = ("hg", MEAN_COSINE_SEA)
+    molecular: Spectrum | None = None
+    source: str = "given by the user"
+
+    def __post_init__(self) -> None:
+        check_phase(self.phase)
+        for label, spectrum, strict in (("absorption", self.a, True), ("scattering", self.b, False)):
+            wrong = spectrum.value <= 0.0 if strict else spectrum.value < 0.0
+            if np.any(wrong):
+                i = int(np.argmax(wrong))
+                raise ParameterError(
+                    f"{self.name} - {label} must be {'above zero' if strict else 'at least zero'} "
+                    f"(got {spectrum.value[i]:g} 1/m at {spectrum.wavelength_nm[i]:g} nm) - correct the table"
+                )
+        low = max(self.a.wavelength_nm[0], self.b.wavelength_nm[0])
+        high = min(self.a.wavelength_nm[-1], self.b.wavelength_nm[-1])
+        if low > high:
+            raise ParameterError(
+                f"{self.name} - absorption and scattering share no wavelength - use tables that overlap"
+            )
+        if self.kd is not None:
+            self._check_diffuse(self.kd)
+
+    def _check_diffuse(self, kd: Spectrum) -> None:
+        w = kd.wavelength_nm
+        w = w[(w >= self.a.wavelength_nm[0]) & (w <= self.a.wavelength_nm[-1])]
+        if len(w) == 0:
+            raise ParameterError(f"{self.name} - absorption and Kd share no wavelength - use tables that overlap")
+        ratio = kd(w) / self.a(w)
+        if np.min(ratio) * _KD_ROUNDING < 1.0:
+            i = int(np.argmin(ratio))
+            raise ParameterError(
+                f"{self.name} - diffuse attenuation cannot be below absorption (got Kd {kd(w[i]):.4g} < a "
+                f"{self.a(w[i]):.4g} 1/m at {w[i]:g} nm) - take both from one source, or kd='lee2005'"
+            )
+
+    @property
+    def range_nm(self) -> tuple[float, float]:
+        """The wavelengths at which everything is known."""
+        known = [s for s in (self.a, self.b, self.kd, self.molecular) if s is not None]
+        return max(float(s.wavelength_nm[0]) for s in known), min(float(s.wavelength_nm[-1]) for s in known)
+
+    def absorption(self, wavelength_nm: ArrayLike) -> Array:
+        """Return a [1/m] at wavelengths [nm]; `ParameterError` beyond the table."""
+        return self.a(wavelength_nm)
+
+    def scattering(self, wavelength_nm: ArrayLike) -> Array:
+        """Return b [1/m] at wavelengths [nm]."""
+        return self.b(wavelength_nm)
+
+    def attenuation(self, wavelength_nm: ArrayLike) -> Array:
+        """Return c = a + b [1/m] at wavelengths [nm]."""
+        return self.a(wavelength_nm) + self.b(wavelength_nm)
+
+    def backscattering(self, wavelength_nm: ArrayLike) -> Array:
+        """Return bb [1/m] at wavelengths [nm], from the phase function (molecules scatter half of it backwards)."""
+        molecular = self.molecular(wavelength_nm) if self.molecular else np.zeros(np.shape(wavelength_nm))
+        return 0.5 * molecular + backscatter_ratio(self.phase) * (self.b(wavelength_nm) - molecular)
+
+    def diffuse_attenuation(self, wavelength_nm: ArrayLike) -> Array:
+        """Return Kd [1/m] at wavelengths [nm]: tabulated, or Lee et al. 2005 eq. 11 under a sun at the zenith."""
+        if self.kd is not None:
+            return self.kd(wavelength_nm)
+        a = self.a(wavelength_nm)
+        return a + 4.18 * (1.0 - 0.52 * np.exp(-10.8 * a)) * self.backscattering(wavelength_nm)
+
+    def moments(self, wavelength_nm: ArrayLike, count: int) -> Array:
+        """Return the first Legendre moments (n, count) of the phase function of molecules and particles together."""
+        w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
+        particles = np.broadcast_to(phase_moments(self.phase, count), (len(w), count))
+        if self.molecular is None:
+            return particles.copy()
+        b = self.b(w)
+        share = np.divide(self.molecular(w), b, out=np.zeros(len(w)), where=b > 0.0)[:, None]
+        return share * phase_moments("water", count) + (1.0 - share) * particles
+
+    def with_phase(self, phase: Phase) -> Water:
+        """Return the same water with another phase function for all of its scattering."""
+        return replace(self, phase=phase, molecular=None)
+
+    @classmethod
+    def jerlov(
+        cls,
+        water_type: JerlovType,
+        inherent: Inherent = "solonenko2015",
+        kd: Diffuse | None = None,
+        phase: Phase | None = None,
+    ) -> Water:
+        """Return a Jerlov type: a and b by Solonenko & Mobley 2015 (all ten) or Williamson & Hollins 2022 (six).
+
+        kd: source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins. phase:
+        Petzold's average for Solonenko & Mobley, whose Kd goes with it; else Henyey-Greenstein g = 0.9.
+        """
+        if inherent not in get_args(Inherent):
+            raise ParameterError(f"inherent - unknown source (got {inherent!r}) - take one of {get_args(Inherent)}")
+        types = [name for name in builtin_table(f"{inherent}_absorption.csv") if name != "wavelength_nm"]
+        if water_type not in types:
+            raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")
+        chosen = kd or ("solonenko2015" if inherent == "solonenko2015" else "lee2005")
+        name = f"Jerlov {water_type}"
+        return cls(
+            name=name,
+            a=builtin_spectrum(f"{inherent}_absorption.csv", water_type, f"{name}, absorption"),
+            b=builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering"),
+            kd=_kd_table(water_type, chosen),
+            phase=phase or ("petzold" if inherent == "solonenko2015" else ("hg", MEAN_COSINE_SEA)),
+            source=f"a, b: {_CITATION[inherent]}; Kd: {_CITATION[chosen]}",
+        )
+
+    @classmethod
+    def pure(cls) -> Water:
+        """Return pure sea water of 20 degC and 35 psu, 300 to 800 nm."""
+        b = builtin_spectrum("pure_sea_water.csv", "scattering", "pure sea water, scattering")
+        return cls(
+            name="pure sea water",
+            a=builtin_spectrum("pure_sea_water.csv", "absorption", "pure sea water, absorption"),
+            b=b,
+            phase="water",
+            molecular=b,
+            source="Mason et al. 2016, Appl. Opt. 55, 7163; Pope & Fry 1997, Appl. Opt. 36, 8710; "
+            "Zhang et al. 2009, Opt. Express 17, 5698",
+        )
+
+    @classmethod
+    def chlorophyll(cls, mg_m3: float, phase: Phase = "petzold") -> Water:
+        """Return open-ocean (Case 1) water of a chlorophyll concentration [mg/m^3], 0.01 to 20, at 350 to 700 nm.
+
+        a: pure water + particles Ap Chl^Ep (Bricaud et al. 1998) + 20 % of their value at 440 nm as dissolved matter
+        with slope 0.014/nm (Morel & Maritorena 2001). b: pure water + 0.416 Chl^0.766 (w/550)^v (Loisel & Morel 1998).
+        Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a.
+        """
+        if not 0.01 <= mg_m3 <= 20.0:
+            raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
+        table = builtin_table("morel_maritorena2001_kd.csv")
+        w = table["wavelength_nm"]
+        pure = cls.pure()
+        ap = builtin_spectrum("bricaud1998_particles.csv", "ap", "particles")
+        ep = builtin_spectrum("bricaud1998_particles.csv", "ep", "particles")
+        dissolved = 0.2 * ap(440.0) * mg_m3 ** ep(440.0) * np.exp(-0.014 * (w - 440.0))
+        a = pure.absorption(w) + ap(w) * mg_m3 ** ep(w) + dissolved
+        slope = 0.5 * (np.log10(mg_m3) - 0.3) if mg_m3 < 2.0 else 0.0
+        b = pure.scattering(w) + 0.416 * mg_m3**0.766 * (w / 550.0) ** slope
+        kd = np.maximum(table["kw"] + table["chi"] * mg_m3 ** table["e"], a)
+        name = f"chlorophyll {mg_m3:g} mg/m^3"
+        return cls(
+            name=name,
+            a=Spectrum(f"{name}, absorption", w, a),
+            b=Spectrum(f"{name}, scattering", w, b),
+            kd=Spectrum(f"{name}, Kd", w, kd),
+            phase=phase,
+            molecular=Spectrum(f"{name}, molecular scattering", w, pure.scattering(w)),
+            source="Morel & Maritorena 2001, J. Geophys. Res. 106, 7163; Bricaud et al. 1998, J. Geophys. Res. 103, "
+            "31033; Loisel & Morel 1998, Limnol. Oceanogr. 43, 847",
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        wavelength_nm: ArrayLike,
+        absorption: ArrayLike,
+        scattering: ArrayLike,
+        diffuse_attenuation: ArrayLike | None = None,
+        phase: Phase = ("hg", MEAN_COSINE_SEA),
+        name: str = "water",
+    ) -> Water:
+        """Return water of coefficients [1/m], each (w,), at wavelengths [nm] (w,)."""
+        w = np.asarray(wavelength_nm, np.float64)
+
+        def spectrum(label: str, values: ArrayLike) -> Spectrum:
+            return Spectrum(f"{name}, {label}", w, np.asarray(values, np.float64))
+
+        kd = None if diffuse_attenuation is None else spectrum("Kd", diffuse_attenuation)
+        return cls(name, spectrum("absorption", absorption), spectrum("scattering", scattering), kd, phase)
+
+    @classmethod
+    def from_csv(cls, path: str | Path, phase: Phase = ("hg", MEAN_COSINE_SEA)) -> Water:
+        """Return water of a CSV file with the columns wavelength_nm, absorption, scattering and, if known, kd [1/m]."""
+        columns = {_COLUMN.get(name.lower(), name.lower()): value for name, value in read_table(path).items()}
+        missing = [name for name in ("wavelength_nm", "absorption", "scattering") if name not in columns]
+        if missing:
+            raise ParameterError(
+                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - "
+                "name the columns wavelength_nm, absorption, scattering, kd"
+            )
+        water = cls.from_arrays(
+            columns["wavelength_nm"], columns["absorption"], columns["scattering"], columns.get("kd"), phase,
+            Path(path).name,
+        )  # fmt: skip
+        return replace(water, source=str(path))
+
+
+_COLUMN = {"wavelength": "wavelength_nm", "wl_nm": "wavelength_nm", "a": "absorption", "b": "scattering"}
+
+
+def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
+    if source == "lee2005":
+        return None
+    if source not in get_args(Diffuse):
+        raise ParameterError(f"kd - unknown source (got {source!r}) - take one of {get_args(Diffuse)}")
+    table = f"{source}_kd.csv"
+    if water_type not in builtin_table(table):
+        raise ParameterError(f"kd - {source} has no type {water_type} - take another source or type")
+    spectrum = builtin_spectrum(table, water_type, f"Jerlov {water_type}, Kd")
+    if source == "solonenko2015":
+        return spectrum
+    # the sources disagree in the ultraviolet, which no camera sees
+    visible = spectrum.wavelength_nm >= 400.0
+    return replace(spectrum, wavelength_nm=spectrum.wavelength_nm[visible], value=spectrum.value[visible])
