@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Water waves: their dispersion, and wave vectors and frequencies that repeat exactly in space and time.
+
+Dispersion of capillary-gravity waves over a flat bottom: Lamb 1932 section 267. Waves on the lattice 2 pi (m, n)/tile
+repeat at the tile's edges; frequencies that are multiples of 2 pi/loop repeat after the loop. No blending is needed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
+
+Array = NDArray[np.float64]
+
+
+def angular_frequency(wavenumber: ArrayLike, water_depth_m: float) -> Array:
+    """Return the angular frequency [rad/s] of waves of a wavenumber [rad/m] on water of a depth (infinity: deep)."""
+    k = np.asarray(wavenumber, np.float64)
+    shallow = np.tanh(np.minimum(k * water_depth_m, 50.0)) if np.isfinite(water_depth_m) else 1.0
+    return np.sqrt((GRAVITY_M_S2 * k + SURFACE_TENSION_OVER_DENSITY * k**3) * shallow)
+
+
+def group_speed(wavenumber: ArrayLike, water_depth_m: float) -> Array:
+    """Return d omega/d k [m/s], the derivative of `angular_frequency`."""
+    k = np.asarray(wavenumber, np.float64)
+    restoring = GRAVITY_M_S2 * k + SURFACE_TENSION_OVER_DENSITY * k**3
+    slope = GRAVITY_M_S2 + 3.0 * SURFACE_TENSION_OVER_DENSITY * k**2
+    if not np.isfinite(water_depth_m):
+        return slope / (2.0 * np.sqrt(restoring))
+    kh = np.minimum(k * water_depth_m, 50.0)
+    tanh = np.tanh(kh)
+    return (slope * tanh + restoring * water_depth_m / np.cosh(kh) ** 2) / (2.0 * np.sqrt(restoring * tanh))
+
+
+def looping_frequency(frequency: ArrayLike, loop_s: float | None) -> Array:
+    """Return angular frequencies moved to the nearest multiple of 2 pi/loop_s, at least one; None leaves them."""
+    w = np.asarray(frequency, np.float64)
+    if loop_s is None:
+        return w
+    base = 2.0 * np.pi / loop_s
+    return base * np.maximum(np.round(w / base), 1.0)
+
+
+def lattice_vector(wave_vector: ArrayLike, tile_m: float) -> Array:
+    """Return wave vectors (n, 2) [rad/m] moved to the nearest non-zero point of the lattice 2 pi (m, n)/tile_m."""
+    unit = 2.0 * np.pi / tile_m
+    k = np.asarray(wave_vector, np.float64) / unit
+    nearest = np.round(k)
+    along_x = np.abs(k[..., 0]) >= np.abs(k[..., 1])
+    smallest = np.where(along_x[..., None], [1.0, 0.0], [0.0, 1.0]) * np.where(k < 0.0, -1.0, 1.0)
+    return unit * np.where(np.any(nearest != 0.0, axis=-1, keepdims=True), nearest, smallest)

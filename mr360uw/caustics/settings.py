@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a scene sets about its sea and its caustics."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Tag, field_validator
+
+from mr360uw.caustics.gerstner import GerstnerSea
+from mr360uw.caustics.spectral import SpectralSea
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.parameters import Parameters, parameter
+
+Method = Literal["exact", "ratio", "fan", "jacobian", "scrolling"]
+"""exact: flux by exact coverage. ratio: areas of each triangle. fan: areas around each vertex (Thompson et al. 2019).
+jacobian: per pixel. scrolling: the darker of two scrolling copies of one map (Stam 1996; Monzon et al. 2022)."""
+
+
+def _sea_model(value: Any) -> str:
+    return str(value.get("model", "gerstner") if isinstance(value, dict) else getattr(value, "model", "gerstner"))
+
+
+Sea = Annotated[
+    Annotated[GerstnerSea, Tag("gerstner")] | Annotated[SpectralSea, Tag("spectral")], Discriminator(_sea_model)
+]
+"""A sea of either kind; `model` tells which, Gerstner where it is not given."""
+
+
+class CausticSettings(Parameters):
+    """How caustics are computed."""
+
+    enabled: bool = parameter(True, "whether the surface focuses light")
+    method: Method = parameter("exact", "exact conserves energy; ratio, fan, jacobian, scrolling: for comparison")
+    size: int = parameter(256, "pixels of the map across the sea's tile, a power of two", low=16, high=4096)
+    grid: int = parameter(128, "cells of the surface across the tile", low=4, high=2048)
+    planes: int = parameter(3, "depths the caustics are computed at", low=1, high=64)
+    chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
+    refractive_index: float = parameter(REFRACTIVE_INDEX_SEA, "refractive index of the water at 550 nm", above=1.0, high=2.0)
+    sun_half_angle_rad: float = parameter(
+        SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
+    )
+
+    @field_validator("size")
+    @classmethod
+    def _power_of_two(cls, size: int) -> int:
+        if size & (size - 1):
+            raise ValueError(f"must be a power of two (got {size}): 128, 256, 512")
+        return size

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A displaced surface from its height, its horizontal shift and their derivatives.
+
+A particle at rest at (x, 0, z) moves to P = (x + shift_x, height, z + shift_z). With the strains s_ab = d shift_a/d b and
+slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are
+
+    T_x = (1 + s_xx, h_x, s_xz)      T_z = (s_xz, h_z, 1 + s_zz)
+
+N = T_z x T_x normalised and J = (1 + s_xx)(1 + s_zz) - s_xz^2, both exact (Finch 2004 drops terms of the normal; its form
+holds for one wave only). Twin: surface.glsl.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.types import Surface
+
+Array = NDArray[np.float64]
+
+FIELD_NAMES = ("height", "shift_x", "shift_z", "slope_x", "slope_z", "strain_xx", "strain_zz", "strain_xz")
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFields:
+    """The eight fields of a displaced surface, each (...,): metres, or metres per metre."""
+
+    height: Array
+    shift_x: Array
+    shift_z: Array
+    slope_x: Array
+    slope_z: Array
+    strain_xx: Array
+    strain_zz: Array
+    strain_xz: Array
+
+
+def surface_normal(
+    slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array, strain_xz: Array, detail: ArrayLike = 0.0
+) -> Array:
+    """Return unit normals (..., 3). detail: (..., 2) slopes of a detail map, added to those of the surface."""
+    n = np.stack(
+        [
+            slope_z * strain_xz - (1.0 + strain_zz) * slope_x,
+            (1.0 + strain_xx) * (1.0 + strain_zz) - strain_xz * strain_xz,
+            slope_x * strain_xz - (1.0 + strain_xx) * slope_z,
+        ],
+        axis=-1,
+    )
+    d = np.broadcast_to(np.asarray(detail, np.float64), (*n.shape[:-1], 2))
+    n = n - np.stack([d[..., 0], np.zeros(d.shape[:-1]), d[..., 1]], axis=-1) * n[..., 1:2]
+    return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-30)
+
+
+def surface_jacobian(strain_xx: Array, strain_zz: Array, strain_xz: Array) -> Array:
+    """Return the determinant of the horizontal displacement; positive where the surface does not fold over."""
+    return (1.0 + strain_xx) * (1.0 + strain_zz) - strain_xz * strain_xz
+
+
+def displaced_surface(x_m: Array, z_m: Array, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
+    """Return the surface over undisplaced points (x, z) [m]."""
+    f = fields
+    position = np.stack(np.broadcast_arrays(x_m + f.shift_x, f.height, z_m + f.shift_z), axis=-1)
+    return Surface(
+        position,
+        surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz, detail),
+        surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz),
+    )
