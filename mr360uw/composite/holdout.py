@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mattes of the plate: what is really there and in front of the objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mr360uw.composite.shot import Shot
+from mr360uw.types import Floats, Tile
+
+
+def hold_out(shot: Shot, tile: Tile) -> Tile:
+    """Return a tile with the shot's mattes in front: of the objects, and of what they change on the receiver.
+
+    A distance matte hides the objects behind it and leaves the receiver: both distances are of the same surfaces.
+    """
+    if shot.holdout is None and shot.holdout_distance_m is None:
+        return tile
+    kept = np.ones(tile.alpha.shape, np.float32)
+    if shot.holdout is not None:
+        kept -= np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)
+    ratio = 1.0 + kept[..., None] * (tile.ratio - 1.0)
+    if shot.holdout_distance_m is not None:
+        kept = kept * (tile.distance_m < shot.holdout_distance_m[tile.window])
+    return replace(
+        tile,
+        radiance=tile.radiance * kept[..., None],
+        alpha=tile.alpha * kept,
+        distance_m=np.where(kept > 0.0, tile.distance_m, np.inf).astype(np.float32),
+        ratio=ratio.astype(np.float32),
+    )
+
+
+def feathered(matte: Floats, width_px: float) -> Floats:
+    """Return a matte (H, W) with its edges softened over `width_px`: a Gaussian that closes over the seam."""
+    import cv2
+
+    if width_px <= 0.0:
+        return matte
+    image = np.asarray(matte, np.float32)
+    pad = min(int(np.ceil(2.0 * width_px)), image.shape[1])
+    wide = np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1)
+    soft = cv2.GaussianBlur(wide, (0, 0), 0.5 * width_px, borderType=cv2.BORDER_REPLICATE)
+    return soft[:, pad : pad + image.shape[1]]

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The light that reaches a place in the water, and what surfaces send back to the camera (reference renderer).
+
+    ambient  E = ambient(N) ambient_ratio(d)
+    beam     E = irradiance beam_ratio(d) (1 + (C - 1) contrast(d)) V
+
+with d the depth, C the caustic ratio, V the part of the sun's disc that is seen; the radiance of the surface then goes
+through the water, L = T L_surface + veil. The gl renderer's layer.glsl follows the same order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.composite.geometry import Hits
+from mr360uw.composite.rays import RayScene
+from mr360uw.composite.shading import dielectric_f0, reflectance, sun_highlight
+from mr360uw.composite.shadow import disc_directions, effective_half_angle
+from mr360uw.composite.shot import Shot
+from mr360uw.constants import INV_PI, REFRACTIVE_INDEX_SEA
+from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.ibl.splitsum import split_sum
+from mr360uw.medium.lookup import (
+    ambient_ratio,
+    beam_ratio,
+    caustic_contrast,
+    transmittance_lookup,
+    veil_lookup,
+)
+from mr360uw.types import Floats
+
+BIAS = 0.006
+"""Shadow rays of a body start this part of its extent off its surface: a texel and a half of a shadow map."""
+MINIMUM_SUN_UP = 0.05
+"""Lower suns are treated as this high: their path through the water would be infinite."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Radiance:
+    """What a surface sends to the camera before the water takes its part, each (n, 3)."""
+
+    diffuse: Floats
+    glossy: Floats
+    sun_diffuse: Floats
+    sun_glossy: Floats
+    caustics: Floats
+    emission: Floats
+
+    @property
+    def total(self) -> Floats:
+        """The sum; `caustics` is the part of the sun's that the waves added or took, so it is not added again."""
+        return self.diffuse + self.glossy + self.sun_diffuse + self.sun_glossy + self.emission
+
+
+class Light:
+    """The light of one shot, with the occluders of its sun."""
+
+    def __init__(self, shot: Shot, occluders: Floats) -> None:
+        self.shot = shot
+        self.sun = shot.sun if shot.sun is not None and shot.sun.direction[1] > 0.0 else None
+        self._scene = RayScene(occluders)
+        self._extent = float(np.max(np.ptp(occluders.reshape(-1, 3), axis=0))) if len(occluders) else 0.0
+        self._levels = mip_levels(shot.caustics.ratio) if shot.caustics is not None else []
+        if self.sun is not None:
+            half_angle = effective_half_angle(self.sun.half_angle_rad, shot.sun_spread_rad)
+            self.sun_directions = disc_directions(self.sun.direction, half_angle, shot.sun_samples)
+            self.half_angle = half_angle
+            self.sun_up = max(float(self.sun.direction[1]), MINIMUM_SUN_UP)
+
+    def depth(self, point: Floats) -> Floats:
+        """Return the depth (n,) of points (n, 3) from the camera."""
+        return self.shot.camera_depth_m - (point[:, 1] + self.shot.camera_position[1])
+
+    def ambient(self, point: Floats, normal: Floats) -> Floats:
+        """Return the ambient irradiance (n, 3) on a surface."""
+        return environment_lookup(self.shot.environment.ambient, normal) * self._ambient_ratio(point)
+
+    def _ambient_ratio(self, point: Floats) -> Floats:
+        medium = self.shot.medium
+        return np.ones((len(point), 3)) if medium is None else ambient_ratio(medium, self.depth(point))
+
+    def beam(self, point: Floats) -> Floats:
+        """Return the irradiance (n, 3) across the sun's beam without shadow and caustics."""
+        if self.sun is None:
+            return np.zeros((len(point), 3))
+        medium = self.shot.medium
+        ratio = 1.0 if medium is None else beam_ratio(medium, self.depth(point), self.sun_up)
+        return np.broadcast_to(self.sun.irradiance, (len(point), 3)) * ratio
+
+    def caustics(self, point: Floats, footprint_m: Floats) -> Floats:
+        """Return the factor (n, 3) of the waves on the beam."""
+        shot = self.shot
+        if shot.caustics is None or self.sun is None:
+            return np.ones((len(point), 3))
+        depth, world = self.depth(point), point + shot.camera_position
+        ratio = caustic_lookup(shot.caustics, self._levels, world[:, 0], depth, world[:, 2], footprint_m)
+        contrast = 1.0 if shot.medium is None else caustic_contrast(shot.medium, depth, self.sun_up)
+        return 1.0 + (ratio - 1.0) * contrast
+
+    def visibility(self, point: Floats, normal: Floats | None) -> Floats:
+        """Return the part (n,) of the sun's disc seen from points; with a normal they lie on an occluder themselves."""
+        if self.sun is None or len(self._scene.triangles) == 0:
+            return np.ones(len(point))
+        start = point if normal is None else point + BIAS * self._extent * normal
+        seen = np.zeros(len(point))
+        for direction in self.sun_directions:
+            seen += ~self._scene.occluded(start, np.broadcast_to(direction, start.shape))
+        return seen / len(self.sun_directions)
+
+    def surface(self, hits: Hits) -> Radiance:
+        """Return the light that surfaces send towards the camera."""
+        shot = self.shot
+        view = -hits.direction
+        n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
+        index = 1.0 if shot.medium is None else REFRACTIVE_INDEX_SEA
+        dielectric = np.vectorize(dielectric_f0, otypes=[float])(hits.refractive_index, index)[:, None]
+        f0 = dielectric * (1.0 - hits.metallic[:, None]) + hits.base * hits.metallic[:, None]
+        coat = reflectance(f0, np.stack(split_sum(hits.roughness, n_dot_v), axis=-1))
+        albedo = hits.base * (1.0 - hits.metallic[:, None]) * (1.0 - coat)
+        ambient = self.ambient(hits.point, hits.normal)
+        mirror = 2.0 * np.sum(hits.normal * view, -1, keepdims=True) * hits.normal - view
+        environment = shot.environment
+        if len(environment.glossy):
+            reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, mirror, hits.roughness)
+        else:
+            reflected = environment_lookup(environment.ambient, mirror) * INV_PI
+        occlusion = hits.occlusion[:, None]
+        diffuse = albedo * INV_PI * ambient * occlusion
+        glossy = coat * reflected * self._ambient_ratio(hits.point) * occlusion
+        zero = np.zeros_like(diffuse)
+        if self.sun is None:
+            return Radiance(diffuse, glossy, zero, zero, zero, hits.emission)
+        n_dot_l = np.sum(hits.normal * self.sun.direction, -1)
+        lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * self.sun.direction, -1) > 0.0))
+        seen = np.zeros(len(n_dot_l))
+        seen[lit] = self.visibility(hits.point[lit], hits.geometric_normal[lit])
+        waves = self.caustics(hits.point, hits.footprint_m)
+        irradiance = self.beam(hits.point) * seen[:, None] * waves
+        n_dot_l = np.maximum(n_dot_l, 0.0)
+        half = view + self.sun.direction
+        half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
+        n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, view))
+        highlight = sun_highlight(f0, hits.roughness**2, n_dot_v, n_dot_l, n_dot_h, v_dot_h, self.half_angle)
+        sun_diffuse = albedo * INV_PI * irradiance * n_dot_l[:, None]
+        sun_glossy = highlight * irradiance
+        added = (sun_diffuse + sun_glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
+        return Radiance(diffuse, glossy, sun_diffuse, sun_glossy, added, hits.emission)
+
+    def water(self, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
+        """Return (transmittance, veil), each (n, 3), over camera rays of these lengths."""
+        medium = self.shot.medium
+        if medium is None:
+            return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
+        return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surface of the plate under the objects: where it is, and which part of the frame they change.
+
+Its radiance is multiplied by E_with/E_without (see over.py). The part of the frame is found on a coarse grid: a cell
+counts where a body's shadow, widened by the sun's disc and by the cell, can fall on it, or where the body takes more
+than `NEGLIGIBLE` of its ambient light.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.geometry import view_directions
+from mr360uw.composite.light import MINIMUM_SUN_UP
+from mr360uw.composite.rays import RayScene, barycentric
+from mr360uw.composite.shadow import effective_half_angle
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.tiles import Rectangle, rectangle_of_mask
+from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.types import Floats
+
+NEGLIGIBLE = 0.004
+"""Changes of linear light below this are less than half a code value of an 8-bit video at white."""
+_COLUMNS = 128
+
+
+class ReceiverShape:
+    """Where camera rays meet a receiver; keeps what is needed to shoot many."""
+
+    def __init__(self, receiver: Receiver, camera_position: Floats) -> None:
+        self._receiver = receiver
+        self._camera = camera_position
+        self._scene = RayScene(receiver.mesh - camera_position) if receiver.mesh is not None else None
+
+    def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
+        x, y = np.broadcast_arrays(x, y)
+        direction = view_directions(shot, x, y)
+        receiver = self._receiver
+        if receiver.plane_y is not None:
+            height = receiver.plane_y - self._camera[1]
+            with np.errstate(divide="ignore", over="ignore"):
+                distance = height / direction[..., 1]
+            distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.inf)
+            normal = np.zeros_like(direction)
+            normal[..., 1] = -np.sign(height) if height else 1.0
+        elif self._scene is not None:
+            distance, normal = self._meet_mesh(direction)
+        else:
+            distance, normal = self._meet_map(shot, x, y, direction)
+        return np.where(distance <= receiver.extent_m, distance, np.inf), normal
+
+    def _meet_mesh(self, direction: Floats) -> tuple[Floats, Floats]:
+        assert self._scene is not None
+        rays = direction.reshape(-1, 3)
+        triangle = self._scene.first_hit(np.zeros_like(rays), rays)
+        hit = triangle >= 0
+        distance, normal = np.full(len(rays), np.inf), np.zeros_like(rays)
+        corners = self._scene.triangles[triangle[hit]]
+        _, distance[hit] = barycentric(corners, rays[hit])
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        flat /= np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-30)
+        normal[hit] = -flat * np.sign(np.sum(flat * rays[hit], -1, keepdims=True))
+        return distance.reshape(direction.shape[:-1]), normal.reshape(direction.shape)
+
+    def _meet_map(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Distance map: nearest texel, normals from the points of its neighbours."""
+        map_ = np.asarray(self._receiver.distance_m, np.float64)
+        rows, columns = map_.shape
+        i = np.floor(x * columns / shot.width).astype(np.int64) % columns
+        j = np.clip(np.floor(y * rows / shot.height).astype(np.int64), 0, rows - 1)
+
+        def point(i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
+            i, j = i % columns, np.clip(j, 0, rows - 1)
+            at = view_directions(shot, (i + 0.5) * shot.width / columns, (j + 0.5) * shot.height / rows)
+            return at * map_[j, i][..., None]
+
+        with np.errstate(invalid="ignore"):
+            normal = np.cross(point(i, j + 1) - point(i, j - 1), point(i + 1, j) - point(i - 1, j))
+            length = np.linalg.norm(normal, axis=-1, keepdims=True)
+            normal = np.where(length > 0.0, normal / np.maximum(length, 1e-30), -direction)
+            normal = np.where(np.isfinite(normal), normal, -direction)
+        facing = np.where(np.sum(normal * direction, -1, keepdims=True) > 0.0, -normal, normal)
+        distance = map_[j, i]
+        return np.where(np.isfinite(distance) & (distance > 0.0), distance, np.inf), facing
+
+
+def receiver_rectangles(shot: Shot, shape: ReceiverShape) -> list[Rectangle]:
+    """Return the rectangles of the frame in which objects, or caustics, change the receiver."""
+    receiver = shot.receiver
+    if receiver is None:
+        return []
+    cell = max(shot.width // _COLUMNS, 1)
+    columns, rows = -(-shot.width // cell), -(-shot.height // cell)
+    x, y = (
+        np.minimum((np.arange(columns) + 0.5) * cell, shot.width),
+        np.minimum((np.arange(rows) + 0.5) * cell, shot.height - 0.5),
+    )
+    x, y = np.meshgrid(x, y)
+    distance, normal = shape.meet(shot, x, y)
+    direction = view_directions(shot, x, y)
+    seen = np.isfinite(distance)
+    # a cell beside one that meets the receiver may do so too
+    near = np.where(seen, distance, 0.0)
+    if shot.medium is not None:
+        through = transmittance_lookup(shot.medium, near, direction[..., 1]).max(axis=-1)
+        seen &= through > NEGLIGIBLE
+    masks = []
+    if receiver.caustics and shot.caustics is not None and shot.sun is not None:
+        masks.append(seen)
+    point = direction * near[..., None]
+    cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
+    reach = near * (0.75 * cell * 2.0 * np.pi / shot.width) / cosine
+    casters = [placed for placed in shot.objects if placed.casts_shadow]
+    masks += [seen & _touched(shot, receiver, placed, point, normal, reach) for placed in casters]
+    found = []
+    for mask in masks:
+        rectangle = rectangle_of_mask(mask)
+        if rectangle is not None:
+            column, row, w, h = rectangle
+            c0, r0 = column * cell, row * cell
+            found.append((c0, r0, min(w * cell, shot.width), min((row + h) * cell, shot.height) - r0))
+    return found
+
+
+def _touched(
+    shot: Shot, receiver: Receiver, placed: PlacedObject, point: Floats, normal: Floats, reach: Floats
+) -> NDArray[np.bool_]:
+    """Return which places of the receiver, each `reach` wide, a body may change."""
+    center = placed.to_world(placed.mesh.center_m) - shot.camera_position
+    radius = placed.mesh.radius_m * placed.scale
+    towards = center - point
+    touched = np.zeros(point.shape[:-1], bool)
+    if receiver.shadow and shot.sun is not None and shot.sun.direction[1] > MINIMUM_SUN_UP:
+        along = towards @ shot.sun.direction
+        lateral = np.linalg.norm(towards - along[..., None] * shot.sun.direction, axis=-1)
+        spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
+        touched |= (along > -radius - reach) & (lateral < radius + reach + np.maximum(along + radius, 0.0) * spread)
+    if receiver.occlusion:
+        area = float(np.linalg.norm(placed.mesh.surfel_area, axis=-1).sum()) * placed.scale**2
+        distance = np.linalg.norm(towards, axis=-1)
+        cosine = np.clip((np.sum(towards * normal, -1) + reach) / np.maximum(distance - reach, 1e-6), 0.0, 1.0)
+        gap = np.maximum(distance - reach - 0.5 * radius, 0.1 * radius)
+        touched |= area * cosine > NEGLIGIBLE * np.pi * gap * gap
+    return touched

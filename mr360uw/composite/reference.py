@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The layer of a frame by ray casting in double precision: it defines what is right.
+
+Every pixel sends the rays of its pattern. Rays of one pixel that meet the same smooth piece of surface, in one plane to
+within a pixel's width, are lit once, where the ray nearest to the pixel's centre met it (`shading = "sample"` lights
+every ray by itself). Transparent surfaces form layers of their own in front of the opaque one, nearest first, at most
+`BLEND_LAYERS`; the layers of a pixel are laid over each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.geometry import (
+    Geometry,
+    Hits,
+    base_color,
+    gather,
+    object_rectangles,
+    surface,
+    uv_change,
+    view_directions,
+)
+from mr360uw.composite.holdout import hold_out
+from mr360uw.composite.light import Light
+from mr360uw.composite.over import empty_tile
+from mr360uw.composite.rays import RayScene, barycentric
+from mr360uw.composite.receiver import ReceiverShape, receiver_rectangles
+from mr360uw.composite.sampling import Pattern, pattern
+from mr360uw.composite.shadow import ambient_blocked
+from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import Rectangle, even_tiles, split
+from mr360uw.types import Floats, Layer, Tile
+
+BLEND_LAYERS = 4
+"""Transparent surfaces in front of each other that are told apart."""
+PLANE_TOLERANCE = 1.0
+"""Samples lit together lie within so many pixel widths of one plane."""
+_MAXIMUM_HITS = 64
+_RAYS_AT_ONCE = 200_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fragment:
+    """What one surface adds to pixels: numbers (n,) of the pixels, the weight of its samples, and its light."""
+
+    pixel: NDArray[np.int64]
+    weight: Floats
+    alpha: Floats
+    distance_m: Floats
+    radiance: Floats
+
+
+def render_layer(shot: Shot) -> Layer:
+    """Return the layer of a shot: float32 tiles of everything that objects cover or change."""
+    visible = tuple(o for o in shot.objects if o.visible)
+    geometry = gather(visible, shot.camera_position)
+    shape = ReceiverShape(shot.receiver, shot.camera_position) if shot.receiver is not None else None
+    object_parts = object_rectangles(shot)
+    receiver_parts = receiver_rectangles(shot, shape) if shape is not None else []
+    tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
+    if not tiles:
+        return Layer(shot.height, shot.width, ())
+    occluders = gather([o for o in shot.objects if o.casts_shadow], shot.camera_position)
+    light = Light(shot, occluders.positions)
+    scene = RayScene(geometry.positions)
+    drawn = []
+    for rectangle in tiles:
+        tile = empty_tile(rectangle[0], rectangle[1], rectangle[3], rectangle[2])
+        draw_objects(shot, geometry, scene, light, tile, _inside(object_parts, rectangle, shot.width))
+        if shape is not None:
+            draw_receiver(shot, shape, light, tile, _inside(receiver_parts, rectangle, shot.width))
+        drawn.append(hold_out(shot, tile))
+    return Layer(shot.height, shot.width, tuple(drawn))
+
+
+def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.bool_]:
+    """Return which pixels of a tile lie in one of the rectangles."""
+    mask = np.zeros((tile[3], tile[2]), bool)
+    for column, row, w, h in (piece for part in parts for piece in split(part, width)):
+        c0, r0 = max(column - tile[0], 0), max(row - tile[1], 0)
+        c1, r1 = column + w - tile[0], row + h - tile[1]
+        if c1 > 0 and r1 > 0:
+            mask[r0:r1, c0:c1] = True
+    return mask
+
+
+# --- objects -------------------------------------------------------------------------------------------------------
+
+
+def draw_objects(
+    shot: Shot, geometry: Geometry, scene: RayScene, light: Light, tile: Tile, where: NDArray[np.bool_]
+) -> None:
+    """Add the objects to the pixels of a tile."""
+    samples = pattern(shot.samples)
+    rows, columns = np.nonzero(where)
+    step = max(_RAYS_AT_ONCE // samples.count, 1)
+    for first in range(0, len(rows), step):
+        j, i = rows[first : first + step], columns[first : first + step]
+        x, y = i + tile.column, j + tile.row
+        radiance, alpha = np.zeros((len(i), 3)), np.zeros(len(i))
+        distance = np.full(len(i), np.inf)
+        for layer in trace(shot, geometry, scene, samples, x, y):
+            through = (1.0 - alpha).copy()
+            for fragment in light_up(shot, geometry, light, samples, x, y, *layer):
+                p = fragment.pixel
+                share = through[p] * fragment.weight * fragment.alpha
+                radiance[p] += share[:, None] * fragment.radiance
+                alpha[p] += share
+                np.minimum.at(distance, p, fragment.distance_m)
+        tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance
+
+
+def trace(
+    shot: Shot, geometry: Geometry, scene: RayScene, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
+) -> list[tuple[NDArray[np.int64], Floats]]:
+    """Return layers (triangle (n, s), distance (n, s)) of the samples of pixels, nearest first; triangle -1 for none.
+
+    The last layer holds the opaque surfaces. Masked texels are passed, and back faces of one-sided materials.
+    """
+    count, n = len(x), samples.count
+    fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
+    fy = (y[:, None] + samples.positions[None, :, 1]).ravel()
+    direction = view_directions(shot, fx, fy)
+    layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
+    distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
+    filled = np.zeros(count * n, np.int64)
+    mode = np.array([m.alpha_mode for m in geometry.materials] or ["OPAQUE"])
+    two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
+    cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
+    active, start = np.arange(count * n), np.zeros(count * n)
+    pixel = 1.0 / np.sqrt(n)
+    for _ in range(_MAXIMUM_HITS):
+        if len(active) == 0:
+            break
+        rays = direction[active]
+        triangle = scene.first_hit(start[active, None] * rays, rays)
+        active, triangle, rays = active[triangle >= 0], triangle[triangle >= 0], rays[triangle >= 0]
+        if len(active) == 0:
+            break
+        corners = geometry.positions[triangle]
+        weights, distance = barycentric(corners, rays)
+        start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
+        material = geometry.material[triangle]
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        solid = two_sided[material] | (np.sum(flat * rays, -1) < 0.0)
+        masked = np.flatnonzero(solid & (mode[material] == "MASK"))
+        if len(masked):
+            at = active[masked]
+            around = np.stack(
+                [view_directions(shot, fx[at] + pixel, fy[at]), view_directions(shot, fx[at], fy[at] + pixel)], axis=1
+            )
+            change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
+            alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
+            solid[masked] = alpha >= cutoff[material[masked]]
+        blended = solid & (mode[material] == "BLEND")
+        for k in range(BLEND_LAYERS):
+            to = blended & (filled[active] == k)
+            layers[k][active[to]], distances[k][active[to]] = triangle[to], distance[to]
+        filled[active[blended]] += 1
+        opaque = solid & ~blended
+        layers[-1][active[opaque]], distances[-1][active[opaque]] = triangle[opaque], distance[opaque]
+        active = active[~opaque]
+    return [
+        (t.reshape(count, n), d.reshape(count, n)) for t, d in zip(layers, distances, strict=True) if np.any(t >= 0)
+    ]
+
+
+def light_up(
+    shot: Shot,
+    geometry: Geometry,
+    light: Light,
+    samples: Pattern,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    triangle: NDArray[np.int64],
+    distance: Floats,
+) -> Iterator[Fragment]:
+    """Yield the surfaces of one layer: samples grouped as the module says, each group lit once."""
+    for pixel, weight, hits in groups(shot, geometry, samples, x, y, triangle, distance):
+        through, veil = light.water(hits.distance_m, hits.direction[:, 1])
+        opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
+        alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
+        radiance = through * light.surface(hits).total + veil
+        yield Fragment(pixel, weight, alpha, hits.distance_m, radiance)
+
+
+def groups(
+    shot: Shot,
+    geometry: Geometry,
+    samples: Pattern,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    triangle: NDArray[np.int64],
+    distance: Floats,
+) -> Iterator[tuple[NDArray[np.int64], Floats, Hits]]:
+    """Yield (pixels, part of their samples, surface at the sample that stands for them) until no sample is left."""
+    left = triangle >= 0
+    by_sample = shot.shading == "sample"
+    width = 1.0 / np.sqrt(samples.count) if by_sample else 1.0
+    for _ in range(samples.count):
+        pixel = np.flatnonzero(left.any(axis=1))
+        if len(pixel) == 0:
+            return
+        chosen = np.argmax(left[pixel], axis=1)
+        at = samples.positions[chosen]
+        hits = surface(shot, geometry, triangle[pixel, chosen], x[pixel] + at[:, 0], y[pixel] + at[:, 1], width)
+        if by_sample:
+            member = np.zeros((len(pixel), samples.count), bool)
+            member[np.arange(len(pixel)), chosen] = True
+        else:
+            fx = x[pixel, None] + samples.positions[None, :, 0]
+            fy = y[pixel, None] + samples.positions[None, :, 1]
+            points = view_directions(shot, fx, fy) * np.where(left[pixel], distance[pixel], 0.0)[..., None]
+            offset = np.einsum("nsk,nk->ns", points - hits.point[:, None], hits.geometric_normal)
+            same = geometry.patch[triangle[pixel]] == geometry.patch[hits.triangle][:, None]
+            member = left[pixel] & same & (np.abs(offset) <= PLANE_TOLERANCE * hits.footprint_m[:, None])
+            member[np.arange(len(pixel)), chosen] = True
+        left[pixel] &= ~member
+        yield pixel, member.mean(axis=1), hits
+
+
+# --- receivers -----------------------------------------------------------------------------------------------------
+
+
+def draw_receiver(shot: Shot, shape: ReceiverShape, light: Light, tile: Tile, where: NDArray[np.bool_]) -> None:
+    """Set ratio and veil of the pixels of a tile."""
+    assert shot.receiver is not None
+    rows, columns = np.nonzero(where)
+    if len(rows) == 0:
+        return
+    x, y = columns + tile.column + 0.5, rows + tile.row + 0.5
+    distance, normal = shape.meet(shot, x, y)
+    hit = np.isfinite(distance)
+    rows, columns, distance, normal = rows[hit], columns[hit], distance[hit], normal[hit]
+    direction = view_directions(shot, x[hit], y[hit])
+    ratio = receiver_ratio(shot, light, direction * distance[:, None], normal, distance)
+    changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
+    _, veil = light.water(distance, direction[:, 1])
+    tile.ratio[rows[changed], columns[changed]] = ratio[changed]
+    tile.veil[rows[changed], columns[changed]] = veil[changed]
+
+
+def receiver_ratio(shot: Shot, light: Light, point: Floats, normal: Floats, distance: Floats) -> Floats:
+    """Return E_with/E_without (n, 3) at points of the receiver."""
+    receiver = shot.receiver
+    assert receiver is not None
+    ambient = light.ambient(point, normal)
+    beam = light.beam(point)
+    if light.sun is not None:
+        beam = beam * np.maximum(normal @ light.sun.direction, 0.0)[:, None]
+    blocked = np.zeros(len(point))
+    if receiver.occlusion:
+        for placed in shot.objects:
+            if placed.casts_shadow:
+                place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
+                area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
+                blocked += ambient_blocked(point, normal, place, area)
+    seen = light.visibility(point, None) if receiver.shadow else np.ones(len(point))
+    waves = 1.0
+    if receiver.caustics:
+        waves = light.caustics(point, distance * np.pi / shot.height)
+    lit = ambient * (1.0 - np.minimum(blocked, 1.0))[:, None] + beam * seen[:, None] * waves
+    return lit / np.maximum(ambient + beam, 1e-9)

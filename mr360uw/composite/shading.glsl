@@ -1,0 +1,27 @@
+// twin: shading.py
+const float MINIMUM_ALPHA = 0.002;
+
+float ggx_distribution(float n_dot_h, float alpha) {
+    float squared = alpha * alpha;
+    float d = n_dot_h * n_dot_h * (squared - 1.0) + 1.0;
+    return squared * INV_PI / (d * d);
+}
+
+float smith_visibility(float n_dot_v, float n_dot_l, float alpha) {
+    float squared = alpha * alpha;
+    float v = n_dot_l * sqrt(n_dot_v * n_dot_v * (1.0 - squared) + squared);
+    float s = n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - squared) + squared);
+    return 0.5 / max(v + s, 1e-6);
+}
+
+vec3 reflectance(vec3 f0, vec2 split) {
+    vec3 single = f0 * split.x + split.y;
+    return single * (1.0 + f0 * (1.0 / max(split.x + split.y, 1e-3) - 1.0));
+}
+
+vec3 sun_highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_dot_h, float v_dot_h, float half_angle) {
+    float wide = min(max(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0);
+    float lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l;
+    float grazing = pow(clamp(1.0 - v_dot_h, 0.0, 1.0), 5.0);
+    return lobe * (f0 + (1.0 - f0) * grazing);
+}

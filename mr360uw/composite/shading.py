@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light on a surface: metallic-roughness with a split-sum environment and a sun.
+
+    symbol          here            unit     meaning
+    alpha           alpha           1        width of the GGX lobe, roughness^2
+    F0              f0              1        reflectance at normal incidence, (..., 3)
+    A, B            split           1        integrals of the split sum: reflectance = F0 A + B
+
+GGX distribution (Walter et al. 2007 eq. 33), Smith visibility with correlated heights (Heitz 2014), Schlick's Fresnel
+term, split sum (Karis 2013), its energy for several bounces (Fdez-Aguera 2019). What the coat reflects is not left for
+the diffuse part, so a white body in white light is white. Below water the Fresnel term is that of the surface against
+water, an eighth of that in air. Twin: shading.glsl.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mr360uw.constants import INV_PI
+from mr360uw.types import Floats
+
+MINIMUM_ALPHA = 0.002
+"""Narrower lobes are not told apart from a mirror in single precision."""
+
+
+def dielectric_f0(refractive_index: float, medium_index: float) -> float:
+    """Return the reflectance at normal incidence of a dielectric in a medium (Fresnel)."""
+    ratio = (refractive_index - medium_index) / (refractive_index + medium_index)
+    return ratio * ratio
+
+
+def ggx_distribution(n_dot_h: Floats, alpha: Floats) -> Floats:
+    """Return the density of facets D [1/sr]."""
+    squared = alpha * alpha
+    d = n_dot_h * n_dot_h * (squared - 1.0) + 1.0
+    return squared * INV_PI / (d * d)
+
+
+def smith_visibility(n_dot_v: Floats, n_dot_l: Floats, alpha: Floats) -> Floats:
+    """Return G/(4 n.v n.l) of facets whose heights are correlated."""
+    squared = alpha * alpha
+    v = n_dot_l * np.sqrt(n_dot_v * n_dot_v * (1.0 - squared) + squared)
+    s = n_dot_v * np.sqrt(n_dot_l * n_dot_l * (1.0 - squared) + squared)
+    return 0.5 / np.maximum(v + s, 1e-6)
+
+
+def reflectance(f0: Floats, split: Floats) -> Floats:
+    """Return the part (..., 3) of uniform light that the coat reflects; split: (..., 2) of the split sum.
+
+    One bounce reflects F0 A + B; what the facets pass on to each other comes back with the mean colour.
+    """
+    single = f0 * split[..., :1] + split[..., 1:]
+    return single * (1.0 + f0 * (1.0 / np.maximum(split[..., :1] + split[..., 1:], 1e-3) - 1.0))
+
+
+def sun_highlight(
+    f0: Floats, alpha: Floats, n_dot_v: Floats, n_dot_l: Floats, n_dot_h: Floats, v_dot_h: Floats, half_angle: float
+) -> Floats:
+    """Return the radiance (..., 3) of the sun's reflection for an irradiance of 1 across the beam.
+
+    The disc of the sun widens the lobe by half its angular radius (Karis 2013, sphere lights).
+    """
+    wide = np.minimum(np.maximum(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0)
+    lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l
+    grazing = np.power(np.clip(1.0 - v_dot_h, 0.0, 1.0), 5.0)[..., None]
+    return lobe[..., None] * (f0 + (1.0 - f0) * grazing)
