@@ -47,7 +47,9 @@ class ObjectSettings(Parameters):
     )
     metallic: float | None = parameter(None, "0 dielectric, 1 metal; none: the file's", unit="1", low=0.0, high=1.0)
     roughness: float | None = parameter(None, "0 mirror, 1 matt; none: the file's", unit="1", low=0.0, high=1.0)
-    refractive_index: float = parameter(1.5, "of the surface, against vacuum", unit="1", low=1.0, high=4.0)
+    refractive_index: float | None = parameter(
+        None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0
+    )
     emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
     double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
     vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where things are at a time: keyed position, rotation and scale, and tracks of the camera.
+
+Rotations are (yaw, pitch, roll): roll first (right side down), then pitch (nose up), then yaw (nose to the right),
+for a body that looks along -z with +y up. Between keys rotations take the shortest arc (slerp, Shoemake 1985); positions
+and the logarithm of the scale follow straight lines or a monotone cubic (Fritsch & Carlson 1980). Before the first and
+after the last key everything rests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.composite.settings import Interpolation, ObjectSettings
+from mr360uw.errors import ParameterError
+from mr360uw.types import Floats
+
+
+def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
+    """Return the (3, 3) rotation of angles [deg] as the module defines them."""
+    yaw, pitch, roll = np.radians(yaw_pitch_roll_deg)
+    cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
+    about_z = np.array([[cr, sr, 0.0], [-sr, cr, 0.0], [0.0, 0.0, 1.0]])
+    return about_y @ about_x @ about_z
+
+
+def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:
+    """Return the (4, 4) transform that scales, turns and moves."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = scale * rotation, position
+    return matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Keys over time (n,), ascending: position (n, 3) [m], rotation (n, 3, 3), scale (n,)."""
+
+    time_s: Floats
+    position: Floats
+    rotation: Floats
+    scale: Floats
+    interpolation: Interpolation = "smooth"
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything changes between the keys."""
+        return any(np.ptp(a, axis=0).any() for a in (self.position, self.rotation, self.scale))
+
+    def at(self, time_s: float) -> Floats:
+        """Return the (4, 4) transform at a time."""
+        if len(self.time_s) == 1:
+            return rigid(self.position[0], self.rotation[0], float(self.scale[0]))
+        t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
+        position, log_scale = self._values(self.position, t), self._values(np.log(self.scale), t)
+        return rigid(position, self._turn(t), float(np.exp(log_scale)))
+
+    def _values(self, values: Floats, t: float) -> Any:
+        from scipy.interpolate import PchipInterpolator, make_interp_spline
+
+        if self.interpolation == "smooth" and len(self.time_s) > 2:
+            return PchipInterpolator(self.time_s, values, axis=0)(t)
+        return make_interp_spline(self.time_s, values, k=1)(t)
+
+    def _turn(self, t: float) -> Floats:
+        from scipy.spatial.transform import Rotation, Slerp
+
+        return Slerp(self.time_s, Rotation.from_matrix(self.rotation))(t).as_matrix()
+
+
+def object_motion(settings: ObjectSettings) -> Motion:
+    """Return the motion of an object; raise `ParameterError` where its keys do not ascend in time."""
+    keys = settings.key
+    if not keys:
+        return Motion(
+            np.zeros(1), np.array([settings.position_m]), rotation_matrix(settings.rotation_deg)[None],
+            np.array([settings.scale]), settings.interpolation,
+        )  # fmt: skip
+    times = np.array([key.time_s for key in keys])
+    _require_ascending(times, "object.key.time_s")
+    return Motion(
+        times,
+        np.array([key.position_m or settings.position_m for key in keys]),
+        np.stack([rotation_matrix(key.rotation_deg or settings.rotation_deg) for key in keys]),
+        np.array([key.scale or settings.scale for key in keys]),
+        settings.interpolation,
+    )
+
+
+def read_camera_track(path: str | Path) -> Motion:
+    """Return the camera's motion of a CSV file: a header, then time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
+
+    The quaternion turns the camera's axes (right, up, back) into the world's. Columns are found by the names time_s, x,
+    y, z, qx, qy, qz, qw, in any order. Raises `ParameterError`.
+    """
+    from scipy.spatial.transform import Rotation
+
+    path = Path(path)
+    names = ("time_s", "x", "y", "z", "qx", "qy", "qz", "qw")
+    try:
+        table = np.genfromtxt(path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ParameterError(
+            f"{path} - cannot be read as CSV (got: {error!s:.120}) - give {', '.join(names)}"
+        ) from error
+    found = table.dtype.names or ()
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise ParameterError(f"{path} - columns are missing (got no {', '.join(missing)}) - give {', '.join(names)}")
+    rows = np.atleast_1d(table)
+    columns = np.stack([rows[name] for name in names], axis=-1)
+    if not np.all(np.isfinite(columns)) or not np.all(np.linalg.norm(columns[:, 4:], axis=-1) > 0.0):
+        raise ParameterError(f"{path} - has entries that are no numbers, or quaternions of zero - correct the rows")
+    _require_ascending(columns[:, 0], f"{path} time_s")
+    rotation = Rotation.from_quat(columns[:, 4:]).as_matrix()
+    return Motion(columns[:, 0], columns[:, 1:4], rotation, np.ones(len(columns)), "linear")
+
+
+def _require_ascending(times: Floats, where: str) -> None:
+    if np.any(np.diff(times) <= 0.0):
+        at = int(np.argmax(np.diff(times) <= 0.0))
+        raise ParameterError(f"{where} - must ascend (got {times[at]:g} then {times[at + 1]:g}) - sort the keys")
