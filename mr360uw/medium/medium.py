@@ -100,7 +100,7 @@ class Medium:
             return self._formation()
         w = self.bands.wavelength_nm
         if self.mode in ("table", "plate"):
-            return field_model(self.water, w, self._surface, self._sky)
+            return _field_model(self.water, tuple(w.tolist()), self._surface, self._sky)
         a, b, kd = self.water.absorption(w), self.water.scattering(w), self.water.diffuse_attenuation(w)
         plus = self.mode == "kd+"
         factor = gershun_factor(a, b, kd, mean_cosine(self.water.phase)) if plus else np.ones(len(w))
@@ -243,17 +243,7 @@ class Medium:
 
 
 @functools.lru_cache(maxsize=16)
-def _solved(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> LightField:
+def _field_model(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> FieldModel:
     w = np.array(wavelength_nm)
-    return LightField(water.absorption(w), water.scattering(w), water.moments(w, MOMENTS), surface=surface, sky=sky)
-
-
-def field_model(water: Water, wavelength_nm: Array, surface: SurfaceKind, sky: Sky) -> FieldModel:
-    """Return the solved field of a water at wavelengths [nm]; light scattered by small angles stays in the image.
-
-    The share f = g^4 of the scattering counts as small-angled, g being the phase function's mean cosine.
-    """
-    field = _solved(water, tuple(np.asarray(wavelength_nm).tolist()), surface, sky)
-    g = water.moments(wavelength_nm, 2)[:, 1]
-    share = np.maximum(g, 0.0) ** 4
-    return FieldModel(field, field.absorption + (1.0 - share) * field.scattering)
+    field = LightField(water.absorption(w), water.scattering(w), water.moments(w, MOMENTS), surface, sky)
+    return FieldModel(field, field.scattered_by(water.moments(w, MOMENTS - 1, wide_angle=True)))

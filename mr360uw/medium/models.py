@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI
 from mr360uw.medium.closed_form import path_integral, ray_in_water
+from mr360uw.medium.rays import RayField
 from mr360uw.medium.transfer import LightField
 
 Array = NDArray[np.float64]
@@ -83,21 +84,23 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldModel:
-    """The solved light field, in which light scattered by small angles counts as still in the image.
-
-    extinction: (n,) [1/m], between that of the solver and c.
-    """
+    """The solved light field. Light scattered by small angles counts as still in the image: `rays` leave it out."""
 
     field: LightField
-    extinction: Array
+    rays: RayField
+
+    @property
+    def extinction(self) -> Array:
+        """Attenuation by absorption and scattering by wide angles."""
+        return self.rays.extinction
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the in-scattered radiance (..., n) that goes with `extinction`."""
-        return self.field.inscatter(distance_m, depth_m, up, self.extinction)
+        """Return the light (..., n) scattered into rays by wide angles."""
+        return self.rays.inscatter(distance_m, depth_m, up)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the field's radiance (..., n)."""
-        return self.field.radiance(depth_m, up)
+        """Return the radiance (..., n) of water and sky along the same rays."""
+        return self.rays.radiance(depth_m, up)
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the field's irradiance (..., n)."""

@@ -140,6 +140,30 @@ def phase_moments(phase: Phase, count: int) -> Array:
     return moments
 
 
+@functools.lru_cache(maxsize=64)
+def wide_angle_moments(phase: Phase, count: int) -> Array:
+    """Return the Legendre moments (count,) of a phase function whose forward peak is cut off level; chi_0 < 1.
+
+    What is cut off, the share g^4 of the scattering (g: mean cosine), turns light by so little (below 22 degrees at
+    g = 0.92) that it blurs the image of an object rather than dimming it (Potter 1970, J. Atmos. Sci. 27, 943).
+    """
+    share = max(mean_cosine(phase), 0.0) ** 4
+    if share < 1e-6:
+        return phase_moments(phase, count)
+    theta, weight = _angle_quadrature()
+    p = phase_function(phase, theta)
+    p = p / (2.0 * PI * np.sum(weight * p))
+    low, high = 0.0, PI
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        level = np.interp(middle, theta, p)
+        cut = 2.0 * PI * np.sum(weight * np.maximum(p - level, 0.0))
+        low, high = (middle, high) if cut < share else (low, middle)
+    moments = 2.0 * PI * np.polynomial.legendre.legvander(np.cos(theta), count - 1).T @ (weight * np.minimum(p, level))
+    moments.setflags(write=False)
+    return moments
+
+
 def mean_cosine(phase: Phase) -> float:
     """Return the mean cosine g of the scattering angle."""
     return float(phase_moments(phase, 2)[1])

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 VEIL_SIZE = (65, 64)
-ATTENUATION_SIZE = (48, 64)
-DEPTH_SIZE = 64
+ATTENUATION_SIZE = (64, 96)
+DEPTH_SIZE = 256
 """Nodes over (up, distance), (depth, distance) and depth; chosen by the error against direct sums over wavelength."""
 
 _FARTHEST = 1e4
@@ -55,14 +55,13 @@ def _veil(medium: Medium, length_m: float) -> Array:
     def smooth(s: Array) -> Array:
         return medium.smooth_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
 
-    value = smooth(inside)
     # no ray asks beyond the surface, but the cells it cuts do: carry on in a straight line over two of them
-    t = table_coordinate(s, length_m)
-    t_out = table_coordinate(out, length_m)
-    beyond = np.clip(t - t_out, 0.0, 2.0 / (VEIL_SIZE[1] - 1))
-    before = smooth((1.0 - _STEP) * inside)
-    slope = (value - before) / (t_out - table_coordinate((1.0 - _STEP) * out, length_m))[..., None]
-    return value + np.where(beyond > 0.0, beyond, 0.0)[..., None] * np.where((beyond > 0.0)[..., None], slope, 0.0)
+    t, t_out = table_coordinate(s, length_m), table_coordinate(out, length_m)
+    before = (1.0 - _STEP) * np.minimum(out, s[:, -1:])
+    at_surface = smooth(np.concatenate([before, before / (1.0 - _STEP)], axis=1))
+    slope = (at_surface[:, 1] - at_surface[:, 0])[:, None] / (t_out - table_coordinate(before, length_m))[..., None]
+    beyond = np.where(up > 0.0, np.clip(t - t_out, 0.0, 2.0 / (VEIL_SIZE[1] - 1)), 0.0)
+    return smooth(inside) + beyond[..., None] * np.where((beyond > 0.0)[..., None], slope, 0.0)
 
 
 def _attenuation(medium: Medium, length_m: float) -> Array:

@@ -22,26 +22,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import LONGEST_RAY_M, PI, REFRACTIVE_INDEX_SEA
+from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray, path_integral, ray_in_water
+from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, phase_moments
+from mr360uw.medium.rays import RayField, cosine_kernel, critical_cosine, fresnel_reflectance, legendre_polynomials
 
 Array = NDArray[np.float64]
 
 SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 24
-
-
-def fresnel_reflectance(mu: ArrayLike, index: float) -> Array:
-    """Return the reflectance (0 to 1) of a flat surface for unpolarised light from below, mu = cosine in the water."""
-    c1 = np.asarray(mu, np.float64)
-    sine2 = index * index * (1.0 - c1 * c1)
-    c2 = np.sqrt(np.maximum(1.0 - sine2, 0.0))
-    rs = (index * c1 - c2) / np.maximum(index * c1 + c2, 1e-300)
-    rp = (c1 - index * c2) / np.maximum(c1 + index * c2, 1e-300)
-    return np.where(sine2 < 1.0, 0.5 * (rs * rs + rp * rp), 1.0)
 
 
 @functools.cache
@@ -94,16 +85,16 @@ class LightField:
         moments = _moments(phase, len(self.absorption), 2 * streams + 1)
         peak = moments[:, -1]
         self._chi = (moments[:, :-1] - peak[:, None]) / (1.0 - peak[:, None])
-        self._b = self.scattering * (1.0 - peak)
-        self.extinction: Array = self.absorption + self._b
-        """(n,) [1/m] extinction without the forward peak."""
-        self._mu, self._weight = _nodes(streams, _critical_cosine(self.refractive_index))
+        self._peak = peak
+        self._mu, self._weight = _nodes(streams, critical_cosine(self.refractive_index))
         self._solve(*_sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
-        mu, w, c, b = self._mu, self._weight, self.extinction, self._b
+        mu, w = self._mu, self._weight
+        b = self.scattering * (1.0 - self._peak)
+        c = self.absorption + b
         order = np.arange(self._chi.shape[1])
-        legendre = np.polynomial.legendre.legvander(mu, len(order) - 1)
+        legendre = legendre_polynomials(mu, len(order))
         parity = (-1.0) ** order
         weighted = (2 * order + 1) * self._chi * b[:, None]
         scale = np.sqrt(w / mu)
@@ -126,7 +117,7 @@ class LightField:
         boundary = np.broadcast_to((1.0 - sun_share) * transmitted, (len(c), len(mu)))
         beam = sun_share / sun_mu
         if beam > 0.0:
-            at_sun = np.polynomial.legendre.legvander(np.array(sun_mu), len(order) - 1)
+            at_sun = legendre_polynomials(np.array(sun_mu), len(order))
             source = beam / (4.0 * PI) * np.einsum("nl,l,il->nil", weighted, at_sun, legendre)
             even, odd = source[..., parity > 0].sum(-1), source[..., parity < 0].sum(-1)
             sun_rate = c / sun_mu * (1.0 + 1e-9)
@@ -151,7 +142,7 @@ class LightField:
         moments += parity[:, None] * np.einsum("i,il,nij->nlj", w, legendre, self._up)
         if beam > 0.0:
             moments[..., -1] += self._beam[:, None] * at_sun / (2.0 * PI)
-        self._source = 0.5 * weighted[..., None] * moments
+        self._moments = moments
 
     # --- results -----------------------------------------------------------------------------------------------
 
@@ -160,37 +151,46 @@ class LightField:
         """The attenuation (n,) [1/m] that every quantity approaches with depth (K infinity)."""
         return self._rate.min(axis=1)
 
-    def inscatter(
-        self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike, extinction: ArrayLike | None = None
-    ) -> Array:
-        """Return the radiance (..., n) scattered into camera rays, cut at the surface.
+    @functools.cached_property
+    def rays(self) -> RayField:
+        """The light along rays, its forward peak unscattered."""
+        return self.scattered_by(self._chi * (1.0 - self._peak[:, None]))
 
-        extinction: (n,) [1/m] of the ray, c unless given. With a smaller one, light that was scattered by small angles
-        belongs to what lies behind, not to the in-scatter: radiance(camera) = inscatter + exp(-extinction S)
-        radiance(end) for any value.
+    def scattered_by(self, moments: Array) -> RayField:
+        """Return the light along rays that a part of the phase function scatters into them.
+
+        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its share of b, l <= 2 streams.
+        What it leaves out counts as unscattered.
         """
-        check_ray(distance_m, depth_m, up)
+        order = np.arange(moments.shape[1])
+        factor = 0.5 * (2 * order + 1) * moments * self.scattering[:, None]
+        return RayField(
+            extinction=self.absorption + self.scattering * moments[:, 0],
+            rate=self._rate,
+            source=factor[..., None] * self._moments[:, : len(order)],
+            sky=self._sky,
+            index=self.refractive_index,
+        )
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) scattered into camera rays, cut at the surface; their extinction is c = a + b.
+
+        radiance(camera) = inscatter + exp(-c S) radiance(end).
+        """
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
         )
-        outer = self.absorption + self.scattering if extinction is None else np.asarray(extinction, np.float64)
-        own = self._along(s, y, mu)
-        s = s[..., None]
-        gap = outer - self.extinction
-        # exp(-c' S) - exp(-c S), either being the smaller
-        peak = np.sign(gap) * np.exp(-np.minimum(self.extinction, outer) * s) * -np.expm1(-np.abs(gap) * s)
-        return own + peak * self.radiance(np.maximum(y - s[..., 0] * mu, 0.0), mu)
+        # light of the forward peak: lost from the ray at c, put back by the scattering of what lies behind
+        peak = self.scattering * self._peak
+        regained = np.exp(-self.rays.extinction * s[..., None]) * -np.expm1(-peak * s[..., None])
+        return self.rays.inscatter(s, y, mu) + regained * self.radiance(np.maximum(y - s * mu, 0.0), mu)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) that arrives at a depth from directions with the y component `up`.
 
         The sun's own beam is not in it.
         """
-        check_ray(0.0, depth_m, up)
-        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
-        s = ray_in_water(np.inf, y, mu)
-        from_surface = np.exp(-self.extinction * s[..., None]) * self._boundary(np.maximum(mu, 0.0))
-        return self._along(s, y, mu) + np.where((mu > 0.0)[..., None], from_surface, 0.0)
+        return self.rays.radiance(depth_m, up)
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`, sun included.
@@ -204,54 +204,14 @@ class LightField:
         modes = np.einsum("...i,nij->...nj", down, self._down) + np.einsum("...i,nij->...nj", up, self._up)
         diffuse = np.sum(modes * np.exp(-self._rate * y[..., None, None]), axis=-1)
         direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
-        return diffuse + self._beam * direct * np.exp(-self.extinction / self._sun_mu * y[..., None])
+        return diffuse + self._beam * direct * np.exp(-self.rays.extinction / self._sun_mu * y[..., None])
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a small sphere, E_0, sun included."""
         y = np.asarray(depth_m, np.float64)[..., None]
         modes = 2.0 * PI * np.einsum("i,nij->nj", self._weight, self._down + self._up)
-        direct = self._beam * np.exp(-self.extinction / self._sun_mu * y)
+        direct = self._beam * np.exp(-self.rays.extinction / self._sun_mu * y)
         return np.sum(modes * np.exp(-self._rate * y[..., None]), axis=-1) + direct
-
-    # --- pieces ------------------------------------------------------------------------------------------------
-
-    def _source_modes(self, mu: Array) -> Array:
-        """The source (..., n, j) [1/(m sr)] of every mode in directions mu, at the surface."""
-        legendre = np.polynomial.legendre.legvander(mu, self._source.shape[1] - 1)
-        return np.tensordot(legendre, self._source, axes=(-1, 1))
-
-    def _along(self, s: Array, y: Array, mu: Array) -> Array:
-        """The source integrated over rays (...,) with the solver's extinction, (..., n)."""
-        if mu.ndim == 2 and np.all(mu == mu[:, :1]):
-            source = self._source_modes(mu[:, :1])
-        else:
-            source = self._source_modes(mu)
-        length = path_integral(
-            self.extinction[:, None], self._rate, s[..., None, None], y[..., None, None], mu[..., None, None]
-        )
-        return np.sum(source * length, axis=-1)
-
-    def _boundary(self, mu: Array) -> Array:
-        """The radiance (..., n) just below the surface travelling down, mu >= 0."""
-        reflectance = fresnel_reflectance(mu, self.refractive_index)[..., None]
-        upwelling = np.sum(
-            self._source_modes(-mu) / (self.extinction[:, None] + self._rate * mu[..., None, None]), axis=-1
-        )
-        return self._sky * (1.0 - reflectance) + reflectance * upwelling
-
-
-def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:
-    """Return the integral over azimuth of max(0, cos) between directions at height mu and a normal at `normal_up`."""
-    mu, n = np.asarray(mu, np.float64), np.clip(np.asarray(normal_up, np.float64), -1.0, 1.0)
-    along = np.asarray(mu * n)
-    across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0)) * np.sqrt(1.0 - n * n)
-    ratio = np.divide(-along, across, out=np.array(-np.sign(along)), where=across > np.abs(along))
-    half = np.arccos(np.clip(ratio, -1.0, 1.0))
-    return 2.0 * (along * half + across * np.sin(half))
-
-
-def _critical_cosine(index: float) -> float:
-    return float(np.sqrt(1.0 - 1.0 / index**2)) if index > 1.0 else 0.0
 
 
 def _sky_parts(sky: Sky) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments
+from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments, wide_angle_moments
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 
 Array = NDArray[np.float64]
@@ -120,15 +120,19 @@ class Water:
         a = self.a(wavelength_nm)
         return a + 4.18 * (1.0 - 0.52 * np.exp(-10.8 * a)) * self.backscattering(wavelength_nm)
 
-    def moments(self, wavelength_nm: ArrayLike, count: int) -> Array:
-        """Return the first Legendre moments (n, count) of the phase function of molecules and particles together."""
+    def moments(self, wavelength_nm: ArrayLike, count: int, *, wide_angle: bool = False) -> Array:
+        """Return Legendre moments (n, count) of the phase function of molecules and particles together.
+
+        wide_angle: without the forward peak, see `phase.wide_angle_moments`.
+        """
         w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
-        particles = np.broadcast_to(phase_moments(self.phase, count), (len(w), count))
+        of = wide_angle_moments if wide_angle else phase_moments
+        particles = np.broadcast_to(of(self.phase, count), (len(w), count))
         if self.molecular is None:
             return particles.copy()
         b = self.b(w)
         share = np.divide(self.molecular(w), b, out=np.zeros(len(w)), where=b > 0.0)[:, None]
-        return share * phase_moments("water", count) + (1.0 - share) * particles
+        return share * of("water", count) + (1.0 - share) * particles
 
     def with_phase(self, phase: Phase) -> Water:
         """Return the same water with another phase function for all of its scattering."""

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Radiance along rays through water whose light is a sum of exponentials of depth.
+
+In each mode the light that scatters into a direction mu falls off as exp(-k y), so the path integral of every mode is
+the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 straight up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.medium.closed_form import check_ray, path_integral, ray_in_water
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayField:
+    """Light of n wavelengths in j modes, and what of it scatters into rays.
+
+    extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. source: (n, l, j) [1/(m sr)] Legendre coefficients over mu
+    of the light scattered into a ray, at the surface. sky: (n,) radiance of the sky as it would be just below the
+    surface without reflection. index: refractive index of the water.
+    """
+
+    extinction: Array
+    rate: Array
+    source: Array
+    sky: Array
+    index: float
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
+
+        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly.
+        """
+        check_ray(distance_m, depth_m, up)
+        s, y, mu = np.broadcast_arrays(
+            ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
+        )
+        # a grid of rays shares its directions along the last axis
+        grid = mu.ndim == 2 and mu.shape[1] > 1 and bool(np.all(mu == mu[:, :1]))
+        source = self._source_modes(mu[:, :1] if grid else mu)
+        length = path_integral(
+            self.extinction[:, None], self.rate, s[..., None, None], y[..., None, None], mu[..., None, None]
+        )
+        return np.einsum("...nj,...nj->...n", np.broadcast_to(source, length.shape), length)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) that arrives at a depth from the directions `up`, without the sun's beam."""
+        check_ray(0.0, depth_m, up)
+        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        s = ray_in_water(np.inf, y, mu)
+        from_surface = np.exp(-self.extinction * s[..., None]) * self.below_surface(np.maximum(mu, 0.0))
+        return self.inscatter(s, y, mu) + np.where((mu > 0.0)[..., None], from_surface, 0.0)
+
+    def below_surface(self, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
+        mu = np.asarray(up, np.float64)
+        reflectance = fresnel_reflectance(mu, self.index)[..., None]
+        rising = self._source_modes(-mu) / (self.extinction[:, None] + self.rate * mu[..., None, None])
+        return self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
+
+    def _source_modes(self, mu: Array) -> Array:
+        """The source (..., n, j) of every mode in directions mu, at the surface."""
+        return np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1))
+
+
+def legendre_polynomials(x: Array, count: int) -> Array:
+    """Return P_0 ... (..., count) at x (...,)."""
+    return np.polynomial.legendre.legvander(x, count - 1).reshape(*np.shape(x), count)
+
+
+def fresnel_reflectance(mu: ArrayLike, index: float) -> Array:
+    """Return the reflectance (0 to 1) of a flat surface for unpolarised light from below, mu = cosine in the water."""
+    c1 = np.maximum(np.asarray(mu, np.float64), 1e-300)
+    if index == 1.0:
+        return np.zeros(c1.shape)
+    sine2 = index * index * (1.0 - c1 * c1)
+    c2 = np.sqrt(np.maximum(1.0 - sine2, 0.0))
+    rs = (index * c1 - c2) / (index * c1 + c2)
+    rp = (c1 - index * c2) / (c1 + index * c2)
+    return np.where(sine2 < 1.0, 0.5 * (rs * rs + rp * rp), 1.0)
+
+
+def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:
+    """Return the integral over azimuth of max(0, cos) between directions at height mu and a normal at `normal_up`."""
+    mu, n = np.asarray(mu, np.float64), np.clip(np.asarray(normal_up, np.float64), -1.0, 1.0)
+    along = np.asarray(mu * n)
+    across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0)) * np.sqrt(1.0 - n * n)
+    ratio = np.divide(-along, across, out=np.array(-np.sign(along)), where=across > np.abs(along))
+    half = np.arccos(np.clip(ratio, -1.0, 1.0))
+    return 2.0 * (along * half + across * np.sin(half))
+
+
+def critical_cosine(index: float) -> float:
+    """Return the cosine of the critical angle in the water (0 without a change of index): above it shines the sky."""
+    return float(np.sqrt(1.0 - 1.0 / index**2)) if index > 1.0 else 0.0
