@@ -12,22 +12,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mr360uw.video.clip import Clip as Clip
     from mr360uw.video.exr import read_exr as read_exr
     from mr360uw.video.exr import read_rgb as read_rgb
     from mr360uw.video.exr import write_exr as write_exr
     from mr360uw.video.frame import VideoFrame as VideoFrame
     from mr360uw.video.images import read_picture as read_picture
+    from mr360uw.video.plain import transcode as transcode
     from mr360uw.video.reader import VideoReader as VideoReader
     from mr360uw.video.reader import open_video as open_video
     from mr360uw.video.settings import EncodeSettings as EncodeSettings
     from mr360uw.video.spherical import SphericalMetadata as SphericalMetadata
     from mr360uw.video.spherical import read_spherical as read_spherical
     from mr360uw.video.spherical import write_spherical as write_spherical
-    from mr360uw.video.plain import transcode as transcode
     from mr360uw.video.writer import VideoWriter as VideoWriter
     from mr360uw.video.writer import create_video as create_video
 
 _HOME = {
+    "Clip": "clip",
     "EncodeSettings": "settings",
     "SphericalMetadata": "spherical",
     "VideoFrame": "frame",
@@ -43,7 +45,23 @@ _HOME = {
     "write_exr": "exr",
     "write_spherical": "spherical",
 }
-__all__ = sorted(_HOME)
+__all__ = [
+    "Clip",
+    "EncodeSettings",
+    "SphericalMetadata",
+    "VideoFrame",
+    "VideoReader",
+    "VideoWriter",
+    "create_video",
+    "open_video",
+    "read_exr",
+    "read_picture",
+    "read_rgb",
+    "read_spherical",
+    "transcode",
+    "write_exr",
+    "write_spherical",
+]
 
 
 def __getattr__(name: str) -> Any:

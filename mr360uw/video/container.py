@@ -8,7 +8,6 @@ length of the clip. Decoding runs on all cores, outside Python's lock.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -16,38 +15,17 @@ from typing import Any
 
 import av.error
 
-from mr360uw.color import ColorSpec, Transfer
+from mr360uw.color import Transfer
 from mr360uw.errors import VideoError
+from mr360uw.types import YuvImage
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.index import FrameIndex, container_index, has_full_index, scanned_index
-from mr360uw.video.layout import Crop, Eye, panorama_crop
+from mr360uw.video.layout import Eye, panorama_crop
 from mr360uw.video.native import plane_views
 from mr360uw.video.probe import open_container
 from mr360uw.video.reader import VideoReader, check_range
-from mr360uw.video.spherical import SphericalMetadata, from_side_data, read_spherical
+from mr360uw.video.spherical import from_side_data, read_spherical
 from mr360uw.video.tags import ColorTags, color_spec
-from mr360uw.types import YuvImage
-
-
-@dataclass(frozen=True)
-class _Probe:
-    """What is known of a clip once its first frame is decoded."""
-
-    codec_name: str
-    pixel_format: str
-    time_base: Fraction
-    frame_rate: Fraction
-    start_pts: int
-    listed: FrameIndex | None
-    reorder: int
-    tags: ColorTags
-    spec: ColorSpec
-    rotation: int
-    spherical: SphericalMetadata | None
-    crop: Crop
-    has_audio: bool
-    dropped: tuple[str, ...]
-    words: dict[str, str]
 
 
 class ContainerReader(VideoReader):
@@ -59,22 +37,39 @@ class ContainerReader(VideoReader):
     def __init__(
         self, path: Path, transfer: Transfer | None = None, eye: Eye | None = None, equirectangular: bool = True
     ) -> None:
-        self.path = path
-        self._equirectangular = equirectangular
-        probe = _probe(path, transfer, eye, equirectangular)
-        self._probe = probe
-        self.width, self.height = probe.crop.width, probe.crop.height
-        self.codec_name, self.pixel_format = probe.codec_name, probe.pixel_format
-        self.time_base, self.frame_rate, self.start_pts = probe.time_base, probe.frame_rate, probe.start_pts
-        self.spec, self.tags, self._rotation = probe.spec, probe.tags, probe.rotation
-        self.spherical, self.has_audio, self.notes = probe.spherical, probe.has_audio, probe.dropped
-        self.container_metadata = probe.words
+        with open_container(path) as (container, stream):
+            self._listed = container_index(stream) if has_full_index(container, stream) else None
+            first = _first_frame(path, container, stream)
+            context = stream.codec_context
+            tags = ColorTags.of(context)
+            spherical = read_spherical(path) or from_side_data(first.side_data)
+            self._rotation = int(first.rotation) % 360
+            self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
+            self._reorder = int(context.reorder_depth)
+            self._wrap = equirectangular
+            others = [s for s in container.streams if s.type not in ("video", "audio")]
+            super().__init__(
+                path=path,
+                width=self._crop.width,
+                height=self._crop.height,
+                frame_rate=stream.average_rate or stream.guessed_rate or Fraction(30),
+                time_base=stream.time_base,
+                start_pts=first.pts,
+                spec=color_spec(path, first.format.name, tags, first.height, transfer),
+                tags=tags,
+                codec_name=context.name,
+                pixel_format=first.format.name,
+                sound=path if container.streams.audio else None,
+                spherical=spherical,
+                notes=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
+                words=dict(container.metadata),
+            )
 
     @cached_property
     def index(self) -> FrameIndex:
         """The packets of the stream; reads the file through once where the container does not list them."""
-        if self._probe.listed is not None:
-            return self._probe.listed
+        if self._listed is not None:
+            return self._listed
         with open_container(self.path) as (container, stream):
             return scanned_index(container, stream)
 
@@ -88,10 +83,10 @@ class ContainerReader(VideoReader):
         start, stop = check_range(self.path, start, stop, self.frame_count)
         complete = self.index.complete_frames(self.path.stat().st_size)
         if stop > complete:
-            usable = max(0, complete - self._probe.reorder)
+            usable = max(0, complete - self._reorder)
             raise VideoError(
-                f"{self.path} - the file is cut short (its data end at frame {complete} of {self.frame_count}) - get the "
-                f"complete file, or take frames 0:{usable}"
+                f"{self.path} - the file is cut short (its data end at frame {complete} of {self.frame_count}) - "
+                f"get the complete file, or take frames 0:{usable}"
             )
         return start, stop
 
@@ -113,8 +108,8 @@ class ContainerReader(VideoReader):
                         return
         except av.error.FFmpegError as error:
             raise VideoError(
-                f"{self.path} - cannot be decoded after frame {index} (got {error.strerror}) - the file is damaged; get "
-                f"an intact copy or end the range there"
+                f"{self.path} - cannot be decoded after frame {index} (got {error.strerror}) - the file is damaged; "
+                "get an intact copy or end the range there"
             ) from error
         if index < stop - 1 or start == stop - 1:
             raise VideoError(
@@ -123,7 +118,7 @@ class ContainerReader(VideoReader):
             )
 
     def _frame(self, index: int, native: Any) -> VideoFrame:
-        if (native.width, native.height, native.format.name) != (*self._probe.crop.frame_size, self.pixel_format):
+        if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
             raise VideoError(
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "
                 f"{native.format.name}) - cut the clip there"
@@ -131,9 +126,9 @@ class ContainerReader(VideoReader):
         planes = plane_views(native, self.spec)
         for plane in (planes.y, planes.u, planes.v):
             plane.flags.writeable = False
-        untouched = self._probe.crop.is_whole and not self._rotation
+        untouched = self._crop.is_whole and not self._rotation
         if not untouched:
-            planes = _turned(self._probe.crop.apply(planes), self._rotation)
+            planes = _turned(self._crop.apply(planes), self._rotation)
         return VideoFrame(
             index=index,
             pts=native.pts,
@@ -143,7 +138,7 @@ class ContainerReader(VideoReader):
             spec=self.spec,
             yuv=planes,
             native=native if untouched else None,
-            wrap=self._equirectangular,
+            wrap=self._wrap,
         )
 
 
@@ -187,35 +182,6 @@ def _numbered(container: Any, stream: Any, index: FrameIndex, start: int) -> Ite
             if frame.pts is not None and frame.pts >= key.pts:
                 yield number, frame
                 number += 1
-
-
-def _probe(path: Path, transfer: Transfer | None, eye: Eye | None, equirectangular: bool) -> _Probe:
-    with open_container(path) as (container, stream):
-        listed = container_index(stream) if has_full_index(container, stream) else None
-        first = _first_frame(path, container, stream)
-        context = stream.codec_context
-        tags = ColorTags.of(context)
-        rotation = int(first.rotation) % 360
-        spherical = read_spherical(path) or from_side_data(first.side_data)
-        crop = panorama_crop(path, first.width, first.height, spherical, eye, rotation, equirectangular)
-        others = [s for s in container.streams if s.type not in ("video", "audio")]
-        return _Probe(
-            codec_name=context.name,
-            pixel_format=first.format.name,
-            time_base=stream.time_base,
-            frame_rate=stream.average_rate or stream.guessed_rate or Fraction(30),
-            start_pts=first.pts,
-            listed=listed,
-            reorder=int(context.reorder_depth),
-            tags=tags,
-            spec=color_spec(path, first.format.name, tags, first.height, transfer),
-            rotation=rotation,
-            spherical=spherical,
-            crop=crop,
-            has_audio=bool(container.streams.audio),
-            dropped=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
-            words=dict(container.metadata),
-        )
 
 
 def _first_frame(path: Path, container: Any, stream: Any) -> Any:

@@ -12,16 +12,17 @@ from typing import Any
 
 import av
 import av.error
-from av.video.reformatter import ColorRange, Colorspace, Interpolation
+from av.video.reformatter import ColorRange, Interpolation
 
 from mr360uw.errors import VideoError
 from mr360uw.video.audio import AudioCopy
+from mr360uw.video.clip import Clip
 from mr360uw.video.frame import VideoFrame
-from mr360uw.video.image_writer import picture_codes
-from mr360uw.video.native import native_frame
-from mr360uw.video.reader import VideoReader
+from mr360uw.video.native import native_frame, plane_views
+from mr360uw.video.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, EncodeSettings
 from mr360uw.video.spherical import SphericalMetadata, v1_xml, write_spherical
+from mr360uw.video.tags import BT709_TAGS, color_spec
 from mr360uw.video.writer import VideoWriter
 
 _FORMATS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
@@ -36,9 +37,9 @@ class ContainerWriter(VideoWriter):
     base (Matroska counts milliseconds).
     """
 
-    def __init__(self, path: Path, like: VideoReader, settings: EncodeSettings, audio: bool, rebase: bool) -> None:
+    def __init__(self, path: Path, like: Clip, settings: EncodeSettings, audio: bool, rebase: bool) -> None:
         self.path = path
-        self._like, self._settings, self._rebase = like, settings, rebase
+        self._clip, self._settings, self._rebase = like, settings, rebase
         self._part = path.with_name(path.name + ".part")
         self._audio: AudioCopy | None = None
         self._container: Any = None
@@ -61,7 +62,7 @@ class ContainerWriter(VideoWriter):
             raise
 
     def _open(self, kind: str, audio: bool) -> None:
-        like, settings = self._like, self._settings
+        like, settings = self._clip, self._settings
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
         self._container = av.open(str(self._part), "w", format=kind, options=options)
@@ -83,13 +84,13 @@ class ContainerWriter(VideoWriter):
             stream.metadata["SPHERICAL-VIDEO"] = v1_xml(self._metadata)
         stream.time_base = like.time_base
         self._stream = stream
-        if audio and like.has_audio:
-            self._audio = AudioCopy(like.path, self._container)
+        if audio and like.sound is not None:
+            self._audio = AudioCopy(like.sound, self._container)
         self._container.start_encoding()
 
     def _pixel_format(self, codec: Any) -> str:
         """The format asked for, or the encoder's that is closest to the plate's."""
-        wanted = self._settings.pixel_format or self._like.pixel_format or "yuv420p"
+        wanted = self._settings.pixel_format or self._clip.pixel_format or "yuv420p"
         known = [format_.name for format_ in codec.video_formats]
         plain = wanted.replace("yuvj", "yuv")
         deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
@@ -97,17 +98,18 @@ class ContainerWriter(VideoWriter):
             if name in known:
                 return name
         raise VideoError(
-            f"{self.path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of {', '.join(known[:12])}"
+            f"{self.path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of "
+            f"{', '.join(name for name in known if name.startswith('yuv4'))}"
         )
 
     def write(self, frame: VideoFrame) -> None:
         """Encode a frame and copy the sound up to it."""
         if self._container is None:
             raise VideoError(f"{self.path} - is already complete or given up - begin a new output")
-        if frame.shape != (self._like.height, self._like.width):
+        if frame.shape != (self._clip.height, self._clip.width):
             raise VideoError(
                 f"{self.path} - frame {frame.index} has another size (got {frame.shape[1]}x{frame.shape[0]}) - write "
-                f"frames of {self._like.width}x{self._like.height}"
+                f"frames of {self._clip.width}x{self._clip.height}"
             )
         with self._errors(f"written at frame {frame.index}"):
             if self._last is None:
@@ -123,7 +125,7 @@ class ContainerWriter(VideoWriter):
 
     def _begin(self, first: VideoFrame) -> None:
         whole = first.index == 0
-        self._shift = first.pts - self._like.start_pts if self._rebase and not whole else 0
+        self._shift = first.pts - self._clip.start_pts if self._rebase and not whole else 0
         if self._audio is not None:
             start_s = None if whole else first.pts * first.time_base
             self._audio.begin(start_s, self._shift * first.time_base)
@@ -131,7 +133,7 @@ class ContainerWriter(VideoWriter):
     def _mux(self, packets: list[Any]) -> None:
         for packet in packets:
             duration = self._durations.pop(packet.pts, 0)
-            if duration and packet.time_base == self._like.time_base:
+            if duration and packet.time_base == self._clip.time_base:
                 packet.duration = duration
             self._container.mux(packet)
 
@@ -139,14 +141,7 @@ class ContainerWriter(VideoWriter):
         """The frame as the encoder wants it; shares memory with the plate where nothing was changed."""
         wanted = self._stream.codec_context.pix_fmt
         if frame.yuv is None:
-            codes = picture_codes(frame)
-            native = av.VideoFrame.from_ndarray(codes, "rgb24" if codes.dtype.itemsize == 1 else "rgb48le")
-            return native.reformat(
-                format=wanted,
-                dst_colorspace=Colorspace.ITU709,
-                dst_color_range=ColorRange.MPEG,
-                interpolation=_ACCURATE,
-            )
+            return _native_of_picture(frame, wanted)
         native = frame.native if frame.native is not None else native_frame(frame.yuv)
         if native.format.name == wanted:
             return native
@@ -165,8 +160,8 @@ class ContainerWriter(VideoWriter):
         with self._errors("completed"):
             self._mux(self._stream.encode(None))
             if self._audio is not None:
-                is_end = last.index + 1 == self._like.frame_count
-                self._audio.advance(None if is_end else _end_s(last, self._like.frame_rate))
+                is_end = last.index + 1 == self._clip.frame_count
+                self._audio.advance(None if is_end else _end_s(last, self._clip.frame_rate))
             self._container.close()
             self._container = None
             if self._boxes:
@@ -195,13 +190,23 @@ class ContainerWriter(VideoWriter):
             ) from error
 
 
+def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
+    """An RGB frame in BT.709, limited range; linear light by the sRGB curve."""
+    height, width = frame.shape
+    native = av.VideoFrame(width, height, pixel_format)
+    transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
+    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, transfer)
+    planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
+    return native
+
+
 def _end_s(frame: VideoFrame, frame_rate: Fraction) -> Fraction:
     """When a frame is over, in seconds on the clock of its file."""
     duration = frame.duration * frame.time_base if frame.duration else 1 / frame_rate
     return frame.pts * frame.time_base + duration
 
 
-def _title_tags(like: VideoReader) -> dict[str, str]:
+def _title_tags(like: Clip) -> dict[str, str]:
     """Title, date and the like of the plate's container, without what describes the container itself."""
     own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
-    return {key: value for key, value in like.container_metadata.items() if key not in own}
+    return {key: value for key, value in like.words.items() if key not in own}

@@ -80,12 +80,12 @@ class VideoFrame:
 
     def _over_planes(self, layer: Layer, blend: Blend) -> VideoFrame:
         from mr360uw.video.native import copy_planes
-        from mr360uw.video.planes import lay_over_planes
+        from mr360uw.video.planes import changed_pixels, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
         for tile in layer.tiles:
-            changed = _changed(tile)
+            changed = changed_pixels(tile)
             if changed.any():
                 rectangle = (tile.row, tile.column, *tile.alpha.shape)
                 linear = blend(self._linear(rectangle), tile)
@@ -93,23 +93,19 @@ class VideoFrame:
         return replace(self, yuv=_read_only(planes), native=native)
 
     def _over_codes(self, layer: Layer, blend: Blend) -> VideoFrame:
+        from mr360uw.video.planes import changed_pixels
         from mr360uw.video.rgb import lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()
         for tile in layer.tiles:
-            changed = _changed(tile)
+            changed = changed_pixels(tile)
             if changed.any():
                 rectangle = (tile.row, tile.column, *tile.alpha.shape)
                 linear = blend(self._linear(rectangle), tile)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes)
-
-
-def _changed(tile: Tile) -> NDArray[np.bool_]:
-    """Pixels of a tile where anything is laid over the plate, (h, w)."""
-    return (tile.alpha != 0) | (tile.ratio != 1).any(-1) | (tile.radiance != 0).any(-1)
 
 
 def _read_only(image: YuvImage) -> YuvImage:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mr360uw.color import Transfer
 from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.images import FLOAT_SUFFIXES, is_pattern, matching_files, numbered
-from mr360uw.video.reader import VideoReader
 from mr360uw.video.rgb import codes_from_linear
 from mr360uw.video.writer import VideoWriter
 
@@ -27,18 +27,14 @@ class ImageWriter(VideoWriter):
     EXR: linear Rec.709 half floats with the `envmap` attribute. PNG and TIFF: 8 bits, or 16 for plates with more.
     """
 
-    def __init__(self, path: Path, like: VideoReader, overwrite: bool) -> None:
-        self.path = path
-        self._overwrite = overwrite
+    def __init__(self, path: Path, like: Clip, overwrite: bool) -> None:
+        self.path, self._clip = path, like
         self._many = is_pattern(path)
         self._written = 0
         there = matching_files(path)[:1] if self._many else [(0, path)] if path.exists() else []
         if there and not overwrite:
             raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
-        notes = []
-        if like.has_audio:
-            notes.append("pictures carry no sound")
-        self.notes = tuple(notes)
+        self.notes = (*like.notes, *(["pictures carry no sound"] if like.has_audio else []))
 
     def write(self, frame: VideoFrame) -> None:
         """Write the frame's picture."""

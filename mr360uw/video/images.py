@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from mr360uw.errors import VideoError
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.layout import Eye, panorama_crop
 from mr360uw.video.reader import VideoReader, check_range
-from mr360uw.video.tags import BT709_TAGS
 
 INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
@@ -58,11 +58,11 @@ def picture_files(path: Path) -> list[Path] | None:
         return [path]
     if is_pattern(path):
         hits = matching_files(path)
-        for (number, _), (following, _) in zip(hits, hits[1:], strict=False):
+        for (number, _), (following, _) in pairwise(hits):
             if following != number + 1:
                 raise VideoError(
-                    f"{path} - picture {number + 1} of the sequence is missing (got {number}, then {following}) - render it, "
-                    "or name the parts one by one"
+                    f"{path} - picture {number + 1} of the sequence is missing (got {number}, then {following}) - "
+                    "render it, or name the parts one by one"
                 )
         files = [file for _, file in hits]
     elif set(path.name) & set("*?["):
@@ -97,10 +97,6 @@ def read_picture(path: Path) -> NDArray[Any]:
 class ImageReader(VideoReader):
     """A still or a sequence of pictures as a plate; made by `open_video`. Frame k is the k-th picture by number."""
 
-    pixel_format = ""
-    tags = BT709_TAGS
-    start_pts = 0
-
     def __init__(
         self,
         path: Path,
@@ -112,15 +108,20 @@ class ImageReader(VideoReader):
     ) -> None:
         if frame_rate <= 0:
             raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
-        self.path, self._files, self._wrap = path, files, equirectangular
         first = read_picture(files[0])
+        self._files, self._wrap = files, equirectangular
         self._crop = panorama_crop(path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular)
-        self.width, self.height = self._crop.width, self._crop.height
-        self.frame_rate, self.time_base = frame_rate, 1 / frame_rate
-        self.is_still = len(files) == 1
-        self.codec_name = files[0].suffix.lower().lstrip(".")
         own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")
-        self.spec = ColorSpec("bt709", True, own, 8 * first.dtype.itemsize)
+        super().__init__(
+            path=path,
+            width=self._crop.width,
+            height=self._crop.height,
+            frame_rate=frame_rate,
+            time_base=1 / frame_rate,
+            spec=ColorSpec("bt709", True, own, 8 * first.dtype.itemsize),
+            codec_name=files[0].suffix.lower().lstrip("."),
+            is_still=len(files) == 1,
+        )
 
     @property
     def frame_count(self) -> int | None:

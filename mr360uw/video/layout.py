@@ -39,8 +39,8 @@ class Crop:
     def apply(self, image: YuvImage) -> YuvImage:
         """Return the part of the planes, as views."""
         scale_x, scale_y = image.y.shape[1] // image.u.shape[1], image.y.shape[0] // image.u.shape[0]
-        chroma = (self.window(plane, scale_x, scale_y) for plane in (image.u, image.v))
-        return YuvImage(self.window(image.y), *chroma, image.spec)
+        u, v = (self.window(plane, scale_x, scale_y) for plane in (image.u, image.v))
+        return YuvImage(self.window(image.y), u, v, image.spec)
 
 
 def panorama_crop(
@@ -59,7 +59,8 @@ def panorama_crop(
     """
     if rotation not in (0, 180):
         raise VideoError(
-            f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before (only 180 is done here)"
+            f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before "
+            "(only 180 is done here)"
         )
     stereo = _stereo(width, height, spherical)
     if not equirectangular and eye is None:

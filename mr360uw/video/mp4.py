@@ -127,9 +127,7 @@ def sample_entries(track: Box) -> list[Box]:
     for entry in entries:
         if not entry.children:
             children, rest = _split(entry.payload[_SAMPLE_ENTRY_HEAD:])
-            if not rest:  # QuickTime may end the entry with four zero bytes: then it is left as it is
-                entry.payload, entry.children = entry.payload[:_SAMPLE_ENTRY_HEAD], children
-            elif rest == bytes(4):
+            if rest in (b"", bytes(4)):  # QuickTime may end the entry with four zero bytes
                 entry.payload, entry.children = entry.payload[:_SAMPLE_ENTRY_HEAD], children
     return entries
 

@@ -16,7 +16,8 @@ from mr360uw.types import YuvImage
 def plane_views(native: Any, spec: ColorSpec) -> YuvImage:
     """Return the planes of a PyAV frame as arrays that share its memory and keep it alive."""
     dtype = np.dtype(np.uint8 if spec.bits <= 8 else np.uint16)
-    return YuvImage(*(_view(plane, dtype) for plane in native.planes), spec)
+    y, u, v = (_view(plane, dtype) for plane in native.planes)
+    return YuvImage(y, u, v, spec)
 
 
 def _view(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:

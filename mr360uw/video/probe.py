@@ -49,8 +49,8 @@ def _why_not(path: Path, error: Exception) -> str:
     kinds = top_level_kinds(path)
     if "ftyp" in kinds and "moov" not in kinds:
         return (
-            f"{path} - the file is cut short (it has no 'moov' index) - copy it again; a recording that was interrupted "
-            "needs a repair tool"
+            f"{path} - the file is cut short (it has no 'moov' index) - copy it again; a recording that was "
+            "interrupted needs a repair tool"
         )
     reason = getattr(error, "strerror", None) or error
     return f"{path} - is not a video that FFmpeg can read (got {reason}) - name an mp4, mov, mkv or webm file"

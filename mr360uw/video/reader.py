@@ -4,51 +4,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from types import MappingProxyType
 from typing import Self
 
-from mr360uw.color import ColorSpec, Transfer
+from mr360uw.color import Transfer
 from mr360uw.errors import VideoError
+from mr360uw.video.clip import Clip
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.layout import Eye
-from mr360uw.video.spherical import SphericalMetadata
-from mr360uw.video.tags import ColorTags
 
 
-class VideoReader(ABC):
-    """A plate; made by `open_video`.
-
-    path: the file, or the pattern of a sequence. width, height: of the panorama, after the choice of an eye.
-    frame_rate: mean frames per second. time_base: unit of the time stamps. start_pts: time stamp of frame 0.
-    spec: how the codes are read. tags: the file's colour tags. codec_name, pixel_format: FFmpeg's names; pixel_format
-    is "" for RGB plates. has_audio: whether there is sound to copy. spherical: metadata found, or None. is_still: one
-    picture, that `frames` repeats as often as asked. notes: what the file holds and a copy will not.
-    container_metadata: title, date and other words about the file.
-    """
-
-    path: Path
-    width: int
-    height: int
-    frame_rate: Fraction
-    time_base: Fraction
-    start_pts: int
-    spec: ColorSpec
-    tags: ColorTags
-    codec_name: str
-    pixel_format: str
-    has_audio: bool = False
-    spherical: SphericalMetadata | None = None
-    is_still: bool = False
-    notes: tuple[str, ...] = ()
-    container_metadata: Mapping[str, str] = MappingProxyType({})
-
-    @property
-    @abstractmethod
-    def frame_count(self) -> int | None:
-        """Number of frames; None for a still, which has as many as are asked for."""
+class VideoReader(Clip, ABC):
+    """A plate; made by `open_video`. What is known of it: see `Clip`."""
 
     @abstractmethod
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
@@ -66,7 +35,8 @@ class VideoReader(ABC):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing stays open between passes."""
+        """Leave the plate; no file stays open between passes."""
+        return
 
 
 def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[int, int]:
@@ -74,8 +44,8 @@ def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[i
     end = count if stop is None else stop
     if not 0 <= start < end <= count:
         raise VideoError(
-            f"{path} - frames outside the clip (got {start}:{'' if stop is None else stop}, the clip has {count} frames) "
-            f"- take a range within 0:{count}"
+            f"{path} - frames outside the clip (got {start}:{'' if stop is None else stop}, the clip has "
+            f"{count} frames) - take a range within 0:{count}"
         )
     return start, end
 

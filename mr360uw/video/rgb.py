@@ -26,18 +26,18 @@ def linear_from_codes(codes: NDArray[Any], transfer: Transfer) -> NDArray[np.flo
 
 
 def noise(rows: int, columns: int, row: int, column: int, frame_index: int) -> NDArray[np.float32]:
-    """Return interleaved gradient noise in [0, 1) of a rectangle (rows, columns); see `planes`."""
+    """Return interleaved gradient noise in (0, 1) of a rectangle (rows, columns); see `planes`."""
     shift = 5.588238 * (frame_index & 63)
     x = np.arange(column, column + columns) + shift
     y = np.arange(row, row + rows)[:, None] + shift
     ramp = 52.9829189 * ((0.06711056 * x + 0.00583715 * y) % 1.0)
-    return (ramp % 1.0).astype(np.float32)
+    return (0.001 + 0.998 * (ramp % 1.0)).astype(np.float32)
 
 
 def codes_from_linear(linear: Floats, transfer: Transfer, dtype: Any, frame_index: int) -> NDArray[Any]:
     """Return dithered code values of linear light (H, W, 3), clipped to full scale; dtype uint8 or uint16."""
     peak = float(np.iinfo(dtype).max)
-    dither = noise(*linear.shape[:2], 0, 0, frame_index)[..., None]
+    dither = noise(linear.shape[0], linear.shape[1], 0, 0, frame_index)[..., None]
     return np.clip(np.floor(encode(linear, transfer) * peak + dither), 0.0, peak).astype(dtype)
 
 

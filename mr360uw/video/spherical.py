@@ -9,7 +9,7 @@ differ on reading, V2 wins and the difference is told. Other containers are read
 from __future__ import annotations
 
 import struct
-import xml.etree.ElementTree as ElementTree
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -73,8 +73,8 @@ def _from_xml(data: bytes) -> SphericalMetadata:
     if b"<!" in data:  # no document types, hence no entities to expand
         return SphericalMetadata(source="V1", problems=("V1 holds XML with declarations; not read",))
     try:
-        root = ElementTree.fromstring(data.strip(b"\0 \r\n\t").decode("utf-8", "replace"))  # noqa: S314 - see above
-    except ElementTree.ParseError as error:
+        root = ET.fromstring(data.strip(b"\0 \r\n\t").decode("utf-8", "replace"))  # noqa: S314 - see above
+    except ET.ParseError as error:
         return SphericalMetadata(source="V1", problems=(f"V1 holds no valid XML ({error})",))
     said = {element.tag.rpartition("}")[2]: (element.text or "").strip() for element in root.iter()}
 
@@ -94,8 +94,12 @@ def _from_xml(data: bytes) -> SphericalMetadata:
         bounds = (top, bottom, left, right)
     return SphericalMetadata(
         projection=said.get("ProjectionType", "equirectangular"),
-        stereo=stereo if stereo in _STEREO_V2 else "custom",  # type: ignore[arg-type]
-        pose_deg=tuple(number(f"InitialView{n}Degrees") for n in ("Heading", "Pitch", "Roll")),  # type: ignore[arg-type]
+        stereo=stereo if stereo in _STEREO_V2 else "custom",
+        pose_deg=(
+            number("InitialViewHeadingDegrees"),
+            number("InitialViewPitchDegrees"),
+            number("InitialViewRollDegrees"),
+        ),
         bounds=bounds,
         source="V1",
     )
@@ -118,8 +122,8 @@ def _from_entry(entry: Box) -> SphericalMetadata | None:
     return SphericalMetadata(
         projection=_PROJECTION_V2[shape.kind] if shape else "unknown",
         stereo=stereo,
-        pose_deg=tuple(a / 65536.0 for a in angles),  # type: ignore[arg-type]
-        bounds=tuple(b / 2.0**32 for b in bounds),  # type: ignore[arg-type]
+        pose_deg=tuple(a / 65536.0 for a in angles),
+        bounds=tuple(b / 2.0**32 for b in bounds),
         source="V2",
         problems=problems,
     )

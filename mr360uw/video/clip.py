@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of a clip besides its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+from mr360uw.color import ColorSpec
+from mr360uw.video.spherical import SphericalMetadata
+from mr360uw.video.tags import BT709_TAGS, ColorTags
+
+
+@dataclass(kw_only=True, eq=False)
+class Clip:
+    """Size, time, colour and company of a clip.
+
+    path: the file, or the pattern of a sequence. width, height: of the panorama, after the choice of an eye.
+    frame_rate: mean frames per second. time_base: unit of the time stamps. start_pts: time stamp of frame 0.
+    spec: how the codes are read. tags: the file's colour tags. codec_name, pixel_format: FFmpeg's names; pixel_format
+    is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
+    is_still: one picture, that `frames` repeats as often as asked. notes: what the file holds and a copy will not.
+    words: title, date and the like.
+    """
+
+    path: Path
+    width: int
+    height: int
+    frame_rate: Fraction
+    time_base: Fraction
+    start_pts: int = 0
+    spec: ColorSpec = field(default_factory=ColorSpec)
+    tags: ColorTags = BT709_TAGS
+    codec_name: str = ""
+    pixel_format: str = ""
+    sound: Path | None = None
+    spherical: SphericalMetadata | None = None
+    is_still: bool = False
+    notes: tuple[str, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def has_audio(self) -> bool:
+        """Whether there is sound to copy."""
+        return self.sound is not None
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames; None where it is not known, or where there are as many as are asked for."""
+        return None
