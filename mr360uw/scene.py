@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Transfer
-from mr360uw.composite.settings import HoldoutSettings, ObjectSettings, ReceiverSettings
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
@@ -38,6 +38,7 @@ class CameraSettings(Parameters):
     """Where the camera is."""
 
     depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
+    track: Path | None = parameter(None, "CSV of the camera's motion: time_s, x, y, z, qx, qy, qz, qw")
 
 
 def _plate_from_path(value: Any) -> Any:
@@ -60,6 +61,7 @@ class Scene(Parameters):
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (), "mattes of the plate in front of the objects", alias="holdout"
     )
+    draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
     seed: int = parameter(0, "seed of everything random; frame k depends on it and on k alone", low=0)
 

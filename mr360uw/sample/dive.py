@@ -8,13 +8,14 @@ sand under caustics. In between: the water. Everything is in units of the irradi
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
-from mr360uw.caustics import GerstnerSea, caustic_stack, fresnel_reflectance, refract_to_air, refract_to_water
+from mr360uw.caustics import GerstnerSea, caustic_stack, fresnel_reflectance, refract_to_water
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels, periodic_trilinear
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
@@ -30,8 +31,9 @@ _SUN_SHARE = 0.7
 """Part of the downwelling irradiance that is the sun's beam, a clear sky with the sun high."""
 _GLOW_RAD = 0.035
 """Angular radius over which forward scattering spreads the sun's disc in a few metres of water."""
-_LEVEL_BRIGHTNESS = 0.16
+_LEVEL_BRIGHTNESS = 0.11
 """Luminance the exposure gives the level water."""
+_CAUSTICS = CausticSettings(size=512, grid=192)
 _SAND_TILE_M = 6.0
 _SAND_SIZE = 512
 
@@ -51,8 +53,8 @@ class DiveSettings:
     """What the dive looks like; depths below the mean surface [m], angles of the sun above the surface [rad]."""
 
     camera_depth_m: float = 4.0
-    floor_depth_m: float = 8.5
-    water: str = "IB"
+    floor_depth_m: float = 7.5
+    water: str = "II"
     sun_azimuth_rad: float = 0.6
     sun_elevation_rad: float = 1.0
     seed: int = 1
@@ -65,7 +67,7 @@ class DiveSettings:
     @property
     def sea(self) -> GerstnerSea:
         """The surface of the dive."""
-        return GerstnerSea(wind_speed=3.5, wind_direction_deg=35.0, tile_m=8.0, seed=self.seed)
+        return GerstnerSea(wind_speed=3.0, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
 
 
 class DivePlate:
@@ -108,8 +110,7 @@ class DivePlate:
         here, depth = self._down, self._settings.floor_depth_m
         x, z = (self._distance[here] * self._view[here][:, k] for k in (0, 2))
         footprint = self._footprint[here]
-        caustics = CausticSettings()
-        stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, caustics)
+        stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
         pattern = caustic_lookup(stack, mip_levels(stack.ratio), x, np.full_like(x, depth), z, footprint)
         up = float(self._sun_in_water[1])
         contrast = caustic_contrast(self._table, depth, up)
@@ -162,9 +163,8 @@ def sample_dive(
     width: of the frame, a multiple of 4; the height is half of it. Raises `ParameterError`, `OutputExistsError` or
     `VideoError`; each file appears when it is complete.
     """
-    from mr360uw.sample.sound import write_tone
+    from mr360uw.sample.recording import record
     from mr360uw.template import scene_text
-    from mr360uw.video import create_video
 
     if width < 64 or width % 4:
         raise ParameterError(f"width - must be a multiple of 4 from 64 up (got {width}) - take 1024 or 2048")
@@ -180,18 +180,14 @@ def sample_dive(
     folder.mkdir(parents=True, exist_ok=True)
     write_whale(dive.mesh)
     plate = DivePlate(settings, width, width // 2)
-    tone = folder / "tone.m4a.part"
-    write_tone(tone, frames / frame_rate)
-    try:
-        with create_video(
-            dive.plate, width=width, height=width // 2, frame_rate=frame_rate, sound=tone, overwrite=overwrite
-        ) as out:
-            for index in range(frames):
-                out.write_image(plate.radiance(float(index / frame_rate)))
-                if progress is not None:
-                    progress(index + 1, frames)
-    finally:
-        tone.unlink(missing_ok=True)
+
+    def images() -> Iterator[Floats]:
+        for index in range(frames):
+            yield plate.radiance(float(index / frame_rate))
+            if progress is not None:
+                progress(index + 1, frames)
+
+    record(dive.plate, images(), frame_rate, settings.seed)
     dive.truth.write_text(json.dumps(_truth(settings), indent=2) + "\n", "utf-8")
     dive.scene.write_text(scene_text(_scene(settings)), "utf-8")
     return dive

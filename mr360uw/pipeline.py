@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole frames and whole videos.
+
+The decoder, the renderer and the encoder each have a thread; between them stand short queues, so memory does not grow with
+the clip. What a frame's light is, is found on the decoder's side.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite.over import over, over_tile
+from mr360uw.errors import ParameterError
+from mr360uw.plan import Plan
+from mr360uw.progress import Progress
+from mr360uw.renderer import FrameLight, SceneRenderer
+from mr360uw.scene import Scene
+from mr360uw.threads import Behind, prefetch
+from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable
+from mr360uw.video import VideoFrame, create_video, open_video
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """One composited frame and everything it was made from; stages that the scene does not need are None.
+
+    image_linear: (H, W, 3) float32. layer: what was laid over the plate. environment: the plate's light. caustics: on
+    the depths of the objects. medium: the water in the plate's exposure.
+    """
+
+    image_linear: Floats
+    layer: Layer
+    environment: Environment | None
+    caustics: CausticStack | None
+    medium: MediumTable | None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a run did. seconds: wall time; stage_s: seconds of each stage, which overlap, summed over the frames."""
+
+    out: Path
+    frames: int
+    backend: str
+    device: str
+    plan: Plan
+    seconds: float
+    stage_s: dict[str, float]
+    notes: tuple[str, ...] = ()
+    empty_frames: int = 0
+    sunless_frames: int = 0
+
+    def __str__(self) -> str:
+        rate = self.frames / self.seconds if self.seconds > 0 else 0.0
+        lines = [f"wrote {self.out}: {self.frames} frames in {self.seconds:.1f} s ({rate:.1f} frames/s)"]
+        lines.append(f"  renderer {self.backend} ({self.device})")
+        lines.append(
+            "  " + ", ".join(f"{name} {1e3 * s / max(self.frames, 1):.0f} ms" for name, s in self.stage_s.items())
+        )
+        if self.empty_frames:
+            lines.append(f"  in {self.empty_frames} frames nothing was visible: they went through untouched")
+        if self.sunless_frames:
+            lines.append(f"  in {self.sunless_frames} frames no sun was found: no caustics, no shadows there")
+        lines += [f"  note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+
+def render_frame(
+    plate: Floats, scene: Scene, time_s: float = 0.0, backend: str = "auto", *, index: int = 0
+) -> FrameResult:
+    """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
+
+    time_s: of the sea and of moving objects. index: of the frame, for mesh sequences and mattes. backend: "auto", "gl"
+    or "reference". Everything is loaded anew on each call; for many frames make a `renderer.SceneRenderer`.
+    """
+    plate = np.asarray(plate)
+    if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
+        raise ParameterError(
+            f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"
+        )
+    if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
+        raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
+    renderer = SceneRenderer(scene, plate.shape[1], plate.shape[0], backend)
+    light = renderer.light(plate) if renderer.plan.runs("environment") else None
+    done = renderer.render(light, time_s, index)
+    return FrameResult(
+        image_linear=over(plate, done.layer),
+        layer=done.layer,
+        environment=light.environment if light is not None else None,
+        caustics=renderer.backend.download(done.caustics) if done.caustics is not None else None,
+        medium=done.medium,
+    )
+
+
+@dataclass
+class _Clock:
+    """Seconds spent by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def add(self, stage: str, since: float) -> float:
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
+        return now
+
+
+def composite_video(
+    scene: Scene,
+    out: str | Path,
+    *,
+    frames: tuple[int, int | None] = (0, None),
+    backend: str = "auto",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Report:
+    """Composite frames [a, b) of the scene's plate into `out`, and return what ran, what was skipped and the times.
+
+    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Raises
+    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then nothing is left behind.
+    """
+    out, began, clock = Path(out), time.perf_counter(), _Clock()
+    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+        start, stop = video.check_range(*frames)
+        renderer = SceneRenderer(scene, video.width, video.height, backend)
+        needs_light = renderer.plan.runs("environment")
+        shutter_s = float(scene.draw.shutter / video.frame_rate) if video.frame_rate else 0.0
+        empty = sunless = 0
+
+        def lit() -> Iterator[tuple[VideoFrame, FrameLight | None]]:
+            since = time.perf_counter()
+            for frame in video.frames(start, stop):
+                since = clock.add("decode", since)
+                light = (
+                    renderer.light(frame.yuv if frame.yuv is not None else frame.image_linear) if needs_light else None
+                )
+                since = clock.add("light", since)
+                yield frame, light
+                since = time.perf_counter()
+
+        with create_video(out, video, scene.output, overwrite=overwrite) as writer:
+
+            def write(item: tuple[VideoFrame, Layer]) -> None:
+                since = time.perf_counter()
+                frame = item[0].over(item[1], over_tile) if item[1].tiles else item[0]
+                since = clock.add("blend", since)
+                writer.write(frame)
+                clock.add("encode", since)
+
+            with Behind(write) as sink:
+                for done, (frame, light) in enumerate(prefetch(lit()), 1):
+                    since = time.perf_counter()
+                    layer = renderer.render(light, frame.time_s, frame.index, shutter_s).layer
+                    clock.add("render", since)
+                    empty += not layer.tiles
+                    sunless += light is not None and light.environment.sun is None
+                    sink.put((frame, layer))
+                    if progress is not None:
+                        progress(done, stop - start)
+        notes = (*video.notes, *renderer.notes, *writer.notes)
+    return Report(
+        out=out,
+        frames=stop - start,
+        backend=renderer.backend.name,
+        device=renderer.backend.device,
+        plan=renderer.plan,
+        seconds=time.perf_counter() - began,
+        stage_s=clock.seconds,
+        notes=notes,
+        empty_frames=empty if renderer.plan.runs("layer") else 0,
+        sunless_frames=sunless if renderer.plan.runs("sun") else 0,
+    )
+
+
+def explain_plan(scene: Scene, backend: str = "auto") -> str:
+    """Return in words what a run of the scene will do and why; opens every file that it names."""
+    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+        renderer = SceneRenderer(scene, video.width, video.height, backend)
+        head = [
+            f"plate     {video.path.name}: {video.width}x{video.height}, {video.frame_count} frames, {video.codec_name}",
+            f"renderer  {renderer.backend.name} ({renderer.backend.device})",
+            *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
+        ]
+    for placed in renderer.objects:
+        size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
+        triangles = len(placed.meshes[0].positions)
+        head.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m")
+    return "\n".join([*head, "stages", str(renderer.plan)])
+
+
+def export_caustics(
+    scene: Scene, folder: str | Path, frames: int, loop_s: float, *, image_format: str = "png", overwrite: bool = False
+) -> int:
+    """Write the scene's sea as tileable, looping caustic, height and normal maps; return the number of images."""
+    from mr360uw.caustics import export_tiles
+
+    written: Any = export_tiles(
+        scene.sea, folder, frames, loop_s, settings=scene.caustics, image_format=image_format, overwrite=overwrite
+    )
+    return len(written)
