@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two renderers behind one interface, and the choice between them.
 
-`reference` is float64 NumPy and rays; it defines the right answer and needs no OpenGL. `gl` draws the same with OpenGL 3.3.
+`reference` is float64 NumPy and rays; it defines the right answer and needs no OpenGL. `gl` draws the same with
+OpenGL 3.3.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole frames and whole videos.
 
-The decoder, the renderer and the encoder each have a thread; between them stand short queues, so memory does not grow with
-the clip. What a frame's light is, is found on the decoder's side.
+The decoder, the renderer and the encoder each have a thread; between them stand short queues, so memory does not grow
+with the clip. The light of a frame is found on the decoder's side.
 """
 
 from __future__ import annotations
@@ -181,8 +181,9 @@ def explain_plan(scene: Scene, backend: str = "auto") -> str:
     """Return in words what a run of the scene will do and why; opens every file that it names."""
     with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
         renderer = SceneRenderer(scene, video.width, video.height, backend)
+        size = f"{video.width}x{video.height}"
         head = [
-            f"plate     {video.path.name}: {video.width}x{video.height}, {video.frame_count} frames, {video.codec_name}",
+            f"plate     {video.path.name}: {size}, {video.frame_count} frames, {video.codec_name}",
             f"renderer  {renderer.backend.name} ({renderer.backend.device})",
             *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
         ]

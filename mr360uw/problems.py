@@ -99,6 +99,7 @@ def bounds_text(field: Any) -> str:
         low = f"> {rule.gt:g}" if getattr(rule, "gt", None) is not None else low
         high = getattr(rule, "le", None) if getattr(rule, "le", None) is not None else high
     unit = ((field.json_schema_extra or {}).get("unit") or "") if field is not None else ""
+    unit = "" if unit == "1" else unit
     if isinstance(low, str):
         text = f"{low}" + (f" and <= {high:g}" if high is not None else "")
     elif low is not None and high is not None:

@@ -3,8 +3,8 @@
 
     plate -> environment -> caustics -> layer -> composite
 
-Each stage gets everything it needs and returns a frozen type of `mr360uw.types`; frame k depends on the scene, its plate and
-k alone. What a scene does not need, the plan leaves out.
+Each stage gets everything it needs and returns a frozen type of `mr360uw.types`; frame k depends on the scene, its
+plate and k alone. What a scene does not need, the plan leaves out.
 """
 
 from __future__ import annotations
@@ -158,5 +158,5 @@ class SceneRenderer:
         if shot.receiver is not None and shot.receiver.caustics and shot.receiver.plane_y is not None:
             depths.append(shot.camera_depth_m - shot.receiver.plane_y)
         near = max(min(depths), 0.1)
-        planes = stack_depths(near, max(max(depths), near * 1.001), self.scene.caustics.planes)
+        planes = stack_depths(near, max(*depths, near * 1.001), self.scene.caustics.planes)
         return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, self.scene.caustics)

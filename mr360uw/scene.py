@@ -52,18 +52,17 @@ class Scene(Parameters):
 
     plate: Annotated[PlateSettings, BeforeValidator(_plate_from_path)] = parameter(..., "the video to work on")
     camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
-    light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
-    sea: Sea = parameter(GerstnerSea(), "the water surface")
-    caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (), "mattes of the plate in front of the objects", alias="holdout"
     )
+    light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
+    sea: Sea = parameter(GerstnerSea(), "the water surface")
+    caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
-    seed: int = parameter(0, "seed of everything random; frame k depends on it and on k alone", low=0)
 
 
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:

@@ -63,7 +63,7 @@ def test_every_problem_has_its_line_its_value_and_its_remedy() -> None:
         ("w.toml:7 fish[0].scael - unknown key (got 2.0)", "did you mean 'scale'?"),
         ("w.toml:9 fish[1].mehs - unknown key (got 'b.glb')", "did you mean 'mesh'?"),
         ("w.toml:10 fish[1].codec - must be 'libx264' or 'libx265' (got 'libx2655')", "did you mean 'libx265'?"),
-        ("w.toml:11 fish[1].scale - must be > 0 and <= 100 1 (got 1000.0)", "factor on the size"),
+        ("w.toml:11 fish[1].scale - must be > 0 and <= 100 (got 1000.0)", "factor on the size"),
     ]
     assert len(found) == len(expected)  # the missing mesh is not reported beside its misspelling
     for message, (start, end) in zip(found, expected, strict=True):

@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
-from mr360uw.ibl.expansion import checked_plate, expand
+from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
-from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate
+from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
-from mr360uw.ibl.sun import find_disc, sun_of_disc
-from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
-from mr360uw.sphere import frame_from_direction, row_solid_angle
+from mr360uw.ibl.split import Split, close, split_sun, with_sun
+from mr360uw.ibl.sun import find_disc, split_disc
 from mr360uw.types import Environment, Floats, Sun
+
+SunChoice = Sun | Literal["detect"] | None
 
 
 def environment(
@@ -26,48 +27,53 @@ def environment(
     settings: LightSettings | None = None,
     *,
     expansion: Operator | None = None,
-    sun: Sun | Literal["detect"] | None = "detect",
+    sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
 ) -> Environment:
-    """Return the light of a linear plate (H, W, 3)."""
+    """Return the light of a linear plate (H, W, 3), of any size.
+
+    settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
+    already. sun: "detect" looks for one (inside Snell's window if `underwater`) and leaves it in the sky where the
+    confidence is too low; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
+    filter the residual at the roughnesses of the settings. Raises `ParameterError` for arrays that are no plate.
+    """
     settings = settings or LightSettings()
     if expansion is not None:
-        settings = settings.model_copy(update={"operator": expansion})
-    raw = LinearPlate.of(checked_plate(plate))
-    seen = raw if settings.operator in ("none", "closure") else LinearPlate.of(expand(raw.image, settings))
-    if sun == "detect":
-        disc = find_disc(raw, underwater=underwater)
-        sun = None if disc is None or disc.confidence < settings.minimum_confidence else sun_of_disc(seen, disc)
-    coarse = seen.coarse
-    residual = coarse if sun is None else without_sun(coarse, sun)
-    return assemble(coarse, residual, sun, settings.glossy_roughness if glossy else ())
+        settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
+    return light_of(LinearPlate.of(checked_plate(plate), settings), settings, sun, underwater, glossy)
 
 
-def without_sun(coarse: Floats, sun: Sun) -> Floats:
-    """Return a coarse map with the sun's light taken out of the pixels of its disc."""
-    height, width = coarse.shape[:2]
-    radius = max(2.0 * sun.half_angle_rad, np.radians(1.0))
-    x, y = frame_from_direction(patch_directions(sun.direction, radius, 33), width, height)
-    share = np.zeros((height, width))
-    np.add.at(share, (np.minimum(y.astype(int), height - 1), x.astype(int) % width), patch_solid_angle(radius, 33))
-    share *= luminance_of(coarse)
-    taken = share / share.sum() / row_solid_angle(width, height)[:, None]
-    return np.maximum(coarse - taken[..., None] * sun.irradiance, 0.0).astype(np.float32)
+def light_of(
+    plate: Plate, settings: LightSettings, sun: SunChoice = "detect", underwater: bool = False, glossy: bool = False
+) -> Environment:
+    """Return the light of a plate whatever its storage; see `environment`."""
+    split = _split(plate, settings, sun, underwater)
+    coarse = plate.coarse if split is None else with_sun(split.residual, split.sun)
+    residual = coarse if split is None else split.residual
+    return assemble(coarse, residual, None if split is None else split.sun, settings.glossy_roughness if glossy else ())
 
 
-def luminance_of(image: Floats) -> Floats:
-    """Return the luminance, kept above zero."""
-    return np.maximum(image @ np.array([0.2126, 0.7152, 0.0722]), 1e-6)
+def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool) -> Split | None:
+    if sun is None:
+        return None
+    if isinstance(sun, Sun):
+        return Split(split_sun(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
+    disc = find_disc(plate, underwater=underwater)
+    if disc is None or disc.confidence < settings.minimum_confidence:
+        return None
+    split = split_disc(plate, disc)
+    if settings.operator == "closure" and disc.blob.clipped:
+        return close(split, settings.direct_to_diffuse)
+    return split
 
 
-def assemble(coarse: Floats, residual: Floats, sun: Sun | None, roughness: tuple[float, ...]) -> Environment:
+def assemble(coarse: Floats, residual: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:
     """Return the environment of coarse maps (128, 256, 3) with and without the sun."""
     ambient = cosine_filter(COARSE_SCALE)(residual)
-    irradiance = ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance)
     return Environment(
         radiance=reduce_map(coarse, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS),
-        irradiance=irradiance,
+        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
         sun=sun,
         residual=reduce_map(residual, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS),
         ambient=ambient,

@@ -3,71 +3,95 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import LUMINANCE
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.ibl.expansion import expand
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
-from mr360uw.sphere import frame_from_direction
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 
 COARSE_SCALE = 4
-COARSE_COLUMNS, COARSE_ROWS = 64 * COARSE_SCALE, 32 * COARSE_SCALE
+COARSE_COLUMNS, COARSE_ROWS = ENVIRONMENT_COLUMNS * COARSE_SCALE, ENVIRONMENT_ROWS * COARSE_SCALE
 """Pixels of the coarse map: 1.4 degrees, fine enough for 0.5 % of irradiance, small enough to be free."""
+
+
+@functools.cache
+def coarse_directions() -> Floats:
+    """Return the directions of the coarse map's pixels, (128, 256, 3)."""
+    return directions(COARSE_COLUMNS, COARSE_ROWS).astype(np.float32)
+
+
+@functools.cache
+def coarse_solid_angle() -> Floats:
+    """Return the solid angles [sr] of the coarse map's pixels, (128, 1)."""
+    return row_solid_angle(COARSE_COLUMNS, COARSE_ROWS).astype(np.float32)[:, None]
 
 
 class Plate(Protocol):
     """What the sun detector and the environment need to know of a plate, whatever its storage."""
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-
-    @property
     def coarse(self) -> Floats:
-        """Means of the linear plate before expansion, (128, 256, 3)."""
+        """Means of the expanded radiance, (128, 256, 3)."""
 
     @property
     def brightest(self) -> Floats:
-        """Largest luminance of the plate's pixels inside each coarse pixel, (128, 256)."""
+        """Largest luminance of the plate's pixels inside each coarse pixel before expansion, (128, 256)."""
 
     def look(self, direction: Floats) -> Floats:
-        """Return the plate's linear radiance (..., 3) in directions (..., 3)."""
+        """Return the plate's linear radiance before expansion (h, w, 3) in directions (h, w, 3)."""
+
+    def look_expanded(self, direction: Floats) -> Floats:
+        """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
 
 
-def remap(image: NDArray[np.float32] | NDArray[np.uint8] | NDArray[np.uint16], x: Floats, y: Floats) -> Floats:
-    """Return bilinear samples (h, w, ...) of an equirectangular image at continuous coordinates (h, w)."""
+def remap(image: NDArray[Any], x: Floats, y: Floats) -> NDArray[Any]:
+    """Return bilinear samples (h, w, ...) of an equirectangular image at continuous coordinates (h, w).
+
+    Periodic across the seam; beyond the centres of the first and last rows the nearest row.
+    """
     import cv2
 
-    x, y = (x - 0.5).astype(np.float32), (y - 0.5).astype(np.float32)
-    return cv2.remap(image, x, np.clip(y, 0, image.shape[0] - 1), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    column, row = (x - 0.5).astype(np.float32), np.clip(y - 0.5, 0, image.shape[0] - 1).astype(np.float32)
+    return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
 @dataclass(frozen=True, slots=True)
 class LinearPlate:
-    """A plate of linear floats, (H, W, 3)."""
+    """A plate of linear floats, (H, W, 3), and its expansion."""
 
     image: NDArray[np.float32]
+    expanded: NDArray[np.float32]
     coarse: Floats
     brightest: Floats
 
     @classmethod
-    def of(cls, image: NDArray[np.float32]) -> LinearPlate:
-        """Return the plate with its coarse maps worked out."""
-        luminance_map = image @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    def of(cls, image: NDArray[np.float32], settings: LightSettings | None = None) -> LinearPlate:
+        """Return the plate with its coarse maps worked out; without settings nothing is expanded."""
+        expanded = image if settings is None else expand(image, settings)
         return cls(
             image,
-            reduce_map(image, COARSE_COLUMNS, COARSE_ROWS),
-            reduce_maximum(luminance_map, COARSE_COLUMNS, COARSE_ROWS),
+            expanded,
+            reduce_map(expanded, COARSE_COLUMNS, COARSE_ROWS),
+            reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS),
         )
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-        return self.image.shape[1], self.image.shape[0]
-
     def look(self, direction: Floats) -> Floats:
-        """Return the linear radiance (h, w, 3) in directions (h, w, 3)."""
-        return remap(self.image, *frame_from_direction(direction, *self.size))
+        """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
+        return self._sample(self.image, direction)
+
+    def look_expanded(self, direction: Floats) -> Floats:
+        """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
+        return self._sample(self.expanded, direction)
+
+    @staticmethod
+    def _sample(image: NDArray[np.float32], direction: Floats) -> Floats:
+        return remap(image, *frame_from_direction(direction, image.shape[1], image.shape[0]))

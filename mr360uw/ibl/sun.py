@@ -1,75 +1,123 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun in a plate, clipped or not."""
+"""The sun in a plate, clipped or not.
+
+After Iorns & Rhee 2016 the sun is light that stands out of the map. Candidates come from the coarse map; each is
+looked at closely (`blob`) and judged by what a sun has and clouds, sand, caustics and lamps have not:
+
+    small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
+    alone      most of what is as bright as it lies in it (a sky of clipped clouds is bright all over)
+    a halo     the surroundings are darker, two radii out already much darker
+    above      over the horizon, or inside Snell's window for a camera under water
+
+Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.color import luminance
+from mr360uw.ibl.blob import Blob, brightness, examine
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
-from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
-from mr360uw.sphere import directions, unit
+from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle
+from mr360uw.ibl.split import Split, split_sun
 from mr360uw.types import Floats, Sun
+
+_HDR = 1.5
+"""A plate with values above this is scene radiance; display-referred white is 1."""
+_CANDIDATES = 3
+_LONE_ANGLE_RAD = np.radians(4.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """Where the sun is and how much light it adds to its surroundings, before any expansion.
+    """A spot taken for the sun, and how much it looks like one, 0 to 1."""
 
-    direction: (3,) unit. half_angle_rad: radius of the brightest part as it is seen. threshold: luminance above
-    which light is the sun's. confidence: 0 to 1.
-    """
-
-    direction: Floats
-    half_angle_rad: float
-    threshold: float
+    blob: Blob
     confidence: float
 
 
+def lowest_up(underwater: bool) -> float:
+    """Return the smallest y of a direction in which a sun is looked for."""
+    return float(np.sin(snell_elevation())) if underwater else 0.0
+
+
 def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
-    """Return the most likely sun of a plate, None where nothing stands out."""
-    up = directions(COARSE_COLUMNS, COARSE_ROWS)[..., 1]
-    allowed = up > np.sin(snell_elevation() if underwater else 0.0)
+    """Return the most sun-like spot of a plate, None where nothing stands out at all."""
+    floor = lowest_up(underwater)
+    allowed = coarse_directions()[..., 1] > floor
     bright = np.where(allowed, plate.brightest, 0.0)
+    value = brightness(plate.coarse)
     peak = float(bright.max())
-    if peak <= 0.0 or peak <= 1.5 * float(np.median(plate.brightest)):
+    if peak <= 1.05 * float(np.median(plate.brightest[allowed])):
         return None
-    mask = bright >= 0.9 * peak
-    d = directions(COARSE_COLUMNS, COARSE_ROWS)[mask]
-    weight = luminance(plate.coarse)[mask]
-    centre = unit(d[int(weight.argmax())])
-    radius = np.radians(8.0)
-    for _ in range(3):
-        look = patch_directions(centre, radius, 129)
-        solid_angle = patch_solid_angle(radius, 129)
-        values = luminance(plate.look(look))
-        threshold = 0.5 * float(values.max())
-        excess = np.maximum(values - threshold, 0.0) * solid_angle * (look[..., 1] > 0.0)
-        if excess.sum() <= 0.0:
-            return None
-        centre = unit(np.tensordot(excess, look, ([0, 1], [0, 1])))
-    disc = float(solid_angle[values > threshold].sum())
-    half_angle = float(np.arccos(np.clip(1.0 - disc / (2.0 * np.pi), -1.0, 1.0)))
-    return Disc(centre, half_angle, threshold, float(np.clip(1.5 - half_angle / np.radians(4.0), 0.0, 1.0)))
+    hdr = float(plate.brightest.max()) > _HDR
+    weight = np.where(bright >= (0.3 if hdr else 0.9) * peak, value, 0.0) * coarse_solid_angle()
+    best: Disc | None = None
+    for seed in _seeds(weight):
+        blob = examine(plate, seed, floor)
+        if blob is None:
+            continue
+        near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, _LONE_ANGLE_RAD))
+        lone = float(weight[near].sum() / weight.sum())
+        contrast = blob.peak / max(float(np.median(value)), 1e-6)
+        globals().get('DEBUG') and print('   cand', np.degrees(np.arcsin(blob.direction[1])).round(1), np.degrees(np.arctan2(blob.direction[0],-blob.direction[2])).round(1),np.degrees(blob.radius_rad).round(2),np.degrees(blob.extent_rad).round(2),'lone',round(lone,2),'halo',round(blob.halo,2),'peak',blob.peak,blob.clipped)
+        disc = Disc(blob, confidence(blob, lone, contrast, hdr=hdr, underwater=underwater))
+        if best is None or disc.confidence > best.confidence:
+            best = disc
+        if best.confidence > 0.5:
+            break
+    return best
 
 
-def sun_of_disc(plate: Plate, disc: Disc) -> Sun:
-    """Return the sun whose irradiance is the light above the disc's threshold near it."""
-    radius = max(3.0 * disc.half_angle_rad, np.radians(1.0))
-    look = patch_directions(disc.direction, radius, 129)
-    colour = plate.look(look)
-    value = np.maximum(luminance(colour), 1e-6)
-    excess = colour * np.maximum(1.0 - disc.threshold / value, 0.0)[..., None]
-    energy = np.tensordot(patch_solid_angle(radius, 129), excess, ([0, 1], [0, 1]))
-    return Sun(disc.direction, energy.astype(np.float32), disc.half_angle_rad, disc.confidence)
+def _seeds(weight: Floats) -> Iterator[Floats]:
+    """Yield directions (3,) about which most weight lies, within 4 degrees, each 15 degrees from those before."""
+    chosen = weight > 0.0
+    d, w = coarse_directions()[chosen], weight[chosen]
+    if len(d) > 1500:  # a sky that is bright all over: any few of its pixels will do
+        d, w = d[:: len(d) // 1500 + 1], w[:: len(w) // 1500 + 1]
+    gathered = np.exp((d @ d.T - 1.0) / _LONE_ANGLE_RAD**2) @ w
+    for _ in range(_CANDIDATES):
+        k = int(gathered.argmax())
+        if gathered[k] <= 0.0:
+            return
+        yield d[k]
+        gathered = np.where(d @ d[k] > np.cos(np.radians(15.0)), 0.0, gathered)
+
+
+def _falling(x: float, one: float, zero: float) -> float:
+    """Return 1 for x on the side of `one`, 0 on that of `zero`, a smooth step between."""
+    t = float(np.clip((x - zero) / (one - zero), 0.0, 1.0))
+    return t * t * (3.0 - 2.0 * t)
+
+
+def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwater: bool) -> float:
+    """Return how much a spot looks like a sun, 0 to 1; 0.5 is the line.
+
+    lone: its share of all light as bright. contrast: peak over the median value of the map.
+    """
+    radius = float(np.degrees(blob.radius_rad)) / (1.5 if underwater else 1.0)
+    if hdr:
+        return _falling(radius, 0.5, 1.0) * _falling(np.log10(contrast), 3.6, 2.6) * _falling(lone, 0.7, 0.3)
+    size = _falling(radius, 4.0, 14.0) if blob.clipped else _falling(radius, 1.0, 3.0)
+    white = _falling(blob.peak, 0.95, 0.85)
+    return size * white * _falling(lone, 0.2, 0.05) * _falling(blob.halo, 0.55, 0.8)
+
+
+def split_disc(plate: Plate, disc: Disc) -> Split:
+    """Return the plate's expanded map split into this sun and the rest."""
+    return split_sun(plate, disc.blob.direction, disc.blob.radius_rad, disc.confidence)
 
 
 def detect_sun(plate: ArrayLike, underwater: bool = False) -> Sun | None:
-    """Return the sun of a linear plate (H, W, 3), HDR or clipped; None where there is none."""
+    """Return the sun of a linear plate (H, W, 3), HDR or clipped to display white = 1; None where there is none.
+
+    underwater: look inside Snell's window only; the direction is that in the water. The irradiance is that of the
+    plate as it is: of a clipped one far too low (see `environment`). Raises `ParameterError` for other arrays.
+    """
     seen = LinearPlate.of(checked_plate(plate))
     disc = find_disc(seen, underwater=underwater)
-    return None if disc is None else sun_of_disc(seen, disc)
+    return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc).sun

@@ -17,6 +17,7 @@ _HOME = {
     "Water": "water",
     "JERLOV_TYPES": "water",
     "cameras": "sensor",
+    "WaterSettings": "settings",
     "compress_gamut": "gamut",
     "fit_gain": "plate",
     "multiple_scattering": "closed_form",

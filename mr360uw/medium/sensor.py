@@ -94,6 +94,13 @@ def _cie1931() -> Sensor:
     return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz @ REC709_FROM_XYZ.T))
 
 
+def named_sensor(name: str) -> Sensor:
+    """Return the sensor of a name: "CIE 1931", a CSV file, or a built-in camera."""
+    if name.casefold().replace(" ", "") == "cie1931":
+        return Sensor.cie1931()
+    return Sensor.from_csv(name) if name.lower().endswith(".csv") else Sensor.camera(name)
+
+
 def cameras() -> tuple[str, ...]:
     """Return the names of the built-in cameras."""
     return tuple(builtin_cameras())

@@ -10,6 +10,7 @@ al. 1998 (chlorophyll); Lee et al. 2005 (Kd from a and b). The tables' own heade
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -151,21 +152,7 @@ class Water:
         kd: source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins. phase:
         Petzold's average for Solonenko & Mobley, whose Kd goes with it; else Henyey-Greenstein g = 0.9.
         """
-        if inherent not in get_args(Inherent):
-            raise ParameterError(f"inherent - unknown source (got {inherent!r}) - take one of {get_args(Inherent)}")
-        types = [name for name in builtin_table(f"{inherent}_absorption.csv") if name != "wavelength_nm"]
-        if water_type not in types:
-            raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")
-        chosen = kd or ("solonenko2015" if inherent == "solonenko2015" else "lee2005")
-        name = f"Jerlov {water_type}"
-        return cls(
-            name=name,
-            a=builtin_spectrum(f"{inherent}_absorption.csv", water_type, f"{name}, absorption"),
-            b=builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering"),
-            kd=_kd_table(water_type, chosen),
-            phase=phase or ("petzold" if inherent == "solonenko2015" else ("hg", MEAN_COSINE_SEA)),
-            source=f"a, b: {_CITATION[inherent]}; Kd: {_CITATION[chosen]}",
-        )
+        return _jerlov(water_type, inherent, kd, phase)
 
     @classmethod
     def pure(cls) -> Water:
@@ -250,6 +237,26 @@ class Water:
 
 
 _COLUMN = {"wavelength": "wavelength_nm", "wl_nm": "wavelength_nm", "a": "absorption", "b": "scattering"}
+
+
+@functools.lru_cache(maxsize=64)
+def _jerlov(water_type: JerlovType, inherent: Inherent, kd: Diffuse | None, phase: Phase | None) -> Water:
+    # one object for each type, so that what is solved for it is found again
+    if inherent not in get_args(Inherent):
+        raise ParameterError(f"inherent - unknown source (got {inherent!r}) - take one of {get_args(Inherent)}")
+    types = [name for name in builtin_table(f"{inherent}_absorption.csv") if name != "wavelength_nm"]
+    if water_type not in types:
+        raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")
+    chosen = kd or ("solonenko2015" if inherent == "solonenko2015" else "lee2005")
+    name = f"Jerlov {water_type}"
+    return Water(
+        name=name,
+        a=builtin_spectrum(f"{inherent}_absorption.csv", water_type, f"{name}, absorption"),
+        b=builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering"),
+        kd=_kd_table(water_type, chosen),
+        phase=phase or ("petzold" if inherent == "solonenko2015" else ("hg", MEAN_COSINE_SEA)),
+        source=f"a, b: {_CITATION[inherent]}; Kd: {_CITATION[chosen]}",
+    )
 
 
 def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A synthetic 360 dive whose sun, sea, water and depth are known.
 
-Above: the sky through Snell's window of a moving surface, with the sun's glitter, and total reflection around it. Below:
-sand under caustics. In between: the water. Everything is in units of the irradiance just below the surface.
+Above: the sky through Snell's window of a moving surface, with the sun's glitter, and total reflection around it.
+Below: sand under caustics. In between: the water. Units: the irradiance just below the surface.
 """
 
 from __future__ import annotations
@@ -195,13 +195,12 @@ def sample_dive(
 
 def _scene(settings: DiveSettings) -> dict[str, object]:
     """The keys of a scene that belongs to the dive; everything else stays at its default."""
-    sea = settings.sea
     return {
         "plate": {"path": "dive.mp4"},
         "camera": {"depth_m": settings.camera_depth_m},
         "water": {"type": settings.water},
-        "sea": {"wind_speed": sea.wind_speed, "wind_direction_deg": sea.wind_direction_deg, "seed": sea.seed},
-        "object": [{"mesh": "whale.glb", "position_m": [0.6, -1.2, -5.0], "rotation_deg": [-65.0, 0.0, 0.0]}],
+        "sea": settings.sea.model_dump(exclude_unset=True),
+        "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "rotation_deg": [-60.0, 4.0, 0.0]}],
         "receiver": {"height_m": settings.camera_depth_m - settings.floor_depth_m},
     }
 
