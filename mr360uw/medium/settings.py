@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user can say about the water: the `[water]` table of a scene."""
+
+from __future__ import annotations
+
+from math import radians, sin
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from mr360uw.constants import MEAN_COSINE_SEA
+from mr360uw.errors import ParameterError
+from mr360uw.medium.bands import Rule
+from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
+from mr360uw.medium.phase import Phase
+from mr360uw.medium.plate import fit_gain
+from mr360uw.medium.sensor import named_sensor
+from mr360uw.medium.transfer import SurfaceKind
+from mr360uw.medium.water import Diffuse, Inherent, JerlovType, Water
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.types import Floats
+
+WaterType = JerlovType | Literal["pure", "chlorophyll", "csv", "none"]
+PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-forand"]
+Gain = Annotated[float, Field(ge=0.0, le=1e6)]
+
+
+class WaterSettings(Parameters):
+    """The water between camera and objects, how it is computed, and how it is put into the plate's exposure."""
+
+    type: WaterType = parameter("IB", "Jerlov type, pure, chlorophyll, csv, or none for a plate without water")
+    chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
+    csv: Path | None = parameter(
+        None, "for type csv: table with wavelength_nm, absorption, scattering and, if known, kd"
+    )
+    inherent: Inherent = parameter("solonenko2015", "source of absorption and scattering of the Jerlov types")
+    kd: Diffuse | Literal["auto"] = parameter("auto", "source of the diffuse attenuation of the Jerlov types")
+    phase: PhaseName = parameter("auto", "phase function; auto = the one that goes with the water")
+    mean_cosine: float = parameter(MEAN_COSINE_SEA, "for phase hg: mean cosine g", unit="1", low=-0.95, high=0.99)
+    particle_index: float = parameter(
+        1.10, "for phase fournier-forand: relative refractive index", unit="1", low=1.01, high=1.35
+    )
+    junge_slope: float = parameter(
+        3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
+    )
+    mode: Mode = parameter("table", "how the veil is computed; kd = as published, table = solved light field")
+    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
+    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
+    sensor: str = parameter("CIE 1931", "CIE 1931, a built-in camera, or a CSV file with wavelength_nm, R, G, B")
+    illuminant: str = parameter("D65", "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ...")
+    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
+    sun_share: float = parameter(
+        0.0, "share of the sun's beam in the light below the surface; 0 = uniform sky", unit="1", low=0.0, high=1.0
+    )
+    sun_elevation_deg: float = parameter(
+        60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
+    )  # fmt: skip
+    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
+        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> WaterSettings:
+        if self.type == "csv" and self.csv is None:
+            raise ValueError("csv - type csv needs a file (got none) - name it")
+        return self
+
+    def water(self) -> Water | None:
+        """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
+        if self.type == "none":
+            return None
+        if self.type == "pure":
+            water = Water.pure()
+        elif self.type == "chlorophyll":
+            water = Water.chlorophyll(self.chlorophyll_mg_m3)
+        elif self.type == "csv":
+            if self.csv is None:
+                raise ParameterError("csv - type csv needs a file (got none) - name it")
+            water = Water.from_csv(self.csv)
+        else:
+            water = Water.jerlov(self.type, self.inherent, None if self.kd == "auto" else self.kd)
+        return water if self.phase == "auto" else water.with_phase(self._phase())
+
+    def _phase(self) -> Phase:
+        if self.phase == "hg":
+            return "hg", self.mean_cosine
+        if self.phase == "fournier-forand":
+            return "fournier-forand", self.particle_index, self.junge_slope
+        return self.phase
+
+    def medium(self, camera_depth_m: float, radiance_map: Floats | None = None) -> Medium | None:
+        """Return the medium of a camera at a depth, or None for a plate without water.
+
+        radiance_map: (32, 64, 3) of the plate; gain "auto" and mode "plate" read the water's colour from it. Without
+        it the gain is 1. Raises `ParameterError`.
+        """
+        water = self.water()
+        if water is None:
+            return None
+        medium = Medium(
+            water,
+            named_sensor(self.sensor),
+            self.mode,
+            camera_depth_m,
+            band_count=self.bands,
+            rule=self.rule,
+            illuminant=self.illuminant,
+            surface=self.surface,
+            sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
+            radiance_map=radiance_map if self.mode == "plate" else None,
+        )
+        if self.gain != "auto":
+            return medium.scaled(self.gain)
+        if radiance_map is None or self.mode == "plate":
+            return medium
+        return medium.scaled(fit_gain(medium, radiance_map)[0])
