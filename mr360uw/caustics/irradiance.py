@@ -56,12 +56,10 @@ def caustic_map(
     """
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
     if backend == "gl":
-        from mr360uw.caustics.gl import CausticRenderer
+        from mr360uw.caustics.gl import caustic_renderer
 
-        renderer = CausticRenderer()
-        return renderer.map(
-            sea, sun, depth_m, time_s, size, grid, refractive_index, sun_half_angle_rad, method
-        )  # fmt: skip
+        renderer = caustic_renderer()
+        return renderer.map(sea, sun, depth_m, time_s, size, grid, refractive_index, sun_half_angle_rad, method)
     if backend != "reference":
         raise ParameterError(f"backend - is not known (got {backend!r}) - use 'reference' or 'gl'")
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)

@@ -1,0 +1,10 @@
+// what was drawn beyond the tile's edge belongs to the other side
+uniform sampler2D light;
+uniform int size;
+out float folded;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    folded = texelFetch(light, at, 0).r + texelFetch(light, at + ivec2(size, 0), 0).r
+           + texelFetch(light, at + ivec2(0, size), 0).r + texelFetch(light, at + ivec2(size), 0).r;
+}

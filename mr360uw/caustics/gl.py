@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Caustics on OpenGL 3.3: the same cells, shared over the same pixels, as in `irradiance` and `deposit`.
+
+Passes: surface (once for each frame), rays and cell flux (for each refractive index), then for each plane: cells drawn
+into an additive target, fold, sun disc. A cell is a point whose square covers its refracted image; each pixel of the
+square takes the exact area. Cells larger than the driver's points become rectangles. A cell starts in the tile, and the
+target spans two tiles each way, so the mesh is drawn once and the fold adds what lies beyond the edges.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustics.gerstner import GerstnerSea, Waves
+from mr360uw.caustics.gl_passes import Passes, Textures
+from mr360uw.caustics.irradiance import AnySea, check_arguments, pass_indices, scroll, scroll_offsets
+from mr360uw.caustics.refraction import fresnel_transmittance, refract_to_water
+from mr360uw.caustics.sea import check_time
+from mr360uw.caustics.settings import CausticSettings, Method
+from mr360uw.caustics.sun_disc import footprint, marginal_kernel
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.gl.context import gl_context, read_framebuffer, texture_array_from_array, texture_from_array
+from mr360uw.types import CausticStack
+
+Array = NDArray[np.float64]
+
+_NO_BLUR_PIXELS = 0.05
+_DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
+
+
+@dataclass(frozen=True, slots=True)
+class GlCausticStack:
+    """A `CausticStack` on the GPU, as lookup.glsl reads it.
+
+    texture: array of (size, 2 size) images, the mip_atlas of each plane; red, green and blue read the same where there
+    was one pass. plane_depth: (planes, 1) depths [m]. depth_m: the same on the host. sun_direction: (3,) in the water.
+    """
+
+    texture: moderngl.TextureArray
+    plane_depth: moderngl.Texture
+    depth_m: Array
+    tile_m: float
+    sun_direction: Array
+
+    def download(self) -> CausticStack:
+        """Return the stack as an array."""
+        size, _, planes = self.texture.size
+        data = np.frombuffer(self.texture.read(alignment=1), np.float32)
+        image = data.reshape(planes, 2 * size, size, self.texture.components)[:, :size, :, :3]
+        ratio = np.broadcast_to(image, (planes, size, size, 3)).astype(np.float64)
+        return CausticStack(ratio, self.depth_m, self.tile_m, self.sun_direction)
+
+
+@functools.cache
+def _renderer_of_thread(_thread_id: int) -> CausticRenderer:
+    return CausticRenderer()
+
+
+def caustic_renderer() -> CausticRenderer:
+    """Return this thread's renderer, made at the first call."""
+    return _renderer_of_thread(threading.get_ident())
+
+
+class CausticRenderer:
+    """Makes caustic maps and stacks; keeps its programs and textures from frame to frame."""
+
+    def __init__(self) -> None:
+        self._passes = Passes()
+        self._point_limit = float(gl_context().info["GL_POINT_SIZE_RANGE"][1])
+
+    def map(
+        self,
+        sea: AnySea,
+        sun_direction_in_air: ArrayLike,
+        depth_m: float,
+        time_s: float,
+        size: int = 512,
+        grid: int = 256,
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
+        sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
+        method: Method = "exact",
+    ) -> NDArray[np.float32]:
+        """Return the irradiance ratio (size, size) of `irradiance.caustic_map`."""
+        sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
+        self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
+        total = self._rays(sun, refractive_index, grid, "rays 0")
+        plane = _Plane(sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method)
+        light = self._light(plane, 0)
+        incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
+        ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
+        if method not in _DRAWN_AS_MESH:
+            ratio = ratio + np.float32(1.0 - ratio.mean(dtype=np.float64))
+        return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
+
+    def stack(
+        self,
+        sea: AnySea,
+        sun_direction_in_air: ArrayLike,
+        depths_m: Sequence[float] | Array,
+        time_s: float,
+        settings: CausticSettings | None = None,
+    ) -> GlCausticStack:
+        """Return the stack of `irradiance.caustic_stack` on the GPU, mip levels included."""
+        s = settings or CausticSettings()
+        sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
+        depths = np.asarray(depths_m, np.float64)
+        indices = pass_indices(s)
+        context = gl_context()
+        context.gc()
+        texture = context.texture_array((s.size, 2 * s.size, len(depths)), 4 if len(indices) == 3 else 1, dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        if len(indices) == 1:
+            texture.swizzle = "RRR1"
+        target = context.framebuffer([texture])
+        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
+        totals = [self._rays(sun, index, s.grid, f"rays {i}") for i, index in enumerate(indices)]
+        for layer, depth in enumerate(depths):
+            inputs: dict[str, moderngl.Texture] = {}
+            for i, index in enumerate(indices):
+                plane = _Plane(
+                    sea.tile_m, sun, float(depth), s.size, s.grid, index, s.sun_half_angle_rad, s.method
+                )  # fmt: skip
+                light, total = self._light(plane, i), totals[i]
+                if s.method == "scrolling":
+                    light = self._scrolled(light, sea, time_s, s.size, i)
+                    total = self._mean(light, s.size, f"scrolled {i}")
+                light.build_mipmaps()
+                inputs |= {f"light_{i}": light, f"total_{i}": total}
+            self._passes.draw(
+                target, "atlas", inputs, geometry="caustics/layer.geom", CHANNELS=len(indices), size=s.size,
+                layer=layer, conserving=int(s.method not in _DRAWN_AS_MESH),
+            )  # fmt: skip
+        sun_in_water = refract_to_water(sun, s.refractive_index)
+        return GlCausticStack(texture, texture_from_array(depths[None, :]), depths, sea.tile_m, sun_in_water)
+
+    def _surface(self, sea: AnySea, grid: int, time_s: float) -> None:
+        """Fill "position" and "normal"."""
+        check_time(time_s)
+        inputs: dict[str, moderngl.Texture | moderngl.TextureArray] = {}
+        uniforms: dict[str, Any] = {"grid": grid, "detail__repeats": (0.0, 0.0)}
+        if isinstance(sea, GerstnerSea) and sea.tiling == "lattice":
+            inputs["waves"] = texture_from_array(wave_table(sea.waves, sea.tile_m, time_s))
+            uniforms["wave_count"] = len(sea.waves.amplitude_m)
+        else:
+            inputs["fields"] = texture_array_from_array(_field_images(sea, grid, time_s))
+            uniforms["FIELDS"] = 1
+        detail = sea.detail(time_s)
+        if detail is not None:
+            inputs["slopes"] = texture_from_array(detail.slopes)
+            uniforms |= {"detail__repeats": detail.repeats, "detail__offset": detail.offset}
+        targets = [self._passes.texture(name, grid, grid, 4) for name in ("position", "normal")]
+        self._passes.fill(targets, "surface", inputs, **uniforms)
+
+    def _rays(self, sun: Array, refractive_index: float, grid: int, name: str) -> moderngl.Texture:
+        """Fill the rays and the flux of each cell; return the mean flux of a cell, a texture of one texel."""
+        targets = [self._passes.texture(name, grid, grid, 4), self._passes.texture(f"{name} flux", grid, grid, 2)]
+        self._passes.fill(
+            targets, "rays", {"position": self._passes["position"], "normal": self._passes["normal"]}, sun_in_air=sun,
+            refractive_index=refractive_index, grid=grid,
+            flat_flux=float(sun[1] * fresnel_transmittance(sun[1], refractive_index)) / grid**2,
+        )  # fmt: skip
+        return self._mean(targets[1], grid, name)
+
+    def _mean(self, image: moderngl.Texture, size: int, name: str) -> moderngl.Texture:
+        """Return the mean over size x size texels of the sum of an image's first two channels."""
+        column, mean = self._passes.texture(f"{name} column", 1, size), self._passes.texture(f"{name} mean", 1, 1)
+        self._passes.fill([column], "mean", {"image": image}, axis=(1, 0), count=size)
+        self._passes.fill([mean], "mean", {"image": column}, axis=(0, 1), count=size)
+        return mean
+
+    def _light(self, plane: _Plane, channel: int) -> moderngl.Texture:
+        """Return the light of one plane, folded and blurred, in units of the flat sea's."""
+        size, passes = plane.size, self._passes
+        drawn, light = passes.texture("drawn", 2 * size, 2 * size), passes.texture(f"light {channel}", size, size)
+        passes.target([drawn]).clear()
+        rays = {"rays": passes[f"rays {channel}"], "flux": passes[f"rays {channel} flux"]}
+        if plane.method in _DRAWN_AS_MESH:
+            self._mesh(passes.target([drawn]), rays, plane)
+        else:
+            self._cells(passes.target([drawn]), rays, plane)
+        radius_x, radius_z = plane.disc_radii
+        if max(radius_x, radius_z) < _NO_BLUR_PIXELS:
+            passes.fill([light], "fold", {"light": drawn}, size=size)
+            return light
+        folded, half = passes.texture("folded", size, size), passes.texture("half blurred", size, size)
+        passes.fill([folded], "fold", {"light": drawn}, size=size)
+        self._blur(half, folded, (1, 0), radius_x)
+        self._blur(light, half, (0, 1), radius_z)
+        return light
+
+    def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
+        """Draw every cell by exact coverage: small ones as points, those beyond the driver's points as rectangles."""
+        limit = min(self._point_limit, plane.size)
+        common: dict[str, Any] = plane.uniforms | {
+            "vertex": "caustics/cell.vert", "mode": moderngl.POINTS, "vertices": plane.grid**2
+        }  # fmt: skip
+        self._passes.draw(target, "cell", rays, extents=(0.0, limit), **common)
+        if limit < plane.size:
+            self._passes.draw(
+                target, "cell", rays, geometry="caustics/cell.geom", RECTANGLES=1, extents=(limit, plane.size), **common
+            )
+
+    def _mesh(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
+        """Draw every triangle with the intensity that a method without coverage gives it."""
+        inputs, define = dict(rays), {plane.method.upper(): 1}
+        if plane.method != "ratio":
+            vertices = self._passes.texture("vertices", plane.grid, plane.grid, 2)
+            self._passes.fill([vertices], "vertices", rays, **plane.uniforms, **define)
+            inputs["vertices"] = vertices
+        count = 6 * plane.grid**2
+        self._passes.draw(
+            target, "mesh", inputs, vertex="caustics/mesh.vert", vertices=count, **plane.uniforms, **define
+        )
+
+    def _blur(
+        self, target: moderngl.Texture, image: moderngl.Texture, axis: tuple[int, int], radius_pixel: float
+    ) -> None:
+        kernel = marginal_kernel(radius_pixel, image.width)
+        reach = len(kernel) // 2
+        weights = texture_from_array(kernel[None, reach:])
+        self._passes.fill(
+            [target], "blur", {"image": image, "weights": weights}, axis=axis, reach=reach, size=image.width
+        )
+
+    def _scrolled(
+        self, light: moderngl.Texture, sea: AnySea, time_s: float, size: int, channel: int
+    ) -> moderngl.Texture:
+        out = self._passes.texture(f"scrolled light {channel}", size, size)
+        shift = (np.round(scroll_offsets(sea, time_s) * size) % size).astype(np.int64).ravel()
+        self._passes.fill([out], "scroll", {"light": light}, size=size, shift=shift)
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Plane:
+    """What one map is made of."""
+
+    tile_m: float
+    sun: Array
+    depth_m: float
+    size: int
+    grid: int
+    refractive_index: float
+    sun_half_angle_rad: float
+    method: Method
+
+    @property
+    def uniforms(self) -> dict[str, Any]:
+        return {"grid": self.grid, "size": float(self.size), "depth": self.depth_m / self.tile_m}
+
+    @property
+    def disc_radii(self) -> tuple[float, float]:
+        """Half widths of the sun's image along x and z, in pixels."""
+        disc = footprint(self.sun, self.refractive_index, self.sun_half_angle_rad, self.depth_m)
+        x, z = np.linalg.norm(disc, axis=1) * (self.size / self.tile_m)
+        return float(x), float(z)
+
+
+def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32]:
+    """Return the (2, n, 4) table that gerstner.glsl reads: cycles and tiles instead of radians and metres."""
+    table = np.zeros((2, len(waves.amplitude_m), 4))
+    table[0, :, :2] = waves.wave_vector * (tile_m / (2.0 * np.pi))
+    table[0, :, 2] = np.remainder((waves.phase_rad - waves.angular_frequency * time_s) / (2.0 * np.pi), 1.0)
+    table[0, :, 3] = waves.amplitude_m / tile_m
+    table[1, :, 0] = waves.steepness
+    return table.astype(np.float32)
+
+
+def _field_images(sea: AnySea, grid: int, time_s: float) -> NDArray[np.float32]:
+    f = sea.grid_fields(grid, time_s)
+    lengths = [f.height / sea.tile_m, f.shift_x / sea.tile_m, f.shift_z / sea.tile_m]
+    first = np.stack([*lengths, f.slope_x], axis=-1)
+    second = np.stack([f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz], axis=-1)
+    return np.stack([first, second]).astype(np.float32)

@@ -1,0 +1,40 @@
+// one triangle of the grid, refracted, where its first tile begins
+#include "coverage.glsl"
+uniform sampler2D rays;
+uniform sampler2D flux;
+#ifndef RATIO
+uniform sampler2D vertices;
+#endif
+uniform int grid;
+uniform float size;
+uniform float depth;
+flat out float intensity;
+out vec2 light_jacobian;
+
+vec2 hit(ivec2 at) {
+    vec4 ray = texelFetch(rays, at % grid, 0);
+    return (vec2(at) / float(grid) + ray.xy + ray.zw * depth) * size;
+}
+
+void main() {
+    int cell = gl_VertexID / 6;
+    int half_cell = gl_VertexID / 3 % 2;
+    int k = gl_VertexID % 3;
+    ivec2 at = ivec2(cell % grid, cell / grid);
+    ivec2 b = half_cell == 0 ? ivec2(1, 0) : ivec2(1, 1);
+    ivec2 c = half_cell == 0 ? ivec2(1, 1) : ivec2(0, 1);
+    vec2 p0 = hit(at), p1 = hit(at + b), p2 = hit(at + c);
+    vec2 low = floor(min(min(p0, p1), p2));
+    vec2 high = max(max(p0, p1), p2);
+    float area = 0.5 * abs(twice_area(p0, p1, p2));
+    vec2 light = texelFetch(flux, at, 0).rg * (size * size / float(grid * grid));
+    intensity = (half_cell == 0 ? light.x : light.y) / max(area, 1e-6);
+#ifdef RATIO
+    light_jacobian = vec2(0.0);
+#else
+    light_jacobian = texelFetch(vertices, (at + (k == 0 ? ivec2(0) : k == 1 ? b : c)) % grid, 0).rg;
+#endif
+    vec2 place = (k == 0 ? p0 : k == 1 ? p1 : p2) - size * floor(low / size);
+    bool drawn = all(lessThan(high - low, vec2(size)));
+    gl_Position = drawn ? vec4(place / size - 1.0, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
+}
