@@ -20,17 +20,19 @@ if TYPE_CHECKING:
     from mr360uw.ibl.settings import LightSettings as LightSettings
     from mr360uw.ibl.splitsum import split_sum as split_sum
     from mr360uw.ibl.sun import detect_sun as detect_sun
+    from mr360uw.ibl.yuv import environment_from_yuv as environment_from_yuv
 
 _HOME = {
     "LightSettings": "settings",
     "detect_sun": "sun",
     "environment": "lighting",
+    "environment_from_yuv": "yuv",
     "expand": "expansion",
     "irradiance": "cosine",
     "prefilter": "glossy",
     "split_sum": "splitsum",
 }
-__all__ = sorted(_HOME)
+__all__ = list(_HOME)
 
 
 def __getattr__(name: str) -> Any:

@@ -16,7 +16,6 @@ Twin: expansion.glsl.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +26,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,21 @@ def checked_plate(plate: ArrayLike, where: str = "plate") -> NDArray[np.float32]
     return np.maximum(image, 0.0, dtype=np.float32)
 
 
+def expand_samples(linear: Floats, up: Floats, settings: LightSettings, enhancement: Floats | None = None) -> Floats:
+    """Return expanded radiance (..., 3) of linear samples (..., 3) in directions whose y component is `up`.
+
+    enhancement: gain (...,) of the operator that is not pointwise.
+    """
+    if enhancement is not None:
+        gains = enhancement
+    elif settings.operator in ("none", "closure", "kovaleski"):
+        return linear
+    else:
+        encoded = encode(np.minimum(linear, 1.0), settings.transfer)
+        gains = gain(encoded @ luma_weights(settings).astype(linear.dtype), settings)
+    return linear * (1.0 + (gains - 1.0) * region_weight(up, settings))[..., None]
+
+
 def expand(plate_linear: ArrayLike, settings: LightSettings | None = None) -> NDArray[np.float32]:
     """Return the scene radiance (H, W, 3) of a linear plate of the same shape: inverse tone mapping.
 
@@ -119,15 +134,10 @@ def expand(plate_linear: ArrayLike, settings: LightSettings | None = None) -> ND
     """
     settings = settings or LightSettings()
     plate = checked_plate(plate_linear)
-    if settings.operator in ("none", "closure"):
-        return plate
     height, width = plate.shape[:2]
+    gains = None
     if settings.operator == "kovaleski":
         small = reduce_map(np.minimum(plate, 1.0), _ENHANCEMENT_COLUMNS, _ENHANCEMENT_COLUMNS // 2)
-        gains: NDArray[Any] = resize_map(enhancement_gain(small, settings), width, height)
-    else:
-        encoded = encode(np.minimum(plate, 1.0), settings.transfer)
-        gains = gain(encoded @ luma_weights(settings).astype(np.float32), settings)
-    up = np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height))
-    weight = region_weight(up, settings)[:, None]
-    return (plate * (1.0 + (gains - 1.0) * weight)[..., None]).astype(np.float32)
+        gains = resize_map(enhancement_gain(small, settings), width, height)
+    up = np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height))[:, None]
+    return expand_samples(plate, up, settings, gains).astype(np.float32, copy=False)

@@ -64,7 +64,6 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
         near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, _LONE_ANGLE_RAD))
         lone = float(weight[near].sum() / weight.sum())
         contrast = blob.peak / max(float(np.median(value)), 1e-6)
-        globals().get('DEBUG') and print('   cand', np.degrees(np.arcsin(blob.direction[1])).round(1), np.degrees(np.arctan2(blob.direction[0],-blob.direction[2])).round(1),np.degrees(blob.radius_rad).round(2),np.degrees(blob.extent_rad).round(2),'lone',round(lone,2),'halo',round(blob.halo,2),'peak',blob.peak,blob.clipped)
         disc = Disc(blob, confidence(blob, lone, contrast, hdr=hdr, underwater=underwater))
         if best is None or disc.confidence > best.confidence:
             best = disc

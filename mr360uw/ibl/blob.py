@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One bright spot of a plate, looked at closely: where its centre is and how much it looks like a sun.
+
+The spot is the set of pixels near the local maximum. Where the plate is clipped, the set is a plateau without
+structure whose outline also takes in cloud; its centre is that of the plateau *opened* by a disc of 0.7 of its
+inscribed radius, which drops everything that hangs on to the round part. Where it is not clipped the set is the upper
+half of the peak, weighted by its excess. Everything happens in a tangent patch, without seam and pole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.ibl.plate import Plate
+from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
+from mr360uw.sphere import unit
+from mr360uw.types import Floats
+
+Mask = NDArray[np.bool_]
+
+_OPENING = 0.7
+_CLIPPED_LEVELS = (0.99, 0.95, 0.85)
+_UNCLIPPED_LEVEL = 0.5
+_LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
+_SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
+_LOOKS = ((65, None), (65, 3.5), (97, 3.0))  # pixels across, radius of the patch in extents of the spot
+_NARROWEST_RAD, _WIDEST_RAD = np.radians(2.0), np.radians(50.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """A bright spot.
+
+    direction: (3,) unit. radius_rad: of the disc of the same solid angle. peak: its largest value. level: the value
+    that bounds it. extent_rad: the same of everything nearly as bright. halo: median value about two extents out,
+    over the peak. clipped: a plateau.
+    """
+
+    direction: Floats
+    radius_rad: float
+    extent_rad: float
+    peak: float
+    level: float
+    halo: float
+    clipped: bool
+
+
+def brightness(linear: Floats) -> Floats:
+    """Return the value that spots are judged by, (...,): luminance and the weakest channel in equal parts.
+
+    The weakest channel is the last to clip, so it still tells the sun from a white cloud.
+    """
+    red, green, blue = linear[..., 0], linear[..., 1], linear[..., 2]
+    value = 0.1063 * red + 0.3576 * green + 0.0361 * blue
+    return value + 0.5 * np.minimum(np.minimum(red, green), blue)
+
+
+def examine(plate: Plate, seed: Floats, lowest_up: float, radius_rad: float = np.radians(12.0)) -> Blob | None:
+    """Return the spot nearest the brightest place about `seed` (3,), looking only at directions above `lowest_up`."""
+    direction: Floats = unit(seed)
+    radius = radius_rad
+    blob: Blob | None = None
+    for size, reach in _LOOKS:
+        if blob is not None and reach is not None:
+            direction = blob.direction
+            radius = float(np.clip(reach * blob.extent_rad, _NARROWEST_RAD, _WIDEST_RAD))
+        blob = _spot(plate, direction, radius, size, lowest_up)
+        if blob is None:
+            return None
+    return blob
+
+
+def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: float) -> Blob | None:
+    look = patch_directions(centre, radius, size)
+    solid_angle = patch_solid_angle(radius, size)
+    value = np.where(look[..., 1] > lowest_up, brightness(plate.look(look)), 0.0)
+    peak = float(value.max())
+    if peak <= 0.0:
+        return None
+    top = float(solid_angle[value >= _CLIPPED_LEVELS[0] * peak].sum())
+    half = float(solid_angle[value >= _UNCLIPPED_LEVEL * peak].sum())
+    clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
+    step = 2.0 * radius / size
+    level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
+    if clipped:
+        for level in _CLIPPED_LEVELS:
+            mask = value >= level * peak
+            if _inscribed(mask).max() * step >= _SMALLEST_BLOB_RAD:
+                break
+    mask = _opened(mask)
+    weight = solid_angle * mask if clipped else solid_angle * mask * (value - 0.9 * level * peak)
+    direction = unit(np.tensordot(weight, look, ([0, 1], [0, 1])))
+    blob_radius = _disc_radius(solid_angle[mask])
+    wide = _opened(value >= _CLIPPED_LEVELS[-1] * peak) if clipped else mask
+    extent = max(_disc_radius(solid_angle[wide]), blob_radius)
+    away = np.arccos(np.clip(look @ direction, -1.0, 1.0))
+    ring = value[(away > 1.5 * extent) & (away < 2.5 * extent) & (value > 0.0)]
+    halo = float(np.median(ring)) / peak if ring.size else 1.0
+    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped))
+
+
+def _disc_radius(solid_angle: Floats) -> float:
+    """Return the radius of the small disc that has the sum of these solid angles."""
+    return float(np.sqrt(solid_angle.sum() / np.pi))
+
+
+def _inscribed(mask: Mask) -> Floats:
+    """Return the distance [pixels] of every pixel of a mask to its outside, the patch's border included."""
+    import cv2
+
+    padded = np.pad(mask, 1).astype(np.uint8)
+    return cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+
+
+def _opened(mask: Mask) -> Mask:
+    """Return the part of a mask that discs of `_OPENING` of its largest inscribed radius reach, in one piece."""
+    import cv2
+
+    depth = _inscribed(mask)
+    reach = _OPENING * float(depth.max())
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    _, label = cv2.connectedComponents((depth >= reach).astype(np.uint8), connectivity=8)
+    outside = (label != label[row, column]).astype(np.uint8)
+    reached: Mask = cv2.distanceTransform(outside, cv2.DIST_L2, 5) <= reach
+    return mask & reached

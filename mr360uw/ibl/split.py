@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Taking the sun out of the map, so that beam and sky add up to it and nothing counts twice.
+
+    removed light of a pixel: H - H min(1, Yt/Y),   Yt = mean + 2 sigma of the map's luminance, at most half the peak
+
+(Iorns & Rhee 2016, with mean and deviation weighted by solid angle.) Where the sun is clipped its light cannot be
+measured. The closure takes it from the ratio of direct to diffuse horizontal irradiance that sky, depth and water
+lead one to expect:  E_sun sin(elevation) = ratio x E_sky.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mr360uw.color import luminance
+from mr360uw.ibl.plate import (
+    COARSE_COLUMNS,
+    COARSE_ROWS,
+    Plate,
+    coarse_directions,
+    coarse_solid_angle,
+)
+from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
+from mr360uw.sphere import frame_from_direction
+from mr360uw.types import Floats, Sun
+
+_PATCH = 97
+_REACH = 2.0  # how far out, in radii of the spot, its light is gathered
+_NARROWEST_RAD = np.radians(1.5)
+_LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
+
+MIDDLE_RATIO = 1.0
+"""Direct to diffuse horizontal irradiance where nothing is known: between haze (0.2) and a clear sky (5)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """A coarse map in two: (128, 256, 3) without the sun, and the sun."""
+
+    residual: Floats
+    sun: Sun
+
+
+def threshold(coarse: Floats) -> float:
+    """Return the mean of a coarse map's luminance plus two deviations, over solid angle."""
+    value = luminance(coarse)
+    weight = coarse_solid_angle() / (4.0 * np.pi)
+    mean = float((value * weight).sum())
+    return mean + 2.0 * float(np.sqrt((np.square(value - mean) * weight).sum()))
+
+
+def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: float) -> Split:
+    """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
+
+    `radius_rad`: radius of the bright spot, which becomes the sun's half angle.
+    """
+    reach = max(_REACH * radius_rad, _NARROWEST_RAD)
+    look = patch_directions(direction, reach, _PATCH)
+    colour = plate.look_expanded(look)
+    value = np.maximum(luminance(colour), 1e-9)
+    bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
+    inside = look @ direction > np.cos(min(reach, np.pi))
+    share = np.maximum(1.0 - bound / value, 0.0) * patch_solid_angle(reach, _PATCH) * inside
+    taken = np.minimum(_scatter(look, colour * share[..., None]) / coarse_solid_angle()[..., None], plate.coarse)
+    energy = (taken * coarse_solid_angle()[..., None]).sum(axis=(0, 1))
+    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
+    return Split((plate.coarse - taken).astype(np.float32), sun)
+
+
+def _scatter(look: Floats, light: Floats) -> Floats:
+    """Return the sum of light (h, w, 3) over the coarse pixels its directions fall into, (128, 256, 3)."""
+    x, y = frame_from_direction(look, COARSE_COLUMNS, COARSE_ROWS)
+    row = np.clip(y.astype(np.int64), 0, COARSE_ROWS - 1)
+    index = (row * COARSE_COLUMNS + x.astype(np.int64) % COARSE_COLUMNS).ravel()
+    cells = COARSE_COLUMNS * COARSE_ROWS
+    sums = [np.bincount(index, light[..., c].ravel(), cells) for c in range(3)]
+    return np.stack(sums, axis=-1, dtype=np.float64).reshape(COARSE_ROWS, COARSE_COLUMNS, 3)
+
+
+def with_sun(residual: Floats, sun: Sun) -> Floats:
+    """Return a coarse map (128, 256, 3) with the sun's light spread evenly over its disc."""
+    radius = max(sun.half_angle_rad, np.radians(0.2))
+    look = patch_directions(sun.direction, radius, 33)
+    weight = patch_solid_angle(radius, 33) * (look @ sun.direction >= np.cos(min(radius, np.pi)))
+    light = (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64)
+    return (residual + _scatter(look, light) / coarse_solid_angle()[..., None]).astype(np.float32)
+
+
+def sky_irradiance(residual: Floats) -> Floats:
+    """Return the irradiance (3,) of a horizontal plane by the upper half of a coarse map."""
+    weight = np.maximum(coarse_directions()[..., 1], 0.0) * coarse_solid_angle()
+    return np.tensordot(weight, residual, ([0, 1], [0, 1]))
+
+
+def close(split: Split, direct_to_diffuse: float | None) -> Split:
+    """Return the split with the sun's irradiance solved from the ratio of direct to diffuse horizontal irradiance."""
+    ratio = MIDDLE_RATIO if direct_to_diffuse is None else direct_to_diffuse
+    sine = max(float(split.sun.direction[1]), _LOWEST_SINE)
+    wanted = ratio * float(luminance(sky_irradiance(split.residual))) / sine
+    measured = float(luminance(split.sun.irradiance))
+    colour = split.sun.irradiance / measured if measured > 0.0 else np.ones(3)
+    return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fast path: light from the decoded planes of a video frame, without a full frame of floats."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import ColorSpec, code_range, decode, rgb_from_ycbcr
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.enhancement import enhancement_gain
+from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
+from mr360uw.ibl.lighting import SunChoice, light_of
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
+from mr360uw.ibl.reduce import reduce_map, reduce_maximum
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.sphere import frame_from_direction, row_solid_angle
+from mr360uw.types import Environment, Floats, YuvImage
+
+
+@dataclass(frozen=True, slots=True)
+class YuvPlate:
+    """The planes of a 4:2:0 frame, with the maps of one pass over them."""
+
+    yuv: YuvImage
+    settings: LightSettings
+    coarse: Floats
+    brightest: Floats
+    enhancement: Floats | None
+
+    def look(self, direction: Floats) -> Floats:
+        """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
+        height, width = self.yuv.y.shape
+        x, y = frame_from_direction(direction, width, height)
+        low, span, neutral, chroma_span = code_range(self.yuv.spec)
+        # chroma is sited on the left luma sample of its pair, and half way between its two rows
+        chroma = [remap(plane, 0.5 * x + 0.25, 0.5 * y) for plane in (self.yuv.u, self.yuv.v)]
+        ycc = np.stack(
+            [
+                (remap(self.yuv.y, x, y).astype(np.float32) - low) / span,
+                *((plane.astype(np.float32) - neutral) / chroma_span for plane in chroma),
+            ],
+            axis=-1,
+        )
+        encoded = np.maximum(ycc @ rgb_from_ycbcr(self.yuv.spec.matrix).T.astype(np.float32), 0.0)
+        return decode(encoded, self.yuv.spec.transfer)
+
+    def look_expanded(self, direction: Floats) -> Floats:
+        """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
+        gains = None
+        if self.enhancement is not None:
+            gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
+        return expand_samples(self.look(direction), direction[..., 1], self.settings, gains)
+
+
+def environment_from_yuv(
+    yuv: YuvImage,
+    settings: LightSettings | None = None,
+    *,
+    sun: SunChoice = "detect",
+    underwater: bool = False,
+    glossy: bool = False,
+) -> Environment:
+    """Return the light of a decoded frame, 8 to 16 bit; as `environment` of the same frame in linear light.
+
+    4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
+    """
+    settings = settings or LightSettings()
+    return light_of(plate_of_yuv(yuv, settings), settings, sun, underwater, glossy)
+
+
+def plate_of_yuv(yuv: YuvImage, settings: LightSettings) -> Plate:
+    """Return the plate of a decoded frame with its coarse maps worked out."""
+    height, width = yuv.y.shape
+    block = block_size(width, height)
+    if yuv.u.shape != (height // 2, width // 2) or block == 0:
+        return LinearPlate.of(decode_frame(yuv), settings)
+    total, brightest = _reduce(yuv, settings, block)
+    enhancement = None
+    if settings.operator == "kovaleski":
+        enhancement = enhancement_gain(np.minimum(total, 1.0), settings)
+        up = np.sin(np.pi * (0.5 - (np.arange(COARSE_ROWS) + 0.5) / COARSE_ROWS))
+        total = total * (1.0 + (enhancement - 1.0) * region_weight(up, settings)[:, None])[..., None]
+    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, enhancement)
+
+
+def block_size(width: int, height: int) -> int:
+    """Return the side of the blocks a frame is first reduced to: even, dividing both sides, near 1/256 of the width.
+
+    0 where there is none. Blocks of 4096 x 2048 or 7680 x 3840 are whole parts of the coarse map's pixels; others
+    are taken as even in themselves, where their 1/300 of the width straddles two of them.
+    """
+    sizes = range(max(2, width // COARSE_COLUMNS // 2 * 2), 0, -2)
+    return next((b for b in sizes if width % b == 0 and height % b == 0), 0)
+
+
+def decode_frame(yuv: YuvImage) -> NDArray[np.float32]:
+    """Return a decoded frame of any chroma format as linear floats (H, W, 3), chroma interpolated."""
+    import cv2
+
+    height, width = yuv.y.shape
+    low, span, neutral, chroma_span = code_range(yuv.spec)
+    ycc = np.empty((height, width, 3), np.float32)
+    ycc[..., 0] = (yuv.y - np.float32(low)) / span
+    for k, plane in ((1, yuv.u), (2, yuv.v)):
+        centred = (plane.astype(np.float32) - neutral) / chroma_span
+        ycc[..., k] = cv2.resize(centred, (width, height), interpolation=cv2.INTER_LINEAR)
+    encoded = np.maximum(ycc @ rgb_from_ycbcr(yuv.spec.matrix).T.astype(np.float32), 0.0)
+    return decode(encoded, yuv.spec.transfer)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    luma: NDArray[np.float32]
+    chroma: NDArray[np.float32]
+    gain: NDArray[np.float32]
+    margin: int
+    tint: NDArray[np.float32]
+
+
+@functools.lru_cache(maxsize=8)
+def _tables(spec: ColorSpec, settings: LightSettings) -> _Tables:
+    low, span, neutral, chroma_span = code_range(spec)
+    rgb = rgb_from_ycbcr(spec.matrix)
+    codes = 1 << spec.bits
+    # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr)
+    tint = (luma_weights(settings) @ rgb)[1:] * span / chroma_span
+    margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
+    luma = (np.arange(-margin, codes + margin) - low) / span
+    return _Tables(
+        np.array([1.0 / span, -low / span], np.float32),
+        np.array([neutral, rgb[0, 2] / chroma_span, *(rgb[1, 1:] / chroma_span), rgb[2, 1] / chroma_span], np.float32),
+        (gain(luma, settings) - 1.0).astype(np.float32),
+        margin,
+        tint.astype(np.float32),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _row_weights(width: int, height: int, block: int, settings: LightSettings) -> tuple[Floats, Floats]:
+    weight = row_solid_angle(width, height).reshape(-1, block)
+    weight /= weight.sum(axis=1, keepdims=True) * block
+    if settings.operator in ("none", "closure", "kovaleski"):
+        region = np.zeros(height)
+    else:
+        region = region_weight(np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height)), settings)
+    return weight.ravel().astype(np.float32), region.astype(np.float32)
+
+
+def _reduce(yuv: YuvImage, settings: LightSettings, block: int) -> tuple[Floats, Floats]:
+    from mr360uw.ibl.kernel import decode_polynomial, reduce_planes
+
+    height, width = yuv.y.shape
+    if yuv.y.dtype not in (np.uint8, np.uint16) or not 8 <= yuv.spec.bits <= 16:
+        raise ParameterError(f"planes - must be uint8 or uint16 (got {yuv.y.dtype}) - decode to one of them")
+    tables = _tables(yuv.spec, settings)
+    total = np.empty((height // block, width // block, 3), np.float32)
+    peak = np.empty(total.shape[:2], yuv.y.dtype)
+    reduce_planes(
+        yuv.y, yuv.u, yuv.v, tables.luma, tables.chroma, decode_polynomial(yuv.spec.transfer), tables.gain,
+        tables.margin, tables.tint, *_row_weights(width, height, block, settings), block, total, peak,
+    )  # fmt: skip
+    low, span, _, _ = code_range(yuv.spec)
+    coarse = (
+        total if total.shape[:2] == (COARSE_ROWS, COARSE_COLUMNS) else reduce_map(total, COARSE_COLUMNS, COARSE_ROWS)
+    )
+    brightest = np.maximum((peak.astype(np.float32) - low) / span, 0.0)
+    if brightest.shape != (COARSE_ROWS, COARSE_COLUMNS):
+        brightest = reduce_maximum(brightest, COARSE_COLUMNS, COARSE_ROWS)
+    return coarse, decode(brightest, yuv.spec.transfer)
