@@ -58,7 +58,7 @@ def bands(
     if rule not in get_args(Rule):
         raise ParameterError(f"rule - unknown (got {rule!r}) - take one of {', '.join(get_args(Rule))}")
     low, high = range_nm
-    known = sensor.response.wavelength_nm
+    known = sensor.curves.wavelength_nm
     if not known[0] <= low < high <= known[-1]:
         raise ParameterError(
             f"range_nm - beyond the sensor, known from {known[0]:g} to {known[-1]:g} nm (got {low:g} to {high:g}) - narrow it"

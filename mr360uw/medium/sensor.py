@@ -35,13 +35,19 @@ _CAMERA_STEP = (380.0, 780.0, 81)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """Relative responses of red, green and blue over wavelength; `response.value` is (w, 3).
+    """Relative responses of red, green and blue over wavelength.
 
-    Only ratios within a channel matter: bands are balanced so that the illuminant's white is (1, 1, 1).
+    curves: (w, 3) non-negative. matrix: (3, 3) from them to linear RGB. Only ratios within a channel matter: bands are
+    balanced so that the illuminant's white is (1, 1, 1).
     """
 
     name: str
-    response: Spectrum
+    curves: Spectrum
+    matrix: Array
+
+    def response(self, wavelength_nm: ArrayLike) -> Array:
+        """Return the responses (..., 3) of red, green and blue, the observer's with negative parts."""
+        return self.curves(wavelength_nm) @ self.matrix.T
 
     @classmethod
     def cie1931(cls) -> Sensor:
@@ -57,7 +63,7 @@ class Sensor:
             choices = ", ".join(found or cameras())
             raise ParameterError(f"camera - {what} (got {name!r}) - take one of {choices}")
         wavelength = np.linspace(*_CAMERA_STEP)
-        return cls(found[0], Spectrum(found[0], wavelength, builtin_cameras()[found[0]]))
+        return cls(found[0], Spectrum(found[0], wavelength, builtin_cameras()[found[0]]), np.eye(3))
 
     @classmethod
     def from_arrays(cls, wavelength_nm: ArrayLike, response: ArrayLike, name: str = "sensor") -> Sensor:
@@ -67,11 +73,11 @@ class Sensor:
             raise ParameterError(
                 f"{name} - responses must be (w, 3) finite numbers (got {values.shape}) - give red, green, blue"
             )
-        if np.any(np.sum(values, axis=0) <= 0.0):
+        if np.any(values < 0.0) or np.any(np.sum(values, axis=0) <= 0.0):
             raise ParameterError(
-                f"{name} - a channel sees nothing (got sums {values.sum(0).tolist()}) - check the columns"
+                f"{name} - responses must be >= 0 and not all zero (got sums {values.sum(0).tolist()}) - check the columns"
             )
-        return cls(name, Spectrum(name, np.asarray(wavelength_nm, np.float64), values))
+        return cls(name, Spectrum(name, np.asarray(wavelength_nm, np.float64), values), np.eye(3))
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Sensor:
@@ -91,7 +97,7 @@ def _cie1931() -> Sensor:
     table = builtin_table("cie1931.csv")
     xyz = np.column_stack([table["x"], table["y"], table["z"]])
     name = "CIE 1931"
-    return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz @ REC709_FROM_XYZ.T))
+    return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz), REC709_FROM_XYZ)
 
 
 def named_sensor(name: str) -> Sensor:
