@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -72,11 +72,11 @@ class SceneRenderer:
     def light(self, plate: Floats | YuvImage, sun: Sun | str | None = "settings") -> FrameLight:
         """Return the light of a plate's frame: linear RGB (H, W, 3) or decoded planes.
 
-        sun: overrides what the scene's `[light]` says, as a smoothed track does; None: there is no sun.
+        sun: a smoothed track's; "detect" looks for one in this frame; None, or `light.sun = "none"`: there is none.
         """
         settings = self.scene.light
         options: dict[str, Any] = {
-            "sun": sun,
+            "sun": sun if settings.sun != "none" else None,
             "underwater": self._medium is not None,
             "glossy": self.plan.runs("glossy"),
         }
@@ -92,7 +92,7 @@ class SceneRenderer:
         if light is None or not self.plan.runs("layer"):
             return Rendered(Layer(self.height, self.width, ()), light, self._table, None)
         draw = self.scene.draw
-        medium = self._scaled(light)
+        medium = self._water(light)
         steps = draw.motion_samples if shutter_s > 0.0 and any(o.moves for o in self.objects) else 1
         layers, caustics = [], None
         for step in range(steps):
@@ -134,14 +134,18 @@ class SceneRenderer:
         y = float(mesh.to_world(mesh.mesh.center_m)[1])
         return ObjectFacts(self.scene.camera.depth_m - y, any(m.glossy for m in placed.meshes), placed.moves)
 
-    def _scaled(self, light: FrameLight) -> MediumTable | None:
+    def _water(self, light: FrameLight) -> MediumTable | None:
         """Return the water's table in the exposure of this frame."""
         if self._medium is None or self._table is None:
             return None
-        gain = self.scene.water.gain
-        if gain is None:
-            gain = fit_gain(self._medium, light.plate_map)[0] if np.all(light.plate_map.max(axis=(0, 1)) > 0.0) else 0.0
-        return dataclasses.replace(self._table, veil=(self._table.veil * np.asarray(gain)).astype(np.float32))
+        water = self.scene.water
+        if water.mode == "plate":
+            return self._medium.with_map(light.plate_map).table
+        if water.gain != "auto":
+            return self._table
+        black = not np.all(light.plate_map.max(axis=(0, 1)) > 0.0)
+        gain = np.zeros(3) if black else fit_gain(self._medium, light.plate_map)[0]
+        return dataclasses.replace(self._table, veil=(self._table.veil * gain).astype(np.float32))
 
     def _caustics(self, shot: Shot, time_s: float) -> Any:
         """Return the caustics on planes through the objects' depths, or None where there are none."""

@@ -32,3 +32,29 @@ def gl() -> None:
         gl_context()
     except GlError as error:
         pytest.skip(f"no OpenGL here: {error}")
+
+
+@pytest.fixture(scope="session")
+def whale(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mesh of the sample dive."""
+    from mr360uw.sample.whale import write_whale
+
+    path = tmp_path_factory.mktemp("whale") / "whale.glb"
+    write_whale(path, length_m=2.0)
+    return path
+
+
+@pytest.fixture(scope="session")
+def dive(tmp_path_factory: pytest.TempPathFactory):
+    """A sample dive of eight frames, 256x128."""
+    from mr360uw.sample import sample_dive
+
+    return sample_dive(tmp_path_factory.mktemp("dive"), width=256, frames=8)
+
+
+@pytest.fixture(params=["reference", "gl"])
+def backend(request: pytest.FixtureRequest) -> str:
+    """Each renderer in turn; gl skips where there is no OpenGL."""
+    if request.param == "gl":
+        request.getfixturevalue("gl")
+    return str(request.param)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole frames and videos through the public calls."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.sample import SampleDive
+from mr360uw.scene import load_scene
+from mr360uw.video import read_spherical
+from tests.scenes import gradient_plate, scene_with, yawed
+from tests.tolerances import (
+    AGREEMENT_CODE,
+    AGREEMENT_FRACTION,
+    AGREEMENT_PSNR_DB,
+    ROLL_CODE,
+    ROLL_FRACTION,
+)
+
+
+def codes(linear: np.ndarray) -> np.ndarray:
+    """Return 8-bit code values, not rounded."""
+    from mr360uw.color import encode
+
+    return 255.0 * encode(np.clip(linear, 0.0, 1.0).astype(np.float64), "srgb")
+
+
+def frames_of(path: Path) -> list:
+    with uw.open_video(path) as video:
+        return list(video.frames())
+
+
+def audio_packets(path: Path) -> list[tuple[int | None, bytes]]:
+    import av
+
+    with av.open(str(path)) as container:
+        return [(p.pts, bytes(p)) for p in container.demux(audio=0) if p.size]
+
+
+def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    out = tmp_path / "out.mp4"
+    seen: list[tuple[int, int | None]] = []
+    report = uw.composite_video(
+        load_scene(dive.scene), out, backend=backend, progress=lambda done, total: seen.append((done, total))
+    )
+    plate, made = frames_of(dive.plate), frames_of(out)
+    assert report.frames == len(plate) == len(made) == 8
+    assert seen == [(k, 8) for k in range(1, 9)]
+    assert [f.time_s for f in made] == [f.time_s for f in plate]
+    assert audio_packets(out) == audio_packets(dive.plate)
+    metadata = read_spherical(out)
+    assert metadata is not None
+    assert metadata.projection == "equirectangular"
+    assert metadata.source == "V1+V2"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.mp4"]
+    # something was put in, and not everywhere
+    changed = np.abs(made[3].image_linear - plate[3].image_linear).max(axis=-1) > 0.02
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_without_an_object_a_lossless_output_is_the_plate(dive: SampleDive, tmp_path: Path) -> None:
+    scene = load_scene(dive.scene, ["object=[]", "output.lossless=true"])
+    report = uw.composite_video(scene, tmp_path / "out.mp4")
+    assert not report.plan.runs("layer")
+    for a, b in zip(frames_of(dive.plate), frames_of(tmp_path / "out.mp4"), strict=True):
+        for plane in ("y", "u", "v"):
+            np.testing.assert_array_equal(getattr(a.yuv, plane), getattr(b.yuv, plane))
+
+
+def test_pixels_that_nothing_touches_keep_every_bit(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    scene = load_scene(dive.scene, ["output.lossless=true"])
+    uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1), backend=backend)
+    (made,), plate = frames_of(tmp_path / "out.mp4"), frames_of(dive.plate)[0]
+    layer = uw.render_frame(plate.image_linear, scene, plate.time_s, backend).layer
+    touched = (layer.alpha > 0) | np.any(layer.ratio != 1, axis=-1)
+    assert 0.0 < touched.mean() < 0.5
+    np.testing.assert_array_equal(made.yuv.y[~touched], plate.yuv.y[~touched])
+    blocks = touched.reshape(touched.shape[0] // 2, 2, -1, 2).any(axis=(1, 3))
+    # chroma is interpolated between blocks, so a touched block reaches one sample further
+    near = blocks | np.roll(blocks, 1, 1) | np.roll(blocks, -1, 1)
+    near = near | np.vstack([near[1:], near[-1:]]) | np.vstack([near[:1], near[:-1]])
+    np.testing.assert_array_equal(made.yuv.u[~near], plate.yuv.u[~near])
+
+
+def test_frame_k_is_the_same_alone_and_in_the_clip(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    scene = load_scene(dive.scene, ["output.lossless=true"])
+    uw.composite_video(scene, tmp_path / "all.mp4", backend=backend)
+    uw.composite_video(scene, tmp_path / "one.mp4", frames=(5, 6), backend=backend)
+    np.testing.assert_array_equal(frames_of(tmp_path / "all.mp4")[5].yuv.y, frames_of(tmp_path / "one.mp4")[0].yuv.y)
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"water": {"type": "II"}, "receiver": {"height_m": -1.2}},
+        {"water": {"type": "none"}, "object": "high"},
+        {"water": {"type": "5C"}, "camera": {"depth_m": 9.0}, "object": "seam"},
+    ],
+    ids=["shadow", "air, zenith", "coast, seam"],
+)
+@pytest.mark.usefixtures("gl")
+def test_the_renderers_agree(tables: dict, whale: Path, tmp_path: Path) -> None:
+    places = {"high": [0.1, 3.0, -0.3], "seam": [0.2, -0.3, 3.0]}
+    if "object" in tables:
+        tables = {**tables, "object": [{"mesh": str(whale), "position_m": places[tables["object"]]}]}
+    scene = scene_with(tmp_path, whale, **tables)
+    plate = gradient_plate(512, 256)
+    made = {name: uw.render_frame(plate, scene, 1.25, name) for name in ("reference", "gl")}
+    assert made["reference"].layer.alpha.max() > 0.99
+    difference = codes(made["gl"].image_linear) - codes(made["reference"].image_linear)
+    psnr = 10.0 * np.log10(255.0**2 / np.mean(difference**2))
+    assert psnr >= AGREEMENT_PSNR_DB
+    assert np.mean(np.abs(difference) <= AGREEMENT_CODE) >= AGREEMENT_FRACTION
+
+
+def test_turning_plate_and_scene_rolls_the_result(whale: Path, tmp_path: Path, backend: str) -> None:
+    width, yaw = 720, 137.0
+    shift = round(width * yaw / 360.0)
+    objects = [{"mesh": str(whale), "position_m": [0.4, -0.3, -2.6], "rotation_deg": [35.0, 0.0, 0.0]}]
+    still = {"caustics": {"enabled": False}, "receiver": {"height_m": -1.5}}  # waves have a direction of their own
+    plate = gradient_plate(width, width // 2)
+    a = uw.render_frame(plate, scene_with(tmp_path, None, object=objects, **still), 0.0, backend)
+    b = uw.render_frame(
+        np.roll(plate, shift, axis=1), scene_with(tmp_path, None, object=yawed(objects, yaw), **still), 0.0, backend
+    )
+    difference = np.abs(codes(b.image_linear) - codes(np.roll(a.image_linear, shift, axis=1)))
+    assert a.layer.alpha.max() > 0.99
+    assert np.mean(difference <= ROLL_CODE) >= ROLL_FRACTION
+
+
+def test_a_frame_range_starts_where_it_says(dive: SampleDive, tmp_path: Path) -> None:
+    report = uw.composite_video(load_scene(dive.scene), tmp_path / "out.mp4", frames=(2, 5), backend="reference")
+    assert report.frames == len(frames_of(tmp_path / "out.mp4")) == 3
+
+
+def test_images_come_out_numbered_like_the_frames(dive: SampleDive, tmp_path: Path) -> None:
+    uw.composite_video(load_scene(dive.scene), tmp_path / "out_%04d.png", frames=(2, 4), backend="reference")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out_0002.png", "out_0003.png"]
+
+
+@pytest.mark.parametrize(
+    "plate",
+    [np.zeros((64, 64, 3)), np.zeros((63, 126, 3)), np.full((64, 128, 3), np.nan), np.zeros((64, 128, 3), np.uint8)],
+    ids=["not 2:1", "odd", "NaN", "codes"],
+)
+def test_a_plate_that_is_none_is_refused(plate: np.ndarray, whale: Path, tmp_path: Path) -> None:
+    with pytest.raises(uw.ParameterError, match="plate"):
+        uw.render_frame(plate, scene_with(tmp_path, whale), 0.0, "reference")
+
+
+def test_a_frame_rate_is_kept(dive: SampleDive, tmp_path: Path) -> None:
+    uw.composite_video(load_scene(dive.scene), tmp_path / "out.mkv", frames=(0, 4), backend="reference")
+    with uw.open_video(tmp_path / "out.mkv") as video:
+        assert abs(video.frame_rate - Fraction(24)) < Fraction(1, 10)
