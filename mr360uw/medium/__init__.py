@@ -20,6 +20,10 @@ _HOME = {
     "WaterSettings": "settings",
     "compress_gamut": "gamut",
     "fit_gain": "plate",
+    "WaterFit": "waterfit",
+    "fit_water": "waterfit",
+    "illuminant": "sensor",
+    "reflectance": "upsampling",
     "multiple_scattering": "closed_form",
 }
 

@@ -61,7 +61,8 @@ def bands(
     known = sensor.curves.wavelength_nm
     if not known[0] <= low < high <= known[-1]:
         raise ParameterError(
-            f"range_nm - beyond the sensor, known from {known[0]:g} to {known[-1]:g} nm (got {low:g} to {high:g}) - narrow it"
+            f"range_nm - beyond the sensor, known from {known[0]:g} to {known[-1]:g} nm "
+            f"(got {low:g} to {high:g}) - narrow it"
         )
     name = f"{sensor.name}, {illuminant_name}, {n} {rule}"
     if rule == "fitted":

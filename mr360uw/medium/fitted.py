@@ -104,7 +104,7 @@ def _descend(nodes: tuple[int, ...], cost_of: Any, count: int) -> tuple[float, t
         before = cost
         for place, move in itertools.product(range(len(nodes)), _MOVES):
             moved = tuple(sorted({*nodes[:place], nodes[place] + move, *nodes[place + 1 :]}))
-            if len(moved) == len(nodes) and 0 <= moved[0] and moved[-1] < count and cost_of(moved) < cost:
+            if len(moved) == len(nodes) and moved[0] >= 0 and moved[-1] < count and cost_of(moved) < cost:
                 nodes, cost = moved, cost_of(moved)
         if cost > before * (1.0 - 1e-4):
             break

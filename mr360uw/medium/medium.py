@@ -84,13 +84,9 @@ class Medium:
         self.gain: Array = np.ones(3)
         self._surface: SurfaceKind = surface
         self._sky: Sky = sky
-        self._direct = mode in ("rgb", "koschmieder", "akkaynak-treibitz")
-        self.bands = (
-            Bands(np.array(RGB_NM), np.eye(3), "one wavelength a channel")
-            if self._direct
-            else bands(band_count, self.sensor, rule, illuminant)
-        )
-        self._settings = {"band_count": band_count, "rule": rule, "illuminant": illuminant}
+        self._spectral_bands = functools.partial(bands, band_count, self.sensor, rule, illuminant)
+        one_each = mode in ("rgb", "koschmieder", "akkaynak-treibitz")
+        self.bands = Bands(np.array(RGB_NM), np.eye(3), "one a channel") if one_each else self._spectral_bands()
         self.profile = None if radiance_map is None else PlateProfile.from_map(radiance_map)
 
     @functools.cached_property
@@ -108,9 +104,9 @@ class Medium:
 
     def _formation(self) -> FormationModel:
         """Constants that make the quick models agree with the solved field on a level ray of one attenuation length."""
-        solved = Medium(
-            self.water, self.sensor, "table", self.camera_depth_m, surface=self._surface, sky=self._sky, **self._settings
-        )  # type: ignore[arg-type]  # fmt: skip
+        solved = copy.copy(self)
+        solved.__dict__.pop("model", None)
+        solved.mode, solved.bands = "table", self._spectral_bands()
         s = solved.length_m
         direct = -solved.transmittance_log(np.array(s), np.array(self.camera_depth_m)) / s
         far = solved.smooth_veil(np.array(1e4 * s), np.array(0.0))
@@ -163,7 +159,7 @@ class Medium:
         water gives negative red: `compress_gamut` maps it, as the tables do.
         """
         check_ray(distance_m, depth_m, up)
-        if self.profile is not None:
+        if self.profile is not None or self.mode == "plate":
             return self.smooth_veil(ray_in_water(distance_m, self.camera_depth_m, up), up)
         return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
 
@@ -207,6 +203,8 @@ class Medium:
     def smooth_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) of rays from the camera, times the gain; they must end below the surface."""
         depth = self.camera_depth_m
+        if self.mode == "plate" and self.profile is None:
+            raise ParameterError("mode plate - needs the plate's radiance map (got none) - pass it, or use with_map")
         spectrum = self.model.inscatter(distance_m, depth, up)
         if self.profile is None:
             return self.gain * self.display(spectrum)

@@ -71,7 +71,8 @@ class RayField:
 
 def legendre_polynomials(x: Array, count: int) -> Array:
     """Return P_0 ... (..., count) at x (...,)."""
-    return np.polynomial.legendre.legvander(x, count - 1).reshape(*np.shape(x), count)
+    p: Array = np.polynomial.legendre.legvander(x, count - 1)
+    return p.reshape(*np.shape(x), count)
 
 
 def fresnel_reflectance(mu: ArrayLike, index: float) -> Array:

@@ -75,7 +75,8 @@ class Sensor:
             )
         if np.any(values < 0.0) or np.any(np.sum(values, axis=0) <= 0.0):
             raise ParameterError(
-                f"{name} - responses must be >= 0 and not all zero (got sums {values.sum(0).tolist()}) - check the columns"
+                f"{name} - responses must be >= 0 and not all zero (got sums {values.sum(0).tolist()}) - "
+                "check the columns"
             )
         return cls(name, Spectrum(name, np.asarray(wavelength_nm, np.float64), values), np.eye(3))
 

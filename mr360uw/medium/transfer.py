@@ -46,8 +46,8 @@ def _nodes(streams: int, split: float) -> tuple[Array, Array]:
 
 
 Sky = Literal["uniform"] | tuple[Literal["sun"], float, float]
-"""What shines on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, share of its beam in
-the downwelling irradiance that passes the surface), the rest being uniform sky."""
+"""What shines on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, share of its beam
+in the downwelling irradiance that passes the surface), the rest being uniform sky."""
 
 MOMENTS = 2 * STREAMS_PER_HEMISPHERE + 1
 
@@ -99,7 +99,7 @@ class LightField:
         weighted = (2 * order + 1) * self._chi * b[:, None]
         scale = np.sqrt(w / mu)
 
-        def coupling(kept: Array) -> Array:
+        def coupling(kept: NDArray[np.bool_]) -> Array:
             scattered = np.einsum("il,nl,jl->nij", legendre, weighted * kept, legendre)
             return np.eye(len(mu)) * c[:, None, None] / mu - scale[:, None] * scattered * scale
 

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reflectance spectra for RGB albedos.
+
+Mallett & Yuksel 2019 (Spectral Primary Decomposition for Rendering with sRGB Reflectance, EGSR): three smooth basis
+spectra that sum to 1, so that a spectrum is linear in its colour, reproduces it exactly under D65 and stays in [0, 1].
+The basis comes from colour-science.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.medium.tables import Spectrum
+
+Array = NDArray[np.float64]
+
+
+def reflectance(albedo_rgb: ArrayLike, wavelength_nm: ArrayLike) -> Array:
+    """Return reflectances (..., n) in [0, 1] of linear Rec.709 albedos (..., 3) in [0, 1] at wavelengths (n,) [nm]."""
+    return np.asarray(albedo_rgb, np.float64) @ _basis()(np.atleast_1d(wavelength_nm)).T
+
+
+@functools.cache
+def _basis() -> Spectrum:
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns about optional packages
+        from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as BASIS
+    return Spectrum("reflectance basis", np.asarray(BASIS.wavelengths), np.asarray(BASIS.values))

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which water a plate was shot in, from the colour of the water over elevation.
+
+One camera position sees how the water's radiance changes with direction, not with depth, so attenuation is not
+measured directly: the solved light field of every Jerlov type at the camera's depth is compared with the plate's
+profile about the horizon. One exposure is free; a white balance is allowed but costs. Kd is that of the type found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import encode
+from mr360uw.errors import ParameterError
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.plate import PlateProfile
+from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+_REACH_RAD = np.radians(30.0)
+"""Rows this close to the horizon enter: above lies the surface, below the ground."""
+_ROW_SIGMA = 0.30
+"""Relative deviation expected of a row: marine snow, rays of light, ground shining through."""
+_BALANCE_SIGMA = 0.30
+"""Relative deviation of a channel by the camera's white balance."""
+_INDEPENDENT_ROWS = 3.0
+"""Neighbouring rows err together: they count as this many."""
+_MISFIT_SCALE = 0.2
+"""A residual this large says that no type fits. With these four figures the confidence is the rate at which the type is
+found again in waters of both sources of coefficients under a sun, with a white balance that is off by 20 %."""
+_BAND_COUNT = 31
+
+
+@dataclass(frozen=True, slots=True)
+class WaterFit:
+    """The Jerlov type whose light field is nearest to a plate.
+
+    water_type: nearest of all. confidence: 0 (no idea) to 1: how much likelier it is than the others, times how well
+    it fits at all. residual: {type: rms of the logarithm of plate over model}, by which 0.1 = 10 %. kd: (3,)
+    attenuation of the downwelling light at the camera's depth [1/m], of that type. gain: (3,) plate over model.
+    up: (r,) y of the rows' directions; measured, fitted: (r, 3) radiance in the plate's exposure.
+    """
+
+    water_type: JerlovType
+    confidence: float
+    residual: dict[JerlovType, float]
+    likelihood: dict[JerlovType, float]
+    kd: Array
+    gain: Array
+    camera_depth_m: float
+    up: Array
+    measured: Array
+    fitted: Array
+
+    def html(self) -> str:
+        """Return a fragment of HTML that shows the fit: verdict, profile and the other types."""
+        verdict = "clear" if self.confidence > 0.6 else "uncertain" if self.confidence > 0.25 else "a guess"
+        kd = ", ".join(f"{channel} {value:.3f}" for channel, value in zip("RGB", self.kd, strict=True))
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{100 * self.residual[name]:.0f} %</td>"
+            f"<td><meter max='1' value='{share:.3f}'></meter> {100 * share:.0f} %</td></tr>"
+            for name, share in sorted(self.likelihood.items(), key=lambda item: -item[1])
+        )
+        return (
+            "<section class='water'><h2>Water</h2>"
+            f"<p>Nearest Jerlov type: <b>{escape(self.water_type)}</b>, {verdict} (confidence {self.confidence:.2f}); "
+            f"rms deviation {100 * self.residual[self.water_type]:.0f} %. "
+            f"Attenuation of daylight at {self.camera_depth_m:g} m: {kd} per metre, as that type has it. "
+            "One camera position shows how the water's colour changes with direction, not with depth: the type rests "
+            "on colour and profile about the horizon, and a white balance in the camera moves it.</p>"
+            f"{self._plot()}"
+            f"<table><tr><th>type</th><th>deviation</th><th>likelihood</th></tr>{rows}</table></section>"
+        )
+
+    def _plot(self) -> str:
+        """The profile as inline SVG: dots measured, lines fitted, over elevation."""
+        width, height = 360, 160
+        top = 1.05 * float(max(self.measured.max(), self.fitted.max()))
+        elevation = np.degrees(np.arcsin(self.up))
+        x = (elevation - elevation.min()) / np.ptp(elevation) * (width - 20) + 10
+        parts = [f"<svg viewBox='0 0 {width} {height + 20}' width='{width}' role='img'><title>profile</title>"]
+        for channel, colour in enumerate(("#c33", "#3a3", "#36c")):
+            line = " ".join(
+                f"{a:.1f},{height * (1 - v / top):.1f}" for a, v in zip(x, self.fitted[:, channel], strict=True)
+            )
+            parts.append(f"<polyline points='{line}' fill='none' stroke='{colour}'/>")
+            parts += [
+                f"<circle cx='{a:.1f}' cy='{height * (1 - v / top):.1f}' r='2.5' fill='{colour}'/>"
+                for a, v in zip(x, self.measured[:, channel], strict=True)
+            ]
+        for a, row in zip(x, self.measured, strict=True):
+            code = np.clip(255 * encode(row / top, "srgb"), 0, 255).astype(int)
+            parts.append(
+                f"<rect x='{a - 8:.1f}' y='{height + 4}' width='16' height='12' fill='rgb{tuple(code.tolist())}'/>"
+            )
+        return "".join(parts) + "</svg>"
+
+
+def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None = None) -> WaterFit:
+    """Return the nearest Jerlov type of a plate's radiance map (32, 64, 3), linear, at a camera depth [m].
+
+    Raises `ParameterError` where the plate is black about the horizon.
+    """
+    profile = PlateProfile.from_map(radiance_map)
+    up = profile.up[np.abs(np.arcsin(profile.up)) <= _REACH_RAD]
+    measured = profile(up)
+    if np.any(measured.max(axis=0) <= 0.0):
+        raise ParameterError(
+            f"water - the plate is black about the horizon (got {measured.max(axis=0).tolist()}) - brighten it"
+        )
+    log_measured = np.log(np.maximum(measured, 1e-4 * measured.max()))
+    models = {name: _level_light(name, up, camera_depth_m, sensor) for name in JERLOV_TYPES}
+    results = {name: _compare(log_measured - np.log(light)) for name, (light, _) in models.items()}
+    misfit = {name: result[0] for name, result in results.items()}
+    lowest = min(misfit.values())
+    weight = {name: float(np.exp(-0.5 * (value - lowest))) for name, value in misfit.items()}
+    likelihood = {name: value / sum(weight.values()) for name, value in weight.items()}
+    best = max(JERLOV_TYPES, key=lambda name: likelihood[name])
+    gain = np.exp(results[best][1])
+    light, kd = models[best]
+    residual = {name: result[2] for name, result in results.items()}
+    return WaterFit(
+        water_type=best,
+        confidence=float(likelihood[best] * np.exp(-0.5 * (residual[best] / _MISFIT_SCALE) ** 2)),
+        residual=residual,
+        likelihood=likelihood,
+        kd=kd,
+        gain=gain,
+        camera_depth_m=float(camera_depth_m),
+        up=up,
+        measured=measured,
+        fitted=gain * light,
+    )
+
+
+def _level_light(name: JerlovType, up: Array, depth_m: float, sensor: Sensor | None) -> tuple[Array, Array]:
+    """The model's radiance (r, 3) and the attenuation (3,) of its downwelling irradiance at a depth."""
+    medium = Medium(Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT, illuminant="D65")
+    light = medium.display(medium.model.radiance(depth_m, up))
+    log = medium.ambient_log(np.array([0.95, 1.05]) * depth_m)
+    return light, (log[0] - log[1]) / (0.1 * depth_m)
+
+
+def _compare(difference: Array) -> tuple[float, Array, float]:
+    """Misfit (twice the negative log likelihood), log gain (3,) and rms of a logarithmic difference (r, 3).
+
+    The mean over channels is exposure and free; what a channel departs from it is white balance and costs.
+    """
+    rows = len(difference)
+    share = _INDEPENDENT_ROWS / rows / _ROW_SIGMA**2
+    mean = difference.mean(axis=0)
+    exposure = mean.mean()
+    balance = (mean - exposure) * (rows * share) / (rows * share + 1.0 / _BALANCE_SIGMA**2)
+    left = difference - exposure - balance
+    misfit = share * np.sum(left**2) + np.sum(balance**2) / _BALANCE_SIGMA**2
+    return float(misfit), exposure + balance, float(np.sqrt(np.mean(left**2)))
