@@ -96,7 +96,7 @@ class ContainerReader(VideoReader):
         return self._decode(start, stop)
 
     def _decode(self, start: int, stop: int) -> Iterator[VideoFrame]:
-        index = start
+        index = start - 1
         try:
             with open_container(self.path) as (container, stream):
                 for index, native in _numbered(container, stream, self.index, start):
@@ -111,11 +111,10 @@ class ContainerReader(VideoReader):
                 f"{self.path} - cannot be decoded after frame {index} (got {error.strerror}) - the file is damaged; "
                 "get an intact copy or end the range there"
             ) from error
-        if index < stop - 1 or start == stop - 1:
-            raise VideoError(
-                f"{self.path} - the pictures end early (got {index + 1} of {self.frame_count} frames) - the file is "
-                f"damaged; get an intact copy or take frames 0:{index + 1}"
-            )
+        raise VideoError(
+            f"{self.path} - the pictures end early (got {index + 1} of {self.frame_count} frames) - the file is damaged; "
+            f"get an intact copy or take frames 0:{index + 1}"
+        )
 
     def _frame(self, index: int, native: Any) -> VideoFrame:
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):

@@ -71,10 +71,12 @@ def write_exr(
 
     path = Path(path)
     image_parts = parts if isinstance(parts, Mapping) else {"": {"RGBA"[: np.shape(parts)[-1]]: np.asarray(parts)}}
-    kinds = {
-        name: getattr(OpenEXR, f"{name.upper()}_COMPRESSION") for name in ("none", "zips", "zip", "piz", "dwaa", "dwab")
+    kind = "NO" if compression == "none" else compression.upper()
+    header: dict[str, Any] = {
+        "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
+        "type": OpenEXR.scanlineimage,
+        **(attributes or {}),
     }
-    header: dict[str, Any] = {"compression": kinds[compression], "type": OpenEXR.scanlineimage, **(attributes or {})}
     if latlong:
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
     made = []

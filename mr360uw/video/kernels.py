@@ -88,10 +88,13 @@ def read_rectangle(
 
 
 @_kernel
-def _encode_row(codes: Any, cb: Any, cr: Any, light_bits: Any, k: Any, channel: int, table: Any, out: Any) -> None:
+def _encode_row(
+    codes: Any, cb: Any, cr: Any, light_bits: Any, alpha: Any, k: Any, channel: int, table: Any, out: Any
+) -> None:
     """Write the step from the old R' (or G', B') of a row to that of its new light into `out`.
 
-    light_bits: float32 read as uint32. The new value is clipped to [0, 1], or as far outside as the old one was.
+    light_bits: float32 read as uint32. The new value is clipped to [0, 1], or as far outside as the old
+    one was, where it is not covered.
     """
     offset, scale, from_cb, from_cr = k[0], np.float32(1.0) / k[1], k[4 + 2 * channel], k[5 + 2 * channel]
     fraction_mask, sign_bit = np.uint32((1 << ENCODE_STEP_BITS) - 1), np.uint32(1 << 31)
@@ -106,7 +109,8 @@ def _encode_row(codes: Any, cb: Any, cr: Any, light_bits: Any, k: Any, channel: 
         low = table[i]
         code = low + np.float32(magnitude & fraction_mask) * fraction_scale * (table[i + np.uint32(1)] - low)
         code = -code if light_bits[c] & sign_bit else code
-        out[c] = min(max(code, min(old, zero)), max(old, one)) - old
+        clear = one - alpha[c]
+        out[c] = min(max(code, clear * min(old, zero)), one + clear * max(old - one, zero)) - old
 
 
 @_inlined
@@ -142,7 +146,7 @@ def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
 @_kernel
 def write_luma(
     y: Any, u: Any, v: Any, y_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
-    k: Any, table: Any, peak: Any, light_bits: Any, changed: Any, frame: int, chroma: Any,
+    k: Any, table: Any, peak: Any, light_bits: Any, alpha: Any, changed: Any, frame: int, chroma: Any,
 ) -> None:  # fmt: skip
     """Write the luma of the changed pixels, and the change of their chroma in codes into `chroma` (2, h, w)."""
     height, width = changed.shape
@@ -155,7 +159,7 @@ def write_luma(
         codes = y[row + r, column : column + width]
         codes_out = y_out[row + r, column : column + width]
         for n in range(3):
-            _encode_row(codes, cb, cr, light_bits[r, :, n], k, n, table, steps[n])
+            _encode_row(codes, cb, cr, light_bits[r, :, n], alpha[r], k, n, table, steps[n])
         red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
         for c in range(width):
             if changed[r, c]:

@@ -116,7 +116,7 @@ def lay_over_planes(
 
     Only pixels where `changed` (h, w) get a new luma code, and only chroma samples of 2x2 (or 2x1, 1x1) blocks with
     such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that is itself
-    brighter or darker keeps its excursion). alpha: (h, w) coverage of the plate.
+    brighter or darker keeps its excursion where it is not covered). alpha: (h, w) coverage of the plate.
     """
     row, column, _, _ = rectangle
     if old.spec.matrix == "bt2020":
@@ -127,7 +127,7 @@ def lay_over_planes(
     chroma = np.empty((2, *alpha.shape), np.float32)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), changed, frame_index, chroma,
+        coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index, chroma,
     )  # fmt: skip
     write_chroma(
         old.u, old.v, new.u, new.v, row, column, sx, sy, wrap, peak, cover, changed, frame_index, chroma

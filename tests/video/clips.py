@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small clips made with FFmpeg alone, so that the tests do not read what the code under test wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+from mr360uw.color import ColorSpec
+from mr360uw.types import YuvImage
+
+SIZE = (128, 64)
+
+
+def moving_planes(index: int, bits: int = 8, subsampling: str = "420", size: tuple[int, int] = SIZE) -> list[Any]:
+    """Three planes with a texture that differs from frame to frame."""
+    width, height = size
+    rng = np.random.default_rng(index)
+    scale = 1 << (bits - 8)
+    dtype = np.uint8 if bits == 8 else np.uint16
+    columns = width // 2 if subsampling != "444" else width
+    rows = height // 2 if subsampling == "420" else height
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    luma = 120 + 60 * np.sin(0.1 * (x + 5 * index)) + 20 * np.cos(0.2 * y) + rng.uniform(-3, 3, (height, width))
+    chroma = [128 + 40 * np.sin(0.05 * (np.arange(columns) + 3 * index + n)) + np.zeros((rows, 1)) for n in (0, 30)]
+    return [np.round(plane * scale).astype(dtype) for plane in (luma, *chroma)]
+
+
+def yuv_image(index: int = 0, spec: ColorSpec | None = None, subsampling: str = "420") -> YuvImage:
+    spec = spec or ColorSpec()
+    y, u, v = moving_planes(index, spec.bits, subsampling)
+    return YuvImage(y, u, v, spec)
+
+
+def fill(native: Any, planes: Sequence[Any]) -> None:
+    for plane, data in zip(native.planes, planes, strict=True):
+        rows = np.frombuffer(plane, data.dtype).reshape(plane.height, -1)
+        rows[:, : plane.width] = data
+
+
+def write_clip(
+    path: Path,
+    frames: int = 12,
+    *,
+    codec: str = "libx264",
+    pixel_format: str = "yuv420p",
+    pts: Sequence[int] | None = None,
+    time_base: Fraction = Fraction(1, 25),
+    rate: Fraction = Fraction(25),
+    size: tuple[int, int] = SIZE,
+    options: dict[str, str] | None = None,
+    tags: tuple[int, int, int, int] | None = (1, 1, 1, 1),
+    audio_s: float = 0.0,
+    rotation: int = 0,
+    container_options: dict[str, str] | None = None,
+) -> Path:
+    """Encode moving planes; tags: range, matrix, primaries, transfer (H.273). audio_s: length of a tone."""
+    bits = 10 if "10le" in pixel_format else 8
+    subsampling = next(kind for kind in ("444", "422", "420") if kind in pixel_format)
+    quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+    scale = str(time_base.denominator)
+    timing = {"movie_timescale": scale, "video_track_timescale": scale} if path.suffix in (".mp4", ".mov") else {}
+    with av.open(str(path), "w", options={**timing, **(container_options or {})}) as container:
+        stream = container.add_stream(codec, rate=rate, options={**quiet, **(options or {})})
+        context = stream.codec_context
+        context.width, context.height = size
+        context.pix_fmt, context.time_base = pixel_format, time_base
+        if tags is not None:
+            context.color_range, context.colorspace, context.color_primaries, context.color_trc = tags
+        if rotation:
+            stream.set_display_rotation(rotation)
+        sound = container.add_stream("aac", rate=48000, layout="mono") if audio_s else None
+        for index in range(frames):
+            native = av.VideoFrame(*size, pixel_format)
+            fill(native, moving_planes(index, bits, subsampling, size))
+            native.pts = pts[index] if pts is not None else index
+            native.time_base = time_base
+            container.mux(stream.encode(native))
+        container.mux(stream.encode(None))
+        if sound is not None:
+            wave = np.sin(2 * np.pi * 440 * np.arange(int(audio_s * 48000)) / 48000).astype(np.float32)
+            for start in range(0, wave.size, 1024):
+                block = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], "fltp", "mono")
+                block.sample_rate, block.pts, block.time_base = 48000, start, Fraction(1, 48000)
+                container.mux(sound.encode(block))
+            container.mux(sound.encode(None))
+    return path
+
+
+def decoded(path: Path) -> list[tuple[int, list[np.ndarray]]]:
+    """(pts, planes) of all frames, decoded by PyAV alone."""
+    frames = []
+    with av.open(str(path)) as container:
+        for native in container.decode(video=0):
+            dtype = np.uint16 if "10le" in native.format.name else np.uint8
+            planes = []
+            for plane in native.planes:
+                rows = np.frombuffer(plane, dtype).reshape(plane.height, -1)
+                planes.append(rows[:, : plane.width].copy())
+            frames.append((native.pts, planes))
+    return frames
+
+
+def packets(path: Path, kind: str) -> list[tuple[int, int, bytes]]:
+    """(pts, dts, data) of all packets of the first stream of a kind."""
+    with av.open(str(path)) as container:
+        stream = getattr(container.streams, kind)[0]
+        return [(p.pts, p.dts, bytes(p)) for p in container.demux(stream) if p.dts is not None]
