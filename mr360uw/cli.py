@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -22,6 +22,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False)]
 FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
@@ -39,9 +41,10 @@ def main() -> None:
     except Mr360uwError as error:
         typer.echo(f"error: {error}", err=True)
         sys.exit(2)
-    except KeyboardInterrupt:
-        typer.echo("interrupted; nothing was written", err=True)
-        sys.exit(130)
+    except SystemExit as done:
+        if done.code == _INTERRUPTED:
+            typer.echo("interrupted: nothing was written", err=True)
+        raise
 
 
 def frame_range(text: str | None) -> tuple[int, int | None]:
@@ -188,8 +191,3 @@ def _version(
         typer.echo(__version__)
         raise typer.Exit
     del context
-
-
-def run(arguments: list[str]) -> Any:
-    """Run the command line on `arguments` inside this process, for tests; raises what the command raises."""
-    return app(arguments, standalone_mode=False)

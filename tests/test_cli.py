@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: what it makes, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw import cli
+from mr360uw.sample import SampleDive
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command line in this process; return exit code, output and errors."""
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["mr360uw", *map(str, arguments)])
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as done:
+            code = int(done.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def scene(dive: SampleDive, tmp_path: Path) -> Path:
+    """A scene file of its own, beside links to the dive's plate and mesh."""
+    for file in (dive.plate, dive.mesh):
+        (tmp_path / file.name).symlink_to(file)
+    return Path(shutil.copy(dive.scene, tmp_path / "scene.toml"))
+
+
+def test_new_writes_a_scene_that_runs(dive: SampleDive, tmp_path: Path, run: Run) -> None:
+    code, out, err = run("new", dive.plate, dive.mesh, "--out", tmp_path / "my.toml")
+    assert (code, err) == (0, "")
+    assert str(tmp_path / "my.toml") in out
+    text = (tmp_path / "my.toml").read_text()
+    assert "[water]" in text
+    assert "# " in text
+    arguments = ("composite", tmp_path / "my.toml", tmp_path / "out.mp4", "--frames", "0:2", "--backend", "reference")
+    code, out, err = run(*arguments)
+    assert (code, err) == (0, "")
+    assert "2 frames" in out
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "already there" in err
+    code, _, err = run("new", dive.plate, dive.mesh, "--out", tmp_path / "my.toml")
+    assert code == 2
+    assert "--overwrite" in err
+
+
+def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
+    code, out, _ = run("composite", scene, "out.mp4", "--explain", "--backend", "reference")
+    assert code == 0
+    assert "whale.glb: " in out
+    assert "caustics     runs" in out
+    assert not (scene.parent / "out.mp4").exists()
+    code, out, _ = run("check", scene, "--set", 'water.type="none"')
+    assert code == 0
+    assert "caustics     skipped  needs a sun and water" in out
+
+
+def test_the_schema_has_units_and_help(run: Run) -> None:
+    code, out, _ = run("schema")
+    schema = json.loads(out)
+    depth = schema["$defs"]["CameraSettings"]["properties"]["depth_m"]
+    assert code == 0
+    assert depth["unit"] == "m"
+    assert depth["maximum"] == 200.0
+    assert "depth" in depth["description"]
+
+
+def test_info_names_renderer_codecs_and_versions(run: Run) -> None:
+    code, out, _ = run("info")
+    assert code == 0
+    assert "renderer" in out
+    assert "libx264" in out
+    assert f"numpy {np.__version__}" in out
+
+
+# --- bad input: exit code 2, where - what (got ...) - what to do, and nothing written ------------------------------
+
+
+def broken_mesh(name: str, folder: Path) -> Path:
+    import trimesh
+
+    path = folder / name
+    if name == "empty.obj":
+        path.write_text("v 0 0 0\n")
+    elif name == "nan.ply":
+        vertices = np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
+        trimesh.Trimesh(vertices, [[0, 1, 2]], process=False, validate=False).export(path)
+    elif name == "point.ply":
+        trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False, validate=False).export(path)
+    elif name == "textured.obj":
+        path.write_text(
+            "mtllib textured.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+        )
+        (folder / "textured.mtl").write_text("newmtl m\nmap_Kd nowhere.png\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("mesh", "says"),
+    [
+        ("empty.obj", "no triangles"),
+        ("nan.ply", "not finite"),
+        ("point.ply", "no extent"),
+        ("textured.obj", "nowhere.png"),
+    ],
+)
+def test_meshes_that_cannot_be_used(mesh: str, says: str, scene: Path, run: Run) -> None:
+    path = broken_mesh(mesh, scene.parent)
+    out = scene.parent / "out.mp4"
+    code, _, err = run("composite", scene, out, "--set", f'object.0.mesh="{path}"', "--backend", "reference")
+    assert code == 2
+    assert Path(mesh).stem in err
+    assert says in err
+    assert not out.exists()
+
+
+def broken_plate(name: str, folder: Path, dive: SampleDive) -> Path:
+    path = folder / name
+    if name == "zero.mp4":
+        path.touch()
+    elif name == "text.mp4":
+        path.write_text("This is not a video.\n" * 50)
+    elif name == "cut.mp4":
+        data = dive.plate.read_bytes()
+        path.write_bytes(data[: len(data) // 2])
+    elif name in ("square.png", "wide.png"):
+        import cv2
+
+        cv2.imwrite(str(path), np.zeros((64, 64 if name == "square.png" else 200, 3), np.uint8))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("plate", "says"),
+    [
+        ("missing.mp4", "no such file"),
+        ("zero.mp4", "empty"),
+        ("text.mp4", "text.mp4"),
+        ("cut.mp4", "cut"),
+        ("square.png", "stereo"),
+        ("wide.png", "2:1"),
+    ],
+)
+def test_plates_that_cannot_be_used(plate: str, says: str, dive: SampleDive, scene: Path, run: Run) -> None:
+    path = broken_plate(plate, scene.parent, dive)
+    before = {p.name for p in scene.parent.iterdir()}
+    code, _, err = run("composite", scene, scene.parent / "out.mp4", "--set", f'plate.path="{path}"')
+    assert code == 2
+    assert says in err.lower()
+    assert " - " in err
+    assert {p.name for p in scene.parent.iterdir()} == before
+
+
+def test_every_problem_of_a_scene_at_once(scene: Path, run: Run) -> None:
+    scene.write_text(
+        scene.read_text().replace("depth_m = 4.0", "dept_m = 4.0").replace('type = "II"', 'type = "2"')
+        .replace('mesh = "whale.glb"', 'mesh = "no.glb"') + "\n[sae]\nwind_speed = 1.0\n"
+    )  # fmt: skip
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert "3 problems" in err
+    for part in ("did you mean 'depth_m'?", "(got '2')", "did you mean 'sea'?"):
+        assert part in err
+    scene.write_text(scene.read_text().replace("dept_m", "depth_m").replace('"2"', '"II"').split("[sae]")[0])
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert "no such file" in err
+    assert "no.glb" in err
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("camera.depth_m=-1", "must be > 0"),
+        ("camera.depth_m=deep", "(got 'deep')"),
+        ("camera.depht_m=1", "did you mean 'depth_m'?"),
+        ("object.3.scale=1", "no such entry"),
+        ("nonsense", "key=value"),
+        ("water.type=3", "(got 3)"),
+    ],
+)
+def test_overrides_are_checked_like_the_file(override: str, says: str, scene: Path, run: Run) -> None:
+    code, _, err = run("check", scene, "--set", override)
+    assert code == 2
+    assert says in err
+
+
+@pytest.mark.parametrize(
+    ("frames", "says"), [("5", "8"), ("9:12", "9"), ("3:3", "empty"), ("b:c", "range"), ("0:99", "99")]
+)
+def test_frames_outside_the_clip(frames: str, says: str, scene: Path, run: Run) -> None:
+    code, _, err = run("composite", scene, scene.parent / "out.mp4", "--frames", frames, "--set", "object=[]")
+    if frames == "5":  # a single frame is a range of one
+        assert code == 0
+        return
+    assert code == 2
+    assert says in err
+    assert not (scene.parent / "out.mp4").exists()
+
+
+def test_outputs_that_cannot_be_written(scene: Path, run: Run) -> None:
+    code, _, err = run("composite", scene, scene.parent / "nowhere" / "out.mp4")
+    assert code == 2
+    assert "folder" in err
+    code, _, err = run("composite", scene, scene.parent / "dive.mp4", "--overwrite")
+    assert code == 2
+    assert "replace the plate" in err
+    code, _, err = run("composite", scene, scene.parent / "out.xyz")
+    assert code == 2
+    assert "out.xyz" in err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a file system of a limited size and signals")
+def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
+    import resource
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    out = scene.parent / "out.mkv"
+    arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--set", "object=[]"]
+    done = subprocess.run(arguments, capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode == 2
+    assert "out.mkv" in done.stderr
+    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_an_interrupted_run_leaves_nothing(scene: Path) -> None:
+    out = scene.parent / "out.mp4"
+    arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--backend", "reference"]
+    running = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while not list(scene.parent.glob("*.part")) and running.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "interrupted" in err
+    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
+
+
+def test_help_is_fast_and_complete() -> None:
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "mr360uw", "--help"], capture_output=True, text=True, check=True)
+    elapsed = time.perf_counter() - began
+    for command in ("composite", "new", "check", "sample", "analyse", "caustics", "schema", "info"):
+        assert command in done.stdout
+    # a ceiling ten times what it takes, so that only a heavy import can break it
+    assert elapsed < 2.0
