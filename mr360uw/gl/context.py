@@ -128,9 +128,7 @@ def program_from_text(*, fragment: str, name: str = "shader") -> moderngl.Progra
 def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> None:
     """Run `program`'s fragment shader once for every pixel of `target`."""
     target.use()
-    vertex_array = gl_context().vertex_array(program, [])
-    vertex_array.render(vertices=3)
-    vertex_array.release()
+    gl_context().vertex_array(program, []).render(vertices=3)  # freed by Context.gc, which takes no released object
 
 
 def set_uniforms(program: moderngl.Program, **values: Any) -> None:
