@@ -59,7 +59,16 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
         patches += int(mesh.patch.max()) + 1
     arrays = {name: np.concatenate(values) for name, values in columns.items()}
     labels = {name: np.concatenate([np.zeros(0, np.int64), *values]) for name, values in numbers.items()}
-    return Geometry(**arrays, **labels, materials=tuple(materials))
+    return Geometry(**arrays, **labels, materials=tuple(materials))  # type: ignore[arg-type]
+
+
+def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
+    """Return the triangles (T, 3, 3) that shade, from the camera: those of blended materials let light through."""
+    shading = [placed for placed in objects if placed.casts_shadow]
+    opaque = [np.array([m.alpha_mode != "BLEND" for m in placed.mesh.materials]) for placed in shading]
+    solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
+    placed = [p.to_world(triangles) - camera_position for p, triangles in zip(shading, solid, strict=True)]
+    return np.concatenate([np.zeros((0, 3, 3)), *placed])
 
 
 def object_rectangles(shot: Shot) -> list[Rectangle]:
@@ -82,12 +91,13 @@ def view_directions(shot: Shot, x: Floats, y: Floats) -> Floats:
 class Hits:
     """Where rays meet triangles, arrays (n, ...).
 
-    triangle: its number. point: from the camera [m]. distance_m, direction: of the ray. geometric_normal, normal:
-    unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3) linear, alpha (n,).
+    triangle, object: their numbers. point: from the camera [m]. distance_m, direction: of the ray.
+    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3) linear, alpha (n,).
     footprint_m: width of a pixel at that distance.
     """
 
     triangle: NDArray[np.int64]
+    object: NDArray[np.int64]
     point: Floats
     distance_m: Floats
     direction: Floats
@@ -169,6 +179,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
             normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
     return Hits(
         triangle=triangle,
+        object=geometry.object[triangle],
         point=distance[:, None] * direction,
         distance_m=distance,
         direction=direction,

@@ -18,7 +18,7 @@ from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.composite.geometry import Hits
 from mr360uw.composite.rays import RayScene
 from mr360uw.composite.shading import dielectric_f0, reflectance, sun_highlight
-from mr360uw.composite.shadow import disc_directions, effective_half_angle
+from mr360uw.composite.shadow import ambient_blocked, disc_directions, effective_half_angle
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
@@ -32,8 +32,8 @@ from mr360uw.medium.lookup import (
 )
 from mr360uw.types import Floats
 
-BIAS = 0.006
-"""Shadow rays of a body start this part of its extent off its surface: a texel and a half of a shadow map."""
+REFERENCE_SUN_FACTOR = 4
+"""The reference takes so many more directions over the sun's disc than asked for: it stands for the limit."""
 MINIMUM_SUN_UP = 0.05
 """Lower suns are treated as this high: their path through the water would be infinite."""
 
@@ -62,11 +62,13 @@ class Light:
         self.shot = shot
         self.sun = shot.sun if shot.sun is not None and shot.sun.direction[1] > 0.0 else None
         self._scene = RayScene(occluders)
-        self._extent = float(np.max(np.ptp(occluders.reshape(-1, 3), axis=0))) if len(occluders) else 0.0
+        self._bias = np.array([placed.bias_m for placed in shot.objects if placed.visible])
         self._levels = mip_levels(shot.caustics.ratio) if shot.caustics is not None else []
         if self.sun is not None:
             half_angle = effective_half_angle(self.sun.half_angle_rad, shot.sun_spread_rad)
-            self.sun_directions = disc_directions(self.sun.direction, half_angle, shot.sun_samples)
+            self.sun_directions = disc_directions(
+                self.sun.direction, half_angle, REFERENCE_SUN_FACTOR * shot.sun_samples
+            )
             self.half_angle = half_angle
             self.sun_up = max(float(self.sun.direction[1]), MINIMUM_SUN_UP)
 
@@ -100,12 +102,11 @@ class Light:
         contrast = 1.0 if shot.medium is None else caustic_contrast(shot.medium, depth, self.sun_up)
         return 1.0 + (ratio - 1.0) * contrast
 
-    def visibility(self, point: Floats, normal: Floats | None) -> Floats:
-        """Return the part (n,) of the sun's disc seen from points; with a normal they lie on an occluder themselves."""
+    def visibility(self, start: Floats) -> Floats:
+        """Return the part (n,) of the sun's disc that is seen from places (n, 3)."""
         if self.sun is None or len(self._scene.triangles) == 0:
-            return np.ones(len(point))
-        start = point if normal is None else point + BIAS * self._extent * normal
-        seen = np.zeros(len(point))
+            return np.ones(len(start))
+        seen = np.zeros(len(start))
         for direction in self.sun_directions:
             seen += ~self._scene.occluded(start, np.broadcast_to(direction, start.shape))
         return seen / len(self.sun_directions)
@@ -136,7 +137,8 @@ class Light:
         n_dot_l = np.sum(hits.normal * self.sun.direction, -1)
         lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * self.sun.direction, -1) > 0.0))
         seen = np.zeros(len(n_dot_l))
-        seen[lit] = self.visibility(hits.point[lit], hits.geometric_normal[lit])
+        off = self._bias[hits.object[lit], None] * hits.geometric_normal[lit]
+        seen[lit] = self.visibility(hits.point[lit] + off)
         waves = self.caustics(hits.point, hits.footprint_m)
         irradiance = self.beam(hits.point) * seen[:, None] * waves
         n_dot_l = np.maximum(n_dot_l, 0.0)
@@ -149,9 +151,34 @@ class Light:
         added = (sun_diffuse + sun_glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
         return Radiance(diffuse, glossy, sun_diffuse, sun_glossy, added, hits.emission)
 
+    def receiver_ratio(self, point: Floats, normal: Floats, distance_m: Floats) -> Floats:
+        """Return E_with/E_without (n, 3) at points of the receiver."""
+        shot, receiver = self.shot, self.shot.receiver
+        assert receiver is not None
+        ambient, beam = self.ambient(point, normal), self.beam(point)
+        if self.sun is not None:
+            beam = beam * np.maximum(normal @ self.sun.direction, 0.0)[:, None]
+        blocked, waves = np.zeros(len(point)), np.ones((len(point), 3))
+        if receiver.occlusion:
+            for placed in shot.objects:
+                if placed.casts_shadow:
+                    place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
+                    area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
+                    blocked += ambient_blocked(point, normal, place, area)
+        seen = self.visibility(point) if receiver.shadow else np.ones(len(point))
+        if receiver.caustics:
+            waves = self.caustics(point, distance_m * np.pi / shot.height)
+        return lit_ratio(ambient, beam, blocked, seen, waves)
+
     def water(self, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
         """Return (transmittance, veil), each (n, 3), over camera rays of these lengths."""
         medium = self.shot.medium
         if medium is None:
             return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
         return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)
+
+
+def lit_ratio(ambient: Floats, beam: Floats, blocked: Floats, seen: Floats, waves: Floats) -> Floats:
+    """Return E_with/E_without (n, 3) of ambient light, partly blocked, and a beam, partly seen and under waves."""
+    lit = ambient * (1.0 - np.minimum(blocked, 1.0))[:, None] + beam * seen[:, None] * waves
+    return lit / np.maximum(ambient + beam, 1e-9)

@@ -2,9 +2,9 @@
 """Where things are at a time: keyed position, rotation and scale, and tracks of the camera.
 
 Rotations are (yaw, pitch, roll): roll first (right side down), then pitch (nose up), then yaw (nose to the right),
-for a body that looks along -z with +y up. Between keys rotations take the shortest arc (slerp, Shoemake 1985); positions
-and the logarithm of the scale follow straight lines or a monotone cubic (Fritsch & Carlson 1980). Before the first and
-after the last key everything rests.
+for a body that looks along -z with +y up. Between keys rotations take the shortest arc (slerp, Shoemake 1985);
+positions and the logarithm of the scale follow straight lines or a monotone cubic (Fritsch & Carlson 1980). Before the
+first and after the last key everything rests.
 """
 
 from __future__ import annotations
@@ -95,10 +95,10 @@ def object_motion(settings: ObjectSettings) -> Motion:
 
 
 def read_camera_track(path: str | Path) -> Motion:
-    """Return the camera's motion of a CSV file: a header, then time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
+    """Return the camera's motion of a CSV file: time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
 
-    The quaternion turns the camera's axes (right, up, back) into the world's. Columns are found by the names time_s, x,
-    y, z, qx, qy, qz, qw, in any order. Raises `ParameterError`.
+    The quaternion turns the camera's axes (right, up, back) into the world's. The header names the columns
+    time_s, x, y, z, qx, qy, qz, qw, in any order. Raises `ParameterError`.
     """
     from scipy.spatial.transform import Rotation
 

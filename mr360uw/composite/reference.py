@@ -21,6 +21,7 @@ from mr360uw.composite.geometry import (
     base_color,
     gather,
     object_rectangles,
+    occluding,
     surface,
     uv_change,
     view_directions,
@@ -31,7 +32,6 @@ from mr360uw.composite.over import empty_tile
 from mr360uw.composite.rays import RayScene, barycentric
 from mr360uw.composite.receiver import ReceiverShape, receiver_rectangles
 from mr360uw.composite.sampling import Pattern, pattern
-from mr360uw.composite.shadow import ambient_blocked
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, split
 from mr360uw.types import Floats, Layer, Tile
@@ -65,8 +65,7 @@ def render_layer(shot: Shot) -> Layer:
     tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
     if not tiles:
         return Layer(shot.height, shot.width, ())
-    occluders = gather([o for o in shot.objects if o.casts_shadow], shot.camera_position)
-    light = Light(shot, occluders.positions)
+    light = Light(shot, occluding(shot.objects, shot.camera_position))
     scene = RayScene(geometry.positions)
     drawn = []
     for rectangle in tiles:
@@ -238,31 +237,8 @@ def draw_receiver(shot: Shot, shape: ReceiverShape, light: Light, tile: Tile, wh
     hit = np.isfinite(distance)
     rows, columns, distance, normal = rows[hit], columns[hit], distance[hit], normal[hit]
     direction = view_directions(shot, x[hit], y[hit])
-    ratio = receiver_ratio(shot, light, direction * distance[:, None], normal, distance)
+    ratio = light.receiver_ratio(direction * distance[:, None], normal, distance)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     _, veil = light.water(distance, direction[:, 1])
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]
-
-
-def receiver_ratio(shot: Shot, light: Light, point: Floats, normal: Floats, distance: Floats) -> Floats:
-    """Return E_with/E_without (n, 3) at points of the receiver."""
-    receiver = shot.receiver
-    assert receiver is not None
-    ambient = light.ambient(point, normal)
-    beam = light.beam(point)
-    if light.sun is not None:
-        beam = beam * np.maximum(normal @ light.sun.direction, 0.0)[:, None]
-    blocked = np.zeros(len(point))
-    if receiver.occlusion:
-        for placed in shot.objects:
-            if placed.casts_shadow:
-                place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
-                area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
-                blocked += ambient_blocked(point, normal, place, area)
-    seen = light.visibility(point, None) if receiver.shadow else np.ones(len(point))
-    waves = 1.0
-    if receiver.caustics:
-        waves = light.caustics(point, distance * np.pi / shot.height)
-    lit = ambient * (1.0 - np.minimum(blocked, 1.0))[:, None] + beam * seen[:, None] * waves
-    return lit / np.maximum(ambient + beam, 1e-9)

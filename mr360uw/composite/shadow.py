@@ -52,9 +52,10 @@ def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Float
 
 
 def ambient_blocked(point: Floats, normal: Floats, surfel_position: Floats, surfel_area: Floats) -> Floats:
-    """Return the part (...,) in [0, 1] of the ambient irradiance on (point, normal), each (..., 3), that surfels block.
+    """Return the part (...,) of the ambient irradiance on (point, normal), each (..., 3), that surfels block.
 
-    surfel_position, surfel_area: (s, 3); the area vectors' lengths are areas in m^2.
+    Not clipped to 1, because several bodies add up. surfel_position, surfel_area: (s, 3); the area vectors' lengths are
+    areas in m^2.
     """
     total = np.zeros(point.shape[:-1])
     for place, vector in zip(surfel_position, surfel_area, strict=True):
@@ -62,4 +63,4 @@ def ambient_blocked(point: Floats, normal: Floats, surfel_position: Floats, surf
         squared = np.maximum(np.sum(towards * towards, -1), 1e-12)
         facing = np.abs(towards @ vector) * np.maximum(np.sum(towards * normal, -1), 0.0)
         total += facing / (squared * (np.pi * squared + np.linalg.norm(vector)))
-    return np.minimum(total, 1.0)
+    return total

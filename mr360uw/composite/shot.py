@@ -11,6 +11,8 @@ import numpy as np
 from mr360uw.composite.mesh import Mesh
 from mr360uw.types import Environment, Floats, MediumTable, Sun
 
+SHADOW_BIAS = 0.006
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedObject:
@@ -25,6 +27,11 @@ class PlacedObject:
     def scale(self) -> float:
         """Metres in the world for a metre of the mesh."""
         return float(abs(np.linalg.det(self.world_from_object[:3, :3])) ** (1.0 / 3.0))
+
+    @property
+    def bias_m(self) -> float:
+        """How far off its own surface the shadow rays of the body start: a texel and a half of its shadow map."""
+        return SHADOW_BIAS * float(np.max(self.mesh.extent_m)) * self.scale
 
     def to_world(self, points: Floats) -> Floats:
         """Return points (..., 3) of the object in the world."""

@@ -63,6 +63,28 @@ def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
     return [(column, row, width - column, rows), (0, row, column + columns - width, rows)]
 
 
+def joined(rectangles: list[Rectangle], width: int) -> list[Rectangle]:
+    """Return rectangles that do not overlap and cover the given ones, counting around the seam; none is split."""
+    left = [r for r in rectangles if r[2] > 0 and r[3] > 0]
+    done: list[Rectangle] = []
+    while left:
+        c, r, w, h = left.pop()
+        for other in done:
+            oc, orow, ow, oh = other
+            shift = next((k for k in (-width, 0, width) if oc + k < c + w and c < oc + k + ow), None)
+            if shift is None or not (orow < r + h and r < orow + oh):
+                continue
+            first, last = min(c, oc + shift), max(c + w, oc + shift + ow)
+            row, end = min(r, orow), max(r + h, orow + oh)
+            done.remove(other)
+            wide = last - first >= width
+            left.append((0 if wide else first % width, row, min(last - first, width), end - row))
+            break
+        else:
+            done.append((c, r, w, h))
+    return sorted(done)
+
+
 def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rectangle]:
     """Return disjoint rectangles within the frame that cover the given ones, with even origins and sizes where the
     frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.

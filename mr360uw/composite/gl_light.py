@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The light of a shot on the device: environment, water, caustics, and what shades, as light.glsl reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mr360uw.caustics.lookup import mip_atlas, mip_levels
+from mr360uw.composite.gl_upload import MeshBuffers
+from mr360uw.composite.light import MINIMUM_SUN_UP
+from mr360uw.composite.mesh import Mesh
+from mr360uw.composite.shadow import basis, disc_offsets, effective_half_angle
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.gl.context import gl_context, program, set_uniforms, texture_array_from_array, texture_from_array
+from mr360uw.types import CausticStack, Floats
+
+if TYPE_CHECKING:
+    import moderngl
+
+SLOT_SIZE = 256
+_SLOT_COLUMNS = 8
+_MAXIMUM_SUN_SAMPLES = 32
+_MAXIMUM_GLOSSY = 8
+
+
+class LightTextures:
+    """Textures and uniforms of the light; `update` before a frame, `set` before every draw."""
+
+    def __init__(self) -> None:
+        self.textures: dict[str, Any] = {}
+        self.surfels = 0
+        self._keys: dict[str, object] = {}
+        self._uniforms: dict[str, Any] = {}
+        self._arrays: dict[str, Floats] = {}
+        self._slots: moderngl.Framebuffer | None = None
+        self._slot_program: moderngl.Program | None = None
+
+    def update(self, shot: Shot, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+        """Bring everything to the state of a shot; what it shares with the one before is kept."""
+        sun = shot.sun if shot.sun is not None and shot.sun.direction[1] > 0.0 else None
+        casters = [placed for placed in shot.objects if placed.casts_shadow]
+        levels = len(shot.environment.glossy)
+        self._uniforms = {
+            "lights__camera_position": shot.camera_position,
+            "lights__camera_depth_m": shot.camera_depth_m,
+            "lights__has_medium": shot.medium is not None,
+            "lights__has_sun": sun is not None,
+            "lights__has_caustics": shot.caustics is not None and sun is not None,
+            "lights__glossy_levels": min(levels, _MAXIMUM_GLOSSY),
+            "lights__sun_direction": (0.0, 1.0, 0.0),
+            "lights__slot_size": SLOT_SIZE,
+            "lights__casters": 0,
+        }
+        roughness = np.ones(_MAXIMUM_GLOSSY)
+        roughness[:levels] = shot.environment.glossy_roughness[:_MAXIMUM_GLOSSY]
+        self._arrays = {"glossy_roughness": roughness, "slopes": np.zeros((_MAXIMUM_SUN_SAMPLES, 2))}
+        self._update_environment(shot)
+        self._update_medium(shot)
+        self._update_caustics(shot.caustics)
+        self._update_surfels(shot, casters)
+        if sun is None:
+            self._hold("sun_map", "none", lambda: texture_from_array(np.zeros((1, 1, 2))))
+            self._hold("casters", "none", lambda: texture_from_array(np.zeros((1, 2, 4))))
+            return
+        half_angle = effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)
+        axes = basis(sun.direction)
+        self._uniforms |= {
+            "lights__sun_irradiance": sun.irradiance,
+            "lights__sun_direction": sun.direction,
+            "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
+            "lights__half_angle": half_angle,
+            "lights__sun_axes": axes.T,
+            "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
+            "lights__casters": len(casters),
+        }
+        count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
+        self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
+        key = (axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
+        if self._keys.get("sun_map") != key:
+            self._draw_sun_maps(casters, axes, buffers)
+            self._keys["sun_map"] = key
+
+    def set(self, shader: moderngl.Program, bias_m: float) -> None:
+        """Give a program the numbers of the light; `bias_m`: how far off a body its shadow rays start."""
+        set_uniforms(shader, **self._uniforms, lights__bias_m=bias_m)
+        for name, values in self._arrays.items():
+            if name in shader:
+                shader[name].write(np.ascontiguousarray(values, np.float32).tobytes())
+
+    def _hold(self, name: str, key: object, make: Callable[[], Any]) -> None:
+        """Make a texture where its key has changed."""
+        if self._keys.get(name) != key:
+            self.textures[name] = make()
+            self._keys[name] = key
+
+    def _update_environment(self, shot: Shot) -> None:
+        environment = shot.environment
+        self._kept_environment = environment  # so that its identity stays its own
+        self._hold("ambient", id(environment), lambda: texture_array_from_array(environment.ambient[None]))
+        glossy = environment.glossy[:_MAXIMUM_GLOSSY] if len(environment.glossy) else environment.ambient[None]
+        self._hold("glossy", id(environment), lambda: texture_array_from_array(glossy))
+
+    def _update_medium(self, shot: Shot) -> None:
+        medium = shot.medium
+        self._kept_medium = medium
+        blank = np.zeros((1, 1, 3))
+        tables = {
+            "veil": blank if medium is None else medium.veil,
+            "attenuation": blank if medium is None else medium.attenuation,
+            "diffuse": blank if medium is None else medium.diffuse[None],
+            "beam": blank if medium is None else medium.beam[None],
+        }
+        for name, table in tables.items():
+            self._hold(name, id(medium), lambda table=table: texture_from_array(table))
+        if medium is not None:
+            self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
+
+    def _update_caustics(self, stack: Any) -> None:
+        self._kept_caustics = stack
+        if stack is None:
+            self._hold("caustic_ratio", None, lambda: texture_array_from_array(np.ones((1, 2, 1, 3))))
+            self._hold("plane_depth", None, lambda: texture_from_array(np.zeros((1, 1, 1))))
+            if "caustic_ratio" not in self.textures:
+                self.textures["caustic_ratio"] = texture_array_from_array(np.ones((1, 2, 1, 3)))
+                self.textures["plane_depth"] = texture_from_array(np.zeros((1, 1, 1)))
+            return
+        self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
+        if isinstance(stack, CausticStack):
+            self._hold("caustic_ratio", id(stack), lambda: texture_array_from_array(mip_atlas(mip_levels(stack.ratio))))
+            self._hold("plane_depth", id(stack), lambda: texture_from_array(np.asarray(stack.depth_m)[None]))
+        else:
+            self.textures |= {"caustic_ratio": stack.texture, "plane_depth": stack.plane_depth}
+            self._keys |= {"caustic_ratio": id(stack), "plane_depth": id(stack)}
+
+    def _update_surfels(self, shot: Shot, casters: list[PlacedObject]) -> None:
+        rows = [np.zeros((1, 2, 4))]
+        for placed in casters:
+            texels = np.zeros((len(placed.mesh.surfel_area), 2, 4))
+            texels[:, 0, :3] = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
+            area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
+            texels[:, 1, :3], texels[:, 1, 3] = area, np.linalg.norm(area, axis=-1)
+            rows.append(texels)
+        table = np.concatenate(rows[1:] + rows[:1])
+        self.surfels = len(table) - 1
+        self.textures["surfels"] = texture_from_array(table)
+
+    def _draw_sun_maps(self, casters: list[PlacedObject], axes: Floats, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+        """Draw the columns that each body fills along the sun into its slot: the largest of (top, -bottom)."""
+        context = gl_context()
+        columns, rows = min(max(len(casters), 1), _SLOT_COLUMNS), max(-(-len(casters) // _SLOT_COLUMNS), 1)
+        size = (columns * SLOT_SIZE, rows * SLOT_SIZE)
+        if self._slots is None or self._slots.size != size:
+            self._slots = context.framebuffer([context.texture(size, 2, dtype="f4")])
+        if self._slot_program is None:
+            self._slot_program = program(vertex="composite/sun_map.vert", fragment="composite/sun_map.frag")
+        slots = self._slots
+        self.textures["sun_map"] = slots.color_attachments[0]
+        slots.viewport = (0, 0, *size)
+        slots.clear(-1e9, -1e9, 0.0, 0.0)
+        table = np.zeros((max(len(casters), 1), 2, 4))
+        for number, placed in enumerate(casters):
+            matrix = np.eye(4)
+            matrix[:3] = axes @ placed.world_from_object[:3]
+            points = placed.mesh.hull.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+            low, high = points.min(axis=0), points.max(axis=0)
+            center, half = 0.5 * (low + high)[:2], 0.51 * float(max(high[:2] - low[:2]))
+            slot = number % _SLOT_COLUMNS, number // _SLOT_COLUMNS
+            table[number] = (*center, half, 0.0), (low[2], high[2], *slot)
+            mesh = buffers(placed.mesh)
+            opaque = mesh.ranges["BLEND"][0]
+            if opaque == 0:
+                continue
+            set_uniforms(self._slot_program, sun_from_object=matrix.T, slot=(*center, 1.0 / half, 1.0 / half))
+            vertex_array = context.vertex_array(self._slot_program, [(mesh.corners, "3f 4x", "corner")])
+            with context.scope(slots, context.BLEND):
+                slots.viewport = (slot[0] * SLOT_SIZE, slot[1] * SLOT_SIZE, SLOT_SIZE, SLOT_SIZE)
+                context.blend_func = context.ONE, context.ONE
+                context.blend_equation = context.MAX
+                vertex_array.render(context.TRIANGLES, vertices=3 * opaque)
+                context.blend_equation = context.FUNC_ADD
+        self.textures["casters"] = texture_from_array(table)

@@ -1,0 +1,102 @@
+// twin: light.py
+#include "composite/geometry.glsl"
+#include "composite/shading.glsl"
+#include "composite/shadow.glsl"
+#include "ibl/lookup.glsl"
+#include "ibl/splitsum.glsl"
+#include "medium/lookup.glsl"
+#include "caustics/lookup.glsl"
+
+// the numbers of a shot; `sun_axes` has the rows (across, across, along the sun), all in the world's axes
+struct Lights {
+    vec3 camera_position;
+    float camera_depth_m;
+    bool has_medium;
+    bool has_sun;
+    bool has_caustics;
+    vec3 sun_irradiance;
+    vec3 sun_direction;
+    float sun_up;
+    float half_angle;
+    mat3 sun_axes;
+    int sun_count;
+    int casters;
+    int slot_size;
+    float bias_m;
+    int glossy_levels;
+};
+
+struct Parts {
+    vec3 diffuse;
+    vec3 glossy;
+    vec3 sun_diffuse;
+    vec3 sun_glossy;
+    vec3 caustics;
+    vec3 emission;
+};
+
+float dielectric_f0(float refractive_index, float medium_index) {
+    float ratio = (refractive_index - medium_index) / (refractive_index + medium_index);
+    return ratio * ratio;
+}
+
+float depth_of(Lights lights, vec3 point) {
+    return lights.camera_depth_m - (point.y + lights.camera_position.y);
+}
+
+vec3 ambient_factor(Lights lights, MediumTable medium, sampler2D diffuse, vec3 point) {
+    return lights.has_medium ? ambient_ratio(medium, diffuse, depth_of(lights, point)) : vec3(1.0);
+}
+
+vec3 beam_at(Lights lights, MediumTable medium, sampler2D beam, vec3 point) {
+    if (!lights.has_sun) return vec3(0.0);
+    if (!lights.has_medium) return lights.sun_irradiance;
+    return lights.sun_irradiance * beam_ratio(medium, beam, depth_of(lights, point), lights.sun_up);
+}
+
+vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, sampler2D diffuse, CausticStack stack,
+              sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {
+    if (!lights.has_caustics) return vec3(1.0);
+    float depth = depth_of(lights, point);
+    vec3 world = point + lights.camera_position;
+    vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
+    vec3 contrast = lights.has_medium ? caustic_contrast(medium, beam, diffuse, depth, lights.sun_up) : vec3(1.0);
+    return 1.0 + (value - 1.0) * contrast;
+}
+
+float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point) {
+    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, lights.sun_axes * (point + lights.camera_position), slopes,
+                          lights.sun_count, tan(lights.half_angle));
+}
+
+// `level` is the place of the roughness among the glossy levels; `irradiance` that of the sun with waves and shadow
+Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DArray glossy, float level,
+                    vec3 ambient_scale, vec3 irradiance, vec3 waves) {
+    vec3 view = -s.direction;
+    float facing = dot(s.normal, view);
+    float n_dot_v = clamp(facing, 1e-3, 1.0);
+    float dielectric = dielectric_f0(s.refractive_index, lights.has_medium ? REFRACTIVE_INDEX_SEA : 1.0);
+    vec3 f0 = mix(vec3(dielectric), s.base.rgb, s.metallic);
+    vec3 coat = reflectance(f0, split_sum(s.roughness, n_dot_v));
+    vec3 albedo = s.base.rgb * (1.0 - s.metallic) * (1.0 - coat);
+    vec3 mirror = 2.0 * facing * s.normal - view;
+    vec3 reflected = lights.glossy_levels > 0 ? glossy_lookup(glossy, level, mirror)
+                                              : environment_lookup(ambient, 0, mirror) * INV_PI;
+    Parts parts;
+    parts.diffuse = albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * ambient_scale * s.occlusion;
+    parts.glossy = coat * reflected * ambient_scale * s.occlusion;
+    parts.emission = s.emission;
+    float n_dot_l = max(dot(s.normal, lights.sun_direction), 0.0);
+    vec3 half_vector = view + lights.sun_direction;
+    half_vector /= max(length(half_vector), 1e-9);
+    float n_dot_h = clamp(dot(s.normal, half_vector), 0.0, 1.0), v_dot_h = clamp(dot(view, half_vector), 0.0, 1.0);
+    vec3 highlight = sun_highlight(f0, s.roughness * s.roughness, n_dot_v, n_dot_l, n_dot_h, v_dot_h, lights.half_angle);
+    parts.sun_diffuse = albedo * INV_PI * irradiance * n_dot_l;
+    parts.sun_glossy = highlight * irradiance;
+    parts.caustics = (parts.sun_diffuse + parts.sun_glossy) * (1.0 - 1.0 / max(waves, 1e-6));
+    return parts;
+}
+
+vec3 lit_ratio(vec3 ambient, vec3 beam, float blocked, float seen, vec3 waves) {
+    return (ambient * (1.0 - min(blocked, 1.0)) + beam * seen * waves) / max(ambient + beam, 1e-9);
+}
