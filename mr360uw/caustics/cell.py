@@ -8,8 +8,7 @@ Compiled; a cell is eight coordinates in pixels. Twin: cell.glsl.
 
 from __future__ import annotations
 
-from numba import njit
-
+from mr360uw.caustics.compiled import compiled
 from mr360uw.caustics.coverage import edge_coverage, twice_area
 
 THINNEST = 2e-3
@@ -18,7 +17,7 @@ THINNEST = 2e-3
 Cell = tuple[float, float, float, float, float, float, float, float]
 
 
-@njit(cache=True)
+@compiled
 def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
     """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
 
@@ -39,7 +38,7 @@ def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx:
     return ax, ay, mx + wide * ey, my - wide * ex, cx, cy, mx - wide * ey, my + wide * ex
 
 
-@njit(cache=True)
+@compiled
 def intensities(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, flux_b: float, flux_d: float
 ) -> tuple[float, float]:
@@ -56,7 +55,7 @@ def intensities(
     return 2.0 * flux_b / b, 2.0 * flux_d / d
 
 
-@njit(cache=True)
+@compiled
 def cell_light(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
     intensity_b: float, intensity_d: float,

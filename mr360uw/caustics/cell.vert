@@ -14,13 +14,18 @@ flat out vec4 cell_light_at;  // intensities, corner of the bounding square
 flat out vec2 cell_extent;
 #endif
 
+ivec2 wrap(ivec2 at) {
+    return ivec2(at.x < grid ? at.x : at.x - grid, at.y < grid ? at.y : at.y - grid);  // % is slow on software drivers
+}
+
 vec2 hit(ivec2 at) {
-    vec4 ray = texelFetch(rays, at % grid, 0);
+    vec4 ray = texelFetch(rays, wrap(at), 0);
     return (vec2(at) / float(grid) + ray.xy + ray.zw * depth) * size;
 }
 
 void main() {
-    ivec2 at = ivec2(gl_VertexID % grid, gl_VertexID / grid);
+    int row = gl_VertexID / grid;
+    ivec2 at = ivec2(gl_VertexID - row * grid, row);
     Cell q = opened(Cell(hit(at), hit(at + ivec2(1, 0)), hit(at + ivec2(1, 1)), hit(at + ivec2(0, 1))));
     vec2 light = texelFetch(flux, at, 0).rg * (size * size / float(grid * grid));
     vec2 low = floor(min(min(q.a, q.b), min(q.c, q.d)));

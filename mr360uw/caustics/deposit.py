@@ -9,17 +9,17 @@ on. `flux`: (N, N, 2) light of each cell's two triangles (a, b, c) and (a, c, d)
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mr360uw.caustics.cell import cell_light, intensities, opened
+from mr360uw.caustics.compiled import compiled
 
 Array = NDArray[np.float64]
 
 _LEAST_JACOBIAN = 1e-6
 
 
-@njit(cache=True)
+@compiled
 def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     """Return each cell's flux shared over pixels by the area it covers of them; the sum is that of the flux.
 
@@ -50,13 +50,13 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     return out + evenly / (size * size)
 
 
-@njit(cache=True)
+@compiled
 def _inside(weight: float, ex: float, ey: float) -> bool:
     """Top-left rule: a pixel centre on an edge belongs to one of the two triangles that share it."""
     return weight > 0.0 or (weight == 0.0 and (ey > 0.0 or (ey == 0.0 and ex < 0.0)))
 
 
-@njit(cache=True)
+@compiled
 def rasterise(hit: Array, flux: Array, light: Array, jacobian: Array, size: int) -> Array:
     """Return intensities drawn at pixel centres, sheets added up, as a graphics pipeline without coverage does.
 
@@ -113,7 +113,7 @@ def deposit_ratio(hit: Array, flux: Array, size: int) -> Array:
 
 
 def deposit_fan(hit: Array, flux: Array, size: int) -> Array:
-    """Return the ratio of areas of the triangles around each vertex, interpolated (Thompson et al. 2019 section 4.3)."""
+    """Return the ratio of areas of the triangles around each vertex, interpolated (Thompson et al. 2019)."""
     a, b, c, d = hit[:-1, :-1], hit[:-1, 1:], hit[1:, 1:], hit[1:, :-1]
     area = 0.5 * np.abs(np.stack([_cross(b - a, c - a), _cross(c - a, d - a)], axis=-1))
     light = _around_vertices(flux) / np.maximum(_around_vertices(area), _LEAST_JACOBIAN)

@@ -9,8 +9,9 @@ vec2 periodic_slope(sampler2D slopes, vec2 uv) {
     vec2 p = uv * float(n);
     vec2 i = floor(p);
     vec2 f = p - i;
-    ivec2 i0 = ((ivec2(i) % n) + n) % n;
-    ivec2 i1 = (i0 + 1) % n;
+    i -= float(n) * floor(i / float(n));
+    ivec2 i0 = ivec2(i);
+    ivec2 i1 = ivec2(i0.x + 1 < n ? i0.x + 1 : 0, i0.y + 1 < n ? i0.y + 1 : 0);
     return mix(mix(texelFetch(slopes, i0, 0).rg, texelFetch(slopes, ivec2(i1.x, i0.y), 0).rg, f.x),
                mix(texelFetch(slopes, ivec2(i0.x, i1.y), 0).rg, texelFetch(slopes, i1, 0).rg, f.x), f.y);
 }

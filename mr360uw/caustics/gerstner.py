@@ -90,7 +90,7 @@ class GerstnerSea(SeaParameters):
     shortest_wavelength_m: float | None = parameter(
         None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
     )
-    wave_count: int = parameter(32, "number of waves", low=1, high=512)
+    wave_count: int = parameter(24, "number of waves", low=1, high=512)
     tiling: Literal["lattice", "blend"] = parameter(
         "lattice", "lattice: exact; blend: into the neighbour over the last tenth (Thompson et al. 2019)"
     )
@@ -116,7 +116,9 @@ class GerstnerSea(SeaParameters):
         if k.ndim != 2 or k.shape[1] != 2:
             raise ParameterError(f"wave_vector - must be (n, 2) (got {k.shape}) - give k_x, k_z of each wave")
         try:
-            rows = [np.broadcast_to(np.asarray(a, np.float64), k.shape[:1]) for a in (amplitude_m, steepness, phase_rad)]
+            rows = [
+                np.broadcast_to(np.asarray(a, np.float64), k.shape[:1]) for a in (amplitude_m, steepness, phase_rad)
+            ]
             waves = tuple(
                 GerstnerWave(wave_vector=(kx, kz), amplitude_m=a, steepness=q, phase_rad=p)
                 for (kx, kz), a, q, p in zip(k.tolist(), *(r.tolist() for r in rows), strict=True)
@@ -131,9 +133,12 @@ class GerstnerSea(SeaParameters):
             )
         return sea
 
-    @functools.cached_property
+    @property
     def waves(self) -> Waves:
         """The waves that the knobs make."""
+        return _waves_of(self)
+
+    def _make_waves(self) -> Waves:
         if self.explicit_waves:
             k = np.array([w.wave_vector for w in self.explicit_waves])
             amplitude, steepness, phase = np.array(
@@ -175,20 +180,16 @@ class GerstnerSea(SeaParameters):
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""
         if self.tiling == "lattice":
-            return self._sum(x_m, z_m, time_s)
+            return SurfaceFields(*self._stacked(x_m, z_m, time_s))
         u, v = x_m - self.tile_m * np.floor(x_m / self.tile_m), z_m - self.tile_m * np.floor(z_m / self.tile_m)
         wu, wv = ((np.maximum(a / self.tile_m - _BLEND_FROM, 0.0)) / (1.0 - _BLEND_FROM) for a in (u, v))
         here = [((1.0 - wu) * (1.0 - wv), 0.0, 0.0), (wu * (1.0 - wv), self.tile_m, 0.0),
                 ((1.0 - wu) * wv, 0.0, self.tile_m), (wu * wv, self.tile_m, self.tile_m)]  # fmt: skip
-        total = sum(w * self._stacked(u - a, v - b, time_s) for w, a, b in here)
-        return SurfaceFields(*total)
+        return SurfaceFields(*np.sum([w * self._stacked(u - a, v - b, time_s) for w, a, b in here], axis=0))
 
     def _stacked(self, x_m: Array, z_m: Array, time_s: float) -> Array:
         wave = np.exp(1j * (x_m[:, None] * self.waves.wave_vector[:, 0] + z_m[:, None] * self.waves.wave_vector[:, 1]))
         return (wave @ self.waves.coefficients(time_s)).real.T
-
-    def _sum(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
-        return SurfaceFields(*self._stacked(x_m, z_m, time_s))
 
     def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
         """Return the fields (size, size) at x = column tile/size, z = row tile/size.
@@ -206,3 +207,9 @@ class GerstnerSea(SeaParameters):
         columns = np.concatenate([along_x.real, -along_x.imag], axis=1).T
         rows = [along_z * c[:, i] for i in range(c.shape[1])]
         return SurfaceFields(*(np.concatenate([r.real, r.imag], axis=1) @ columns for r in rows))
+
+
+@functools.lru_cache(maxsize=32)
+def _waves_of(sea: GerstnerSea) -> Waves:
+    # kept outside of the frozen model, whose copies would carry it along
+    return sea._make_waves()

@@ -28,7 +28,7 @@ from mr360uw.caustics.settings import CausticSettings, Method
 from mr360uw.caustics.sun_disc import footprint, marginal_kernel
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.gl.context import gl_context, read_framebuffer, texture_array_from_array, texture_from_array
-from mr360uw.types import CausticStack
+from mr360uw.types import CausticStack, Floats
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class CausticRenderer:
         refractive_index: float = REFRACTIVE_INDEX_SEA,
         sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
         method: Method = "exact",
-    ) -> NDArray[np.float32]:
+    ) -> Floats:
         """Return the irradiance ratio (size, size) of `irradiance.caustic_map`."""
         sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
         self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
@@ -210,7 +210,8 @@ class CausticRenderer:
 
     def _mesh(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
         """Draw every triangle with the intensity that a method without coverage gives it."""
-        inputs, define = dict(rays), {plane.method.upper(): 1}
+        inputs: dict[str, Any] = dict(rays)
+        define: dict[str, Any] = {plane.method.upper(): 1}
         if plane.method != "ratio":
             vertices = self._passes.texture("vertices", plane.grid, plane.grid, 2)
             self._passes.fill([vertices], "vertices", rays, **plane.uniforms, **define)
@@ -270,7 +271,8 @@ def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32
     table[0, :, :2] = waves.wave_vector * (tile_m / (2.0 * np.pi))
     table[0, :, 2] = np.remainder((waves.phase_rad - waves.angular_frequency * time_s) / (2.0 * np.pi), 1.0)
     table[0, :, 3] = waves.amplitude_m / tile_m
-    table[1, :, 0] = waves.steepness
+    direction = waves.wave_vector / np.linalg.norm(waves.wave_vector, axis=1, keepdims=True)
+    table[1, :, :2] = (waves.steepness * waves.amplitude_m)[:, None] * direction / tile_m
     return table.astype(np.float32)
 
 

@@ -11,8 +11,12 @@ uniform float depth;
 flat out float intensity;
 out vec2 light_jacobian;
 
+ivec2 wrap(ivec2 at) {
+    return ivec2(at.x < grid ? at.x : at.x - grid, at.y < grid ? at.y : at.y - grid);  // % is slow on software drivers
+}
+
 vec2 hit(ivec2 at) {
-    vec4 ray = texelFetch(rays, at % grid, 0);
+    vec4 ray = texelFetch(rays, wrap(at), 0);
     return (vec2(at) / float(grid) + ray.xy + ray.zw * depth) * size;
 }
 
@@ -20,7 +24,8 @@ void main() {
     int cell = gl_VertexID / 6;
     int half_cell = gl_VertexID / 3 % 2;
     int k = gl_VertexID % 3;
-    ivec2 at = ivec2(cell % grid, cell / grid);
+    int row = cell / grid;
+    ivec2 at = ivec2(cell - row * grid, row);
     ivec2 b = half_cell == 0 ? ivec2(1, 0) : ivec2(1, 1);
     ivec2 c = half_cell == 0 ? ivec2(1, 1) : ivec2(0, 1);
     vec2 p0 = hit(at), p1 = hit(at + b), p2 = hit(at + c);
@@ -32,7 +37,8 @@ void main() {
 #ifdef RATIO
     light_jacobian = vec2(0.0);
 #else
-    light_jacobian = texelFetch(vertices, (at + (k == 0 ? ivec2(0) : k == 1 ? b : c)) % grid, 0).rg;
+    ivec2 corner = k == 0 ? ivec2(0) : k == 1 ? b : c;
+    light_jacobian = texelFetch(vertices, wrap(at + corner), 0).rg;
 #endif
     vec2 place = (k == 0 ? p0 : k == 1 ? p1 : p2) - size * floor(low / size);
     bool drawn = all(lessThan(high - low, vec2(size)));

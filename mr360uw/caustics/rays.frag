@@ -12,8 +12,9 @@ layout(location = 1) out vec2 flux;  // relative to that of a flat cell: 1/2 eac
 
 vec4 corner(ivec2 step, out vec3 place) {
     ivec2 at = ivec2(gl_FragCoord.xy) + step;
-    place = texelFetch(position, at % grid, 0).xyz + vec3(step.x, 0.0, step.y) / float(grid);
-    vec3 n = texelFetch(normal, at % grid, 0).xyz;
+    at = ivec2(at.x < grid ? at.x : 0, at.y < grid ? at.y : 0);
+    place = texelFetch(position, at, 0).xyz + vec3(step.x, 0.0, step.y) / float(grid);
+    vec3 n = texelFetch(normal, at, 0).xyz;
     return vec4(n, ray_transmittance(n, sun_in_air, refractive_index));
 }
 

@@ -10,6 +10,7 @@ transmittance): the flux that its refracted image on the plane carries. Twin: ra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from mr360uw.caustics.refraction import fresnel_transmittance, refract_clamped
 from mr360uw.types import Surface
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 STEEPEST_RAY = 0.05
 """Least downward component of a refracted ray: facets that would send light up send it just below the horizon."""

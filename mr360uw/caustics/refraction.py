@@ -50,7 +50,7 @@ def _towards_light(direction: ArrayLike, refractive_index: float) -> Array:
     d = unit(direction)
     if np.any(d[..., 1] < 0.0):
         raise ParameterError(
-            f"direction - must point up, towards the light (got y = {d[..., 1].min():.4g}) - reverse a direction of travel"
+            f"direction - must point up, towards the light (got y = {d[..., 1].min():.4g}) - reverse it"
         )
     return d
 

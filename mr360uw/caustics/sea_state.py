@@ -27,7 +27,7 @@ def mean_square_slope(wind_speed: float) -> float:
 
 
 def band_slope_variance(wind_speed: float, from_wavenumber: float, to_wavenumber: float) -> float:
-    """Return the part of `mean_square_slope` in a band of wavenumbers [rad/m], spread evenly over log k from the peak."""
+    """Return the part of `mean_square_slope` in a band of wavenumbers [rad/m]: even over log k from the peak up."""
     peak = 2.0 * math.pi / peak_wavelength(wind_speed)
     whole = math.log(max(_SHORTEST_RIPPLE / min(peak, from_wavenumber), math.e))
     return mean_square_slope(wind_speed) * min(math.log(max(to_wavenumber / from_wavenumber, math.e)) / whole, 1.0)

@@ -36,7 +36,9 @@ class CausticSettings(Parameters):
     grid: int = parameter(128, "cells of the surface across the tile", low=4, high=2048)
     planes: int = parameter(3, "depths the caustics are computed at", low=1, high=64)
     chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
-    refractive_index: float = parameter(REFRACTIVE_INDEX_SEA, "refractive index of the water at 550 nm", above=1.0, high=2.0)
+    refractive_index: float = parameter(
+        REFRACTIVE_INDEX_SEA, "refractive index of the water at 550 nm", above=1.0, high=2.0
+    )
     sun_half_angle_rad: float = parameter(
         SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
     )

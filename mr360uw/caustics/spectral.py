@@ -44,58 +44,24 @@ class SpectralSea(SeaParameters):
         None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
     )
 
-    @functools.cached_property
-    def _lattice(self) -> tuple[Array, Array]:
+    @property
+    def lattice(self) -> tuple[Array, Array]:
+        """The wave vectors (k_x, k_z) [rad/m], each (n, n) in the order of the transform."""
         m = np.fft.fftfreq(self.resolution, 1.0 / self.resolution) * (2.0 * np.pi / self.tile_m)
         return np.broadcast_to(m, (self.resolution,) * 2), np.broadcast_to(m[:, None], (self.resolution,) * 2)
-
-    @functools.cached_property
-    def _variance(self) -> Array:
-        """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
-        kx, kz = self._lattice
-        variance = variance_density(
-            kx, kz, self.spectrum, self.wind_speed, self.wind_travel, self.fetch_m, self.peak_enhancement, self.swell,
-            self.water_depth_m,
-        ) * (2.0 * np.pi / self.tile_m) ** 2  # fmt: skip
-        highest = np.arange(self.resolution) == self.resolution // 2
-        shortest = self.shortest_wavelength_m or self.tile_m / 40.0
-        longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / self.tile_m)
-        out = (np.hypot(kx, kz) > longest_kept * (1.0 + 1e-9)) | highest | highest[:, None]
-        variance = np.where(out, 0.0, variance)
-        total = float(variance.sum())
-        if self.significant_wave_height_m is not None and total > 0.0:
-            variance = variance * ((self.significant_wave_height_m / 4.0) ** 2 / total)
-        return variance
 
     @property
     def significant_height_m(self) -> float:
         """Four standard deviations [m] of the height."""
-        return 4.0 * float(np.sqrt(self._variance.sum()))
-
-    @functools.cached_property
-    def _amplitudes(self) -> tuple[Complex, Array]:
-        """Return h0 (n, n) and the angular frequencies (n, n).
-
-        Gaussian amplitudes, scaled as a whole so that this sea has the stated height and not only the mean sea of many.
-        """
-        n = self.resolution
-        random = np.random.default_rng([self.seed, 0xFF7])
-        gauss = random.standard_normal((2, n, n))
-        h0 = (gauss[0] + 1j * gauss[1]) * np.sqrt(self._variance / 4.0)
-        made = 2.0 * float(np.sum(np.abs(h0) ** 2))
-        h0 *= np.sqrt(float(self._variance.sum()) / made) if made > 0.0 else 0.0
-        kx, kz = self._lattice
-        k = np.hypot(kx, kz)
-        frequency = angular_frequency(np.where(k > 0.0, k, 1.0), self.water_depth_m)
-        return h0, looping_frequency(frequency, self.loop_s)
+        return 4.0 * float(np.sqrt(_variance_of(self).sum()))
 
     def spectra(self, time_s: float) -> Complex:
         """Return the spectra (8, n, n) of the fields of `SurfaceFields`: field = Re sum c(k) exp(i k.(x, z))."""
-        h0, frequency = self._amplitudes
+        h0, frequency = _amplitudes_of(self)
         turn = np.exp(-1j * np.remainder(frequency * time_s, 2.0 * np.pi))
         opposite = np.roll(h0[::-1, ::-1], (1, 1), (0, 1))
         h = h0 * turn + np.conj(opposite * turn)
-        kx, kz = self._lattice
+        kx, kz = self.lattice
         k = np.hypot(kx, kz)
         shift = 1j * self.choppiness * h / np.where(k > 0.0, k, 1.0)
         return np.stack([h, shift * kx, shift * kz, 1j * kx * h, 1j * kz * h,
@@ -120,8 +86,46 @@ class SpectralSea(SeaParameters):
         spectra = self.spectra(time_s)
         place = np.fft.fftfreq(self.resolution, 1.0 / self.resolution).astype(np.int64) % size
         folded = np.zeros((len(FIELD_NAMES), size, size), np.complex128)
-        np.add.at(folded, (slice(None), place[:, None], place), spectra)
+        for field, spectrum in zip(folded, spectra, strict=True):
+            np.add.at(field, (place[:, None], place), spectrum)
         # two real fields in one transform
         pairs = ifft2(folded[0::2] + 1j * folded[1::2], norm="forward")
         values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
         return SurfaceFields(*values)
+
+
+@functools.lru_cache(maxsize=8)
+def _variance_of(sea: SpectralSea) -> Array:
+    """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
+    kx, kz = sea.lattice
+    variance = variance_density(
+        kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
+        sea.water_depth_m,
+    ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
+    highest = np.arange(sea.resolution) == sea.resolution // 2
+    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
+    longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / sea.tile_m)
+    out = (np.hypot(kx, kz) > longest_kept * (1.0 + 1e-9)) | highest | highest[:, None]
+    variance = np.where(out, 0.0, variance)
+    total = float(variance.sum())
+    if sea.significant_wave_height_m is not None and total > 0.0:
+        variance = variance * ((sea.significant_wave_height_m / 4.0) ** 2 / total)
+    return variance
+
+
+@functools.lru_cache(maxsize=8)
+def _amplitudes_of(sea: SpectralSea) -> tuple[Complex, Array]:
+    """Return h0 (n, n) and the angular frequencies (n, n).
+
+    Gaussian amplitudes, scaled as a whole so that this sea has the stated height and not only the mean sea of many.
+    """
+    n = sea.resolution
+    random = np.random.default_rng([sea.seed, 0xFF7])
+    gauss = random.standard_normal((2, n, n))
+    h0 = (gauss[0] + 1j * gauss[1]) * np.sqrt(_variance_of(sea) / 4.0)
+    made = 2.0 * float(np.sum(np.abs(h0) ** 2))
+    h0 *= np.sqrt(float(_variance_of(sea).sum()) / made) if made > 0.0 else 0.0
+    kx, kz = sea.lattice
+    k = np.hypot(kx, kz)
+    frequency = angular_frequency(np.where(k > 0.0, k, 1.0), sea.water_depth_m)
+    return h0, looping_frequency(frequency, sea.loop_s)

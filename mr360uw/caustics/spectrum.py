@@ -3,7 +3,7 @@
 
     phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread 2/pi cos^2      Phillips 1958; Tessendorf 2001 eq. 40
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
-    tma        jonswap times the depth factor                                  Bouws et al. 1985; Thompson & Vincent 1983
+    tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
 
 Waves against the wind are left out: then no standing waves beat, and the variance is the same at all times.
 """

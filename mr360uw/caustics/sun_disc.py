@@ -4,17 +4,23 @@
 The sun is a disc of angular radius r; every ray is a narrow cone. On a plane at depth d the cone's footprint is an
 ellipse, from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and d
 r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spectrum by 2 J1(p)/p (Goodman 2005 section
-2.1.5).
+2.1.5). Sampled on pixels, that kernel rings a little; what falls below zero is cut, and the mean kept.
 """
 
 from __future__ import annotations
+
+import functools
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.refraction import refract_to_water
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
+
+_FITTED_REACH = 4
 
 
 def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
@@ -46,19 +52,29 @@ def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
     kx = 2.0 * np.pi / tile_m * np.arange(size // 2 + 1)
     kz = 2.0 * np.pi / tile_m * size * np.fft.fftfreq(size)[:, None]
     p = np.hypot(*(footprint_m[0, i] * kx + footprint_m[1, i] * kz for i in (0, 1)))
-    return irfft2(rfft2(image) * disc_transform(p), s=image.shape)
+    blurred = np.maximum(irfft2(rfft2(image) * disc_transform(p), s=image.shape), 0.0)
+    return blurred * (image.mean() / blurred.mean())
 
 
-def marginal_kernel(radius_pixel: float, size: int, keep: float = 1e-3) -> Array:
+@functools.lru_cache(maxsize=64)
+def marginal_kernel(radius_pixel: float, size: int) -> Array:
     """Return (2 m + 1,) symmetric weights, sum 1, of the disc's projection on one axis, periodic over `size` pixels.
 
-    The product of two such kernels stands for the disc on the GPU: its spectrum equals the disc's along both axes.
-    Weights below `keep` at both ends are dropped.
+    The product of two such kernels stands for the disc on the GPU: its spectrum equals the disc's along both axes. None
+    is negative: small ones are fitted to that spectrum, large ones are its transform, cut at the disc's edge.
     """
-    frequency = 2.0 * np.pi / size * np.arange(size // 2 + 1)
-    weights = np.fft.irfft(disc_transform(radius_pixel * frequency), size)
-    reach = size // 2 - 1 if size > 2 else 0
-    large = np.flatnonzero(np.abs(weights[: reach + 1]) >= keep * weights[0])
-    half = weights[: large[-1] + 1]
+    m = min(math.ceil(radius_pixel), (size - 1) // 2)
+    if m == 0:
+        return np.ones(1)
+    if m <= _FITTED_REACH:
+        from scipy.optimize import nnls
+
+        w = np.linspace(0.0, np.pi, 200)[:, None]
+        cosines = np.concatenate([np.ones_like(w), 2.0 * np.cos(w * np.arange(1, m + 1))], axis=1)
+        emphasis = 1.0 / (1.0 + 3.0 * w)  # a caustic's spectrum falls off like this
+        half, _ = nnls(cosines * emphasis, (disc_transform(radius_pixel * w) * emphasis)[:, 0])
+    else:
+        frequency = 2.0 * np.pi / size * np.arange(size // 2 + 1)
+        half = np.maximum(np.fft.irfft(disc_transform(radius_pixel * frequency), size), 0.0)[: m + 1]
     kernel = np.concatenate([half[:0:-1], half])
     return kernel / kernel.sum()

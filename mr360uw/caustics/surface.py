@@ -1,25 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A displaced surface from its height, its horizontal shift and their derivatives.
 
-A particle at rest at (x, 0, z) moves to P = (x + shift_x, height, z + shift_z). With the strains s_ab = d shift_a/d b and
-slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are
+A particle at rest at (x, 0, z) moves to P = (x + shift_x, height, z + shift_z). With the strains s_ab = d shift_a/d b
+and slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are
 
     T_x = (1 + s_xx, h_x, s_xz)      T_z = (s_xz, h_z, 1 + s_zz)
 
-N = T_z x T_x normalised and J = (1 + s_xx)(1 + s_zz) - s_xz^2, both exact (Finch 2004 drops terms of the normal; its form
-holds for one wave only). Twin: surface.glsl.
+N = T_z x T_x normalised and J = (1 + s_xx)(1 + s_zz) - s_xz^2, both exact (Finch 2004 drops terms of the normal;
+its form holds for one wave only). Twin: surface.glsl.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.types import Surface
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 FIELD_NAMES = ("height", "shift_x", "shift_z", "slope_x", "slope_z", "strain_xx", "strain_zz", "strain_xz")
 

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Caustic, height and normal maps as image sequences for other programs: tileable, and looping without a seam."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustics.irradiance import AnySea, caustic_stack, check_arguments
+from mr360uw.caustics.settings import CausticSettings
+from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.types import CausticStack
+
+Array = NDArray[np.float64]
+
+CAUSTIC_WHITE = 8.0
+"""Irradiance ratio that PNG's white stands for; brighter caustics are cut there, not in EXR."""
+_INVERSIONS = 12
+_SURFACE_OVERSAMPLING = 2
+
+StackFunction = Callable[[AnySea, Array, Array, float, CausticSettings], CausticStack]
+
+
+def export_tiles(
+    sea: AnySea,
+    sun_direction_in_air: ArrayLike,
+    depth_m: float,
+    folder: str | Path,
+    frames: int = 48,
+    loop_s: float = 8.0,
+    settings: CausticSettings | None = None,
+    image_format: Literal["png", "exr"] = "png",
+    *,
+    overwrite: bool = False,
+    stack: StackFunction = caustic_stack,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Path, ...]:
+    """Write `frames` images of caustics, heights and normals that repeat after loop_s seconds; return their paths.
+
+    Names are caustic_0000.png, height_0000.png, normal_0000.png; column = +x, row = +z, all on the regular world grid
+    (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
+    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json says so, with the tile's size
+    and the loop. The sea's frequencies move to multiples of 1/loop_s. stack: makes the caustics; `caustic_stack`, or
+    another renderer's. progress: called with (done, frames). Every file is whole or absent. Raises `OutputExistsError`
+    where files are there already, `ParameterError` for arguments outside their domain.
+    """
+    s = settings or CausticSettings()
+    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
+    if frames < 1 or not 0.0 < loop_s <= 3600.0:
+        raise ParameterError(
+            f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
+        )
+    if image_format not in ("png", "exr"):
+        raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
+    folder = Path(folder)
+    looping = type(sea).model_validate(sea.model_dump() | {"loop_s": loop_s})
+    names = ("caustic", "height", "normal")
+    paths = {n: [folder / f"{n}_{i:04d}.{image_format}" for i in range(frames)] for n in names}
+    there = [p for group in paths.values() for p in group if p.exists()]
+    if there and not overwrite:
+        raise OutputExistsError(f"{there[0]} - is there already - choose another folder, or overwrite")
+    folder.mkdir(parents=True, exist_ok=True)
+    write = _write_png if image_format == "png" else _write_exr
+    height_range = _height_range(looping, loop_s)
+    for i in range(frames):
+        time_s = loop_s * i / frames
+        height, normal = world_grid(looping, s.size, time_s)
+        ratio = stack(looping, sun, np.array([depth_m]), time_s, s).ratio[0]
+        encoded = {
+            "caustic": np.asarray(ratio, np.float64),
+            "height": height[..., None],
+            "normal": normal[..., [0, 2, 1]],
+        }
+        if image_format == "png":
+            encoded = {
+                "caustic": ratio / CAUSTIC_WHITE,
+                "height": 0.5 + encoded["height"] / (2.0 * height_range),
+                "normal": 0.5 + 0.5 * encoded["normal"],
+            }
+        for name in names:
+            _whole(paths[name][i], functools.partial(write, encoded[name]))
+        if progress is not None:
+            progress(i + 1, frames)
+    about = {
+        "tile_m": sea.tile_m, "loop_s": loop_s, "frames": frames, "depth_m": depth_m, "size": s.size,
+        "sun_direction_in_air": sun.tolist(), "caustic_white": CAUSTIC_WHITE if image_format == "png" else None,
+        "height_range_m": height_range if image_format == "png" else None, "sea": looping.model_dump(mode="json"),
+    }  # fmt: skip
+    _whole(folder / "tiles.json", lambda path: path.write_text(json.dumps(about, indent=2) + "\n", "utf-8"))
+    return (*(p for group in paths.values() for p in group), folder / "tiles.json")
+
+
+def world_grid(sea: AnySea, size: int, time_s: float) -> tuple[Array, Array]:
+    """Return height (size, size) [m] and normal (size, size, 3) above the pixel centres of a regular world grid.
+
+    The particles' horizontal shift is undone by iteration, on a periodic cubic spline of the surface.
+    """
+    from scipy.ndimage import map_coordinates, spline_filter
+
+    grid = _SURFACE_OVERSAMPLING * size
+    surface = sea.grid_surface(grid, time_s)
+    at = np.arange(grid) * (sea.tile_m / grid)
+    shift = [surface.position[..., 0] - at, surface.position[..., 2] - at[:, None]]
+    splines = [spline_filter(f, mode="grid-wrap") for f in (*shift, surface.position[..., 1])]
+    normals = [spline_filter(surface.normal[..., i], mode="grid-wrap") for i in range(3)]
+
+    def sample(spline: Array, x: Array, z: Array) -> Array:
+        return map_coordinates(spline, [z, x], mode="grid-wrap", prefilter=False)
+
+    to_grid = grid / sea.tile_m
+    x, z = np.meshgrid(*(((np.arange(size) + 0.5) * _SURFACE_OVERSAMPLING),) * 2)
+    rest_x, rest_z = x, z
+    for _ in range(_INVERSIONS):
+        rest_x, rest_z = (
+            x - to_grid * sample(splines[0], rest_x, rest_z),
+            z - to_grid * sample(splines[1], rest_x, rest_z),
+        )
+    normal = np.stack([sample(n, rest_x, rest_z) for n in normals], axis=-1)
+    return sample(splines[2], rest_x, rest_z), normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _height_range(sea: AnySea, loop_s: float) -> float:
+    """Return a height [m], of two digits, that the sea stays below all through its loop."""
+    times = loop_s * np.arange(16) / 16
+    highest = max(float(np.abs(sea.grid_fields(64, t).height).max()) for t in times)
+    if highest == 0.0:
+        return 1.0
+    digit = 10.0 ** (np.floor(np.log10(1.25 * highest)) - 1.0)
+    return float(np.ceil(1.25 * highest / digit) * digit)
+
+
+def _whole(path: Path, write: Callable[[Path], Any]) -> None:
+    """Write under another name first, so that `path` is whole or absent."""
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        write(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _write_png(image: Array, path: Path) -> None:
+    import cv2
+
+    codes = np.round(np.clip(image, 0.0, 1.0) * 65535.0).astype(np.uint16)
+    if not cv2.imwrite(str(path), codes[..., ::-1] if codes.shape[-1] == 3 else codes[..., 0]):
+        raise VideoError(f"{path} - cannot be written - check the folder's permissions and space")
+
+
+def _write_exr(image: Array, path: Path) -> None:
+    import OpenEXR
+
+    pixels = np.ascontiguousarray(image, np.float32)
+    channels = {"RGB": pixels} if pixels.shape[-1] == 3 else {"Y": pixels[..., 0]}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels) as file:
+        file.write(str(path))
