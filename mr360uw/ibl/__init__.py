@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from mr360uw.ibl.settings import LightSettings as LightSettings
     from mr360uw.ibl.splitsum import split_sum as split_sum
     from mr360uw.ibl.sun import detect_sun as detect_sun
+    from mr360uw.ibl.track import SunMeasurement as SunMeasurement
+    from mr360uw.ibl.track import SunTrack as SunTrack
+    from mr360uw.ibl.track import measure_sun as measure_sun
+    from mr360uw.ibl.track import track_suns as track_suns
+    from mr360uw.ibl.trackfile import load_track as load_track
+    from mr360uw.ibl.trackfile import save_track as save_track
     from mr360uw.ibl.yuv import environment_from_yuv as environment_from_yuv
 
 _HOME = {
@@ -31,6 +37,12 @@ _HOME = {
     "irradiance": "cosine",
     "prefilter": "glossy",
     "split_sum": "splitsum",
+    "SunMeasurement": "track",
+    "SunTrack": "track",
+    "load_track": "trackfile",
+    "measure_sun": "track",
+    "save_track": "trackfile",
+    "track_suns": "track",
 }
 __all__ = list(_HOME)
 

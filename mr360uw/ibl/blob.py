@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.ibl.plate import Plate
-from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
+from mr360uw.ibl.tangent import patch_directions, patch_step
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
@@ -26,7 +26,7 @@ _CLIPPED_LEVELS = (0.99, 0.95, 0.85)
 _UNCLIPPED_LEVEL = 0.5
 _LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
 _SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
-_LOOKS = ((65, None), (65, 3.5), (97, 3.0))  # pixels across, radius of the patch in extents of the spot
+_LOOKS = ((49, None), (49, 3.5), (81, 3.0))  # pixels across, radius of the patch in extents of the spot
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(2.0), np.radians(50.0)
 
 
@@ -75,15 +75,14 @@ def examine(plate: Plate, seed: Floats, lowest_up: float, radius_rad: float = np
 
 def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: float) -> Blob | None:
     look = patch_directions(centre, radius, size)
-    solid_angle = patch_solid_angle(radius, size)
+    step = patch_step(radius, size)
     value = np.where(look[..., 1] > lowest_up, brightness(plate.look(look)), 0.0)
     peak = float(value.max())
     if peak <= 0.0:
         return None
-    top = float(solid_angle[value >= _CLIPPED_LEVELS[0] * peak].sum())
-    half = float(solid_angle[value >= _UNCLIPPED_LEVEL * peak].sum())
+    top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
+    half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
     clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
-    step = 2.0 * radius / size
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:
@@ -91,20 +90,20 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: flo
             if _inscribed(mask).max() * step >= _SMALLEST_BLOB_RAD:
                 break
     mask = _opened(mask)
-    weight = solid_angle * mask if clipped else solid_angle * mask * (value - 0.9 * level * peak)
-    direction = unit(np.tensordot(weight, look, ([0, 1], [0, 1])))
-    blob_radius = _disc_radius(solid_angle[mask])
+    weight = mask if clipped else mask * (value - 0.9 * level * peak)
+    direction = unit(weight.ravel() @ look.reshape(-1, 3))
+    blob_radius = step * _disc_radius(mask)
     wide = _opened(value >= _CLIPPED_LEVELS[-1] * peak) if clipped else mask
-    extent = max(_disc_radius(solid_angle[wide]), blob_radius)
-    away = np.arccos(np.clip(look @ direction, -1.0, 1.0))
-    ring = value[(away > 1.5 * extent) & (away < 2.5 * extent) & (value > 0.0)]
+    extent = max(step * _disc_radius(wide), blob_radius)
+    along = look @ direction
+    ring = value[(along < np.cos(1.5 * extent)) & (along > np.cos(2.5 * extent)) & (value > 0.0)]
     halo = float(np.median(ring)) / peak if ring.size else 1.0
     return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped))
 
 
-def _disc_radius(solid_angle: Floats) -> float:
-    """Return the radius of the small disc that has the sum of these solid angles."""
-    return float(np.sqrt(solid_angle.sum() / np.pi))
+def _disc_radius(mask: Mask) -> float:
+    """Return the radius [pixels] of the disc that has as many pixels as a mask."""
+    return float(np.sqrt(np.count_nonzero(mask) / np.pi))
 
 
 def _inscribed(mask: Mask) -> Floats:

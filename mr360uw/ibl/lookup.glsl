@@ -3,8 +3,10 @@
 
 vec3 environment_texel(sampler2DArray map, int layer, ivec2 p) {
     ivec2 size = textureSize(map, 0).xy;
-    if (p.y < 0 || p.y >= size.y) p.x += size.x / 2;
-    return texelFetch(map, ivec3((p.x + size.x) % size.x, clamp(p.y, 0, size.y - 1), layer), 0).rgb;
+    if (p.y < 0 || p.y >= size.y) p.x += size.x >> 1;
+    if (p.x < 0) p.x += size.x;
+    if (p.x >= size.x) p.x -= size.x;
+    return texelFetch(map, ivec3(p.x, clamp(p.y, 0, size.y - 1), layer), 0).rgb;
 }
 
 vec3 environment_lookup(sampler2DArray map, int layer, vec3 direction) {

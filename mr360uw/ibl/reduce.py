@@ -26,6 +26,9 @@ def _shares(count: int, source: int, latitude: bool) -> tuple[tuple[int, NDArray
     return tuple(cells)
 
 
+_SMALL = 1 << 19  # samples up to which one sum over blocks is quicker than a loop over cells
+
+
 def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     """Return the (height, width, C) means of an (H, W, C) equirectangular map over exact solid angles.
 
@@ -34,6 +37,10 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     """
     image = np.asarray(radiance)
     source_height, source_width, channels = image.shape
+    if source_height % height == 0 and source_width % width == 0 and image.size <= _SMALL:
+        weight = np.stack([share for _, share in _shares(height, source_height, True)]) / (source_width // width)
+        blocks = image.reshape(height, source_height // height, width, source_width // width, channels)
+        return np.einsum("jsiuc,js->jic", blocks, weight.astype(image.dtype))
     rows = np.empty((height, source_width * channels), image.dtype)
     flat = image.reshape(source_height, -1)
     for j, (first, weight) in enumerate(_shares(height, source_height, True)):

@@ -22,13 +22,13 @@ from mr360uw.ibl.plate import (
     coarse_directions,
     coarse_solid_angle,
 )
-from mr360uw.ibl.tangent import patch_directions, patch_solid_angle
+from mr360uw.ibl.tangent import patch_directions, patch_step
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Sun
 
-_PATCH = 97
+_PATCH = 81
 _REACH = 2.0  # how far out, in radii of the spot, its light is gathered
-_NARROWEST_RAD = np.radians(1.5)
+_NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
 _LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
 
 MIDDLE_RATIO = 1.0
@@ -56,13 +56,13 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
 
     `radius_rad`: radius of the bright spot, which becomes the sun's half angle.
     """
-    reach = max(_REACH * radius_rad, _NARROWEST_RAD)
+    reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
     look = patch_directions(direction, reach, _PATCH)
     colour = plate.look_expanded(look)
     value = np.maximum(luminance(colour), 1e-9)
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
-    inside = look @ direction > np.cos(min(reach, np.pi))
-    share = np.maximum(1.0 - bound / value, 0.0) * patch_solid_angle(reach, _PATCH) * inside
+    inside = look @ direction > np.cos(reach)
+    share = np.maximum(1.0 - bound / value, 0.0) * patch_step(reach, _PATCH) ** 2 * inside
     taken = np.minimum(_scatter(look, colour * share[..., None]) / coarse_solid_angle()[..., None], plate.coarse)
     energy = (taken * coarse_solid_angle()[..., None]).sum(axis=(0, 1))
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
@@ -83,7 +83,7 @@ def with_sun(residual: Floats, sun: Sun) -> Floats:
     """Return a coarse map (128, 256, 3) with the sun's light spread evenly over its disc."""
     radius = max(sun.half_angle_rad, np.radians(0.2))
     look = patch_directions(sun.direction, radius, 33)
-    weight = patch_solid_angle(radius, 33) * (look @ sun.direction >= np.cos(min(radius, np.pi)))
+    weight = 1.0 * (look @ sun.direction >= np.cos(min(radius, np.pi)))
     light = (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64)
     return (residual + _scatter(look, light) / coarse_solid_angle()[..., None]).astype(np.float32)
 
