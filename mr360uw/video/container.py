@@ -112,8 +112,8 @@ class ContainerReader(VideoReader):
                 "get an intact copy or end the range there"
             ) from error
         raise VideoError(
-            f"{self.path} - the pictures end early (got {index + 1} of {self.frame_count} frames) - the file is damaged; "
-            f"get an intact copy or take frames 0:{index + 1}"
+            f"{self.path} - the pictures end early (got {index + 1} of {self.frame_count} frames) - the file is "
+            f"damaged; get an intact copy or take frames 0:{index + 1}"
         )
 
     def _frame(self, index: int, native: Any) -> VideoFrame:

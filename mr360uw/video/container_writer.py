@@ -67,7 +67,13 @@ class ContainerWriter(VideoWriter):
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
         self._container = av.open(str(self._part), "w", format=kind, options=options)
         self._container.metadata.update(_title_tags(like))
-        stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
+        try:
+            stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
+        except ValueError as error:
+            raise VideoError(
+                f"{self.path} - {self.path.suffix} cannot hold {settings.codec} (got {error}) - take .mov for prores, "
+                ".mkv for ffv1, .mp4 for the others"
+            ) from error
         context = stream.codec_context
         context.width, context.height = like.width, like.height
         context.pix_fmt = self._pixel_format(context.codec)

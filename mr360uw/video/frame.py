@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
+from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Tile, YuvImage
 
 Blend = Callable[[Floats, Tile], Floats]
@@ -75,7 +76,10 @@ class VideoFrame:
         if not layer.tiles:
             return self
         if (layer.height, layer.width) != self.shape:
-            raise ValueError(f"layer of {layer.width}x{layer.height} pixels over a frame of {self.shape[::-1]}")
+            raise VideoError(
+                f"frame {self.index} - the layer has another size (got {layer.width}x{layer.height} over "
+                f"{self.shape[1]}x{self.shape[0]}) - render it at the plate's size"
+            )
         return self._over_planes(layer, blend) if self.yuv is not None else self._over_codes(layer, blend)
 
     def _over_planes(self, layer: Layer, blend: Blend) -> VideoFrame:

@@ -127,7 +127,8 @@ def lay_over_planes(
     chroma = np.empty((2, *alpha.shape), np.float32)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index, chroma,
+        coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
+        chroma,
     )  # fmt: skip
     write_chroma(
         old.u, old.v, new.u, new.v, row, column, sx, sy, wrap, peak, cover, changed, frame_index, chroma
