@@ -177,7 +177,10 @@ def write_chroma(
     u: Any, v: Any, u_out: Any, v_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
     peak: Any, alpha: Any, changed: Any, frame: int, chroma: Any,
 ) -> None:  # fmt: skip
-    """Write the chroma samples of the blocks with a changed pixel from the pixels' change of chroma."""
+    """Add the change of the pixels' chroma to the samples of the blocks with a changed pixel.
+
+    Adding lets two rectangles share a block.
+    """
     height, width = alpha.shape
     # Sums down a block, for the pixels of a row and one more to either side.
     steps = np.empty((3, width + 2), np.float32)
@@ -197,12 +200,12 @@ def write_chroma(
             c = (i << sx) - column + 1
             if not (touched[c] or touched[c + sx]):
                 continue
-            before = max(c - 1, 0)
+            before = c - 1 if c > 1 else c  # what is left of the rectangle is taken to change like its first column
             cb_step = side * (steps[0, before] + steps[0, c + sx]) + middle * steps[0, c]
             cr_step = side * (steps[1, before] + steps[1, c + sx]) + middle * steps[1, c]
             cover = side * (steps[2, before] + steps[2, c + sx]) + middle * steps[2, c]
-            cb = np.float32(u[j, i]) + cb_step * scale
-            cr = np.float32(v[j, i]) + cr_step * scale
+            cb = np.float32(u_out[j, i]) + cb_step * scale
+            cr = np.float32(v_out[j, i]) + cr_step * scale
             if sx and cover > np.float32(0.0):
                 cb -= cover * scale * _lost_detail(u, j, i, sy, wrap)
                 cr -= cover * scale * _lost_detail(v, j, i, sy, wrap)

@@ -144,5 +144,7 @@ def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> N
         np.full_like(planes.v, c_offset),
         planes.spec,
     )
+    np.copyto(planes.u, black.u)
+    np.copyto(planes.v, black.v)
     everything = np.ones(planes.y.shape, np.float32)
     lay_over_planes(black, planes, (0, 0, *planes.y.shape), linear, everything, everything > 0, 0, wrap)

@@ -210,3 +210,38 @@ def test_planes_of_a_picture_give_it_back() -> None:
     legal = ((linear_from_planes(image) >= 0) & (linear_from_planes(image) <= 1)).all(-1)
     assert legal.mean() > 0.5
     assert np.abs(planes.y.astype(int) - image.y)[legal].max() <= 1
+
+
+@pytest.mark.parametrize("split", [30, 31])
+@pytest.mark.parametrize("subsampling", ["420", "422", "444"])
+def test_an_object_in_two_tiles_has_no_seam(split, subsampling) -> None:
+    image = yuv_image(2, ColorSpec(), subsampling)
+    colour = np.array([0.6, 0.1, 0.05])
+    one = over(image, tile_of(20, 10, colour, np.ones((30, 40))))
+    left, right = np.ones((30, split - 20)), np.ones((30, 60 - split))
+    two = over(image, tile_of(20, 10, colour, left), tile_of(split, 10, colour, right))
+    np.testing.assert_array_equal(one.y, two.y)
+    for name in "uv":
+        difference = np.abs(getattr(one, name).astype(int) - getattr(two, name))
+        assert difference.max() <= VIDEO_OPAQUE_CODES
+
+
+def test_an_object_across_the_edge_of_the_frame_has_no_seam() -> None:
+    """The same object in the middle of a rolled plate."""
+    wave = np.round(128 + 40 * np.sin(2 * np.pi * np.arange(64) / 64) + np.zeros((32, 1))).astype(np.uint8)
+    image = replace(yuv_image(2), u=wave, v=wave[:, ::-1].copy())
+    rolled = YuvImage(np.roll(image.y, 64, 1), np.roll(image.u, 32, 1), np.roll(image.v, 32, 1), image.spec)
+    colour = np.array([0.6, 0.1, 0.05])
+    ends = over(image, tile_of(0, 10, colour, np.ones((30, 20))), tile_of(108, 10, colour, np.ones((30, 20))))
+    middle = over(rolled, tile_of(44, 10, colour, np.ones((30, 40))))
+    for name, shift in (("u", 32), ("v", 32), ("y", 64)):
+        difference = np.abs(np.roll(getattr(ends, name), shift, 1).astype(int) - getattr(middle, name))
+        assert difference.max() <= VIDEO_OPAQUE_CODES
+        assert (difference > 0).mean() < 0.2
+
+
+def test_a_flat_picture_is_flat_to_its_edges() -> None:
+    planes = yuv_image()
+    planes_from_linear(np.full((64, 128, 3), [0.01, 0.06, 0.12]), planes)
+    for plane in (planes.y, planes.u, planes.v):
+        assert np.ptp(plane) <= VIDEO_OPAQUE_CODES
