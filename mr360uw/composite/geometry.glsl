@@ -1,6 +1,7 @@
 // twin: geometry.py
 // a triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
-// a material is nine of `materials`: see gl_upload.py
+// a material is nine of `materials`: see gl_upload.py.
+// maps are switched at compile time: software drivers run both sides of every branch
 #include "composite/rays.glsl"
 #include "composite/texture.glsl"
 
@@ -29,9 +30,9 @@ struct Surface {
     float footprint_m;
 };
 
+// rows of 2048: shifts, because software drivers divide integers one lane at a time
 vec4 listed(sampler2D list, int index) {
-    int columns = textureSize(list, 0).x;
-    return texelFetch(list, ivec2(index % columns, index / columns), 0);
+    return texelFetch(list, ivec2(index & 2047, index >> 11), 0);
 }
 
 // placed: (3 rows of the linear part and translation) from the object's axes to the camera's place, world axes
@@ -59,8 +60,11 @@ vec4 base_color(sampler2D triangles, sampler2D materials, sampler2D store, Trian
                + weights.z * listed(triangles, triangle.first + 8);
     int row = triangle.material * MATERIAL_TEXELS;
     color *= listed(materials, row);
+#if defined(BASE_MAP)
     vec4 map = listed(materials, row + 4);
-    return map.x < 0.0 ? color : color * texture_lookup(store, map, uv, du, dv);
+    if (map.x >= 0.0) color *= texture_lookup(store, map, uv, du, dv);
+#endif
+    return color;
 }
 
 vec3 bumped(vec3 normal, vec3 e1, vec3 e2, mat3x2 uv, vec3 bump) {
@@ -103,22 +107,31 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     s.emission = listed(materials, row + 2).rgb;
     s.refractive_index = listed(materials, row + 3).z;
     s.occlusion = 1.0;
-    vec4 map = listed(materials, row + 5);
+    vec4 map;
+#if defined(METALLIC_ROUGHNESS_MAP)
+    map = listed(materials, row + 5);
     if (map.x >= 0.0) {
         vec4 texel = texture_lookup(store, map, uv, du, dv);
         s.metallic *= texel.b;
         s.roughness *= texel.g;
     }
+#endif
+#if defined(OCCLUSION_MAP)
     map = listed(materials, row + 7);
     if (map.x >= 0.0) s.occlusion += factors.w * (texture_lookup(store, map, uv, du, dv).r - 1.0);
+#endif
+#if defined(EMISSION_MAP)
     map = listed(materials, row + 8);
     if (map.x >= 0.0) s.emission *= texture_lookup(store, map, uv, du, dv).rgb;
+#endif
+#if defined(NORMAL_MAP)
     map = listed(materials, row + 6);
     if (map.x >= 0.0) {
         vec3 bump = 2.0 * texture_lookup(store, map, uv, du, dv).rgb - 1.0;
         bump.xy *= factors.z;
         normal = bumped(normal, e1, e2, uv_corners, bump);
     }
+#endif
     s.normal = normal * side;
     return s;
 }

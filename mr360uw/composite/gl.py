@@ -174,7 +174,7 @@ class LayerRenderer:
                 start, count = buffers.ranges[mode]
                 if count == 0:
                     continue
-                defines = {"MASKED": 1} if mode == "MASK" else {}
+                defines = {"MASKED": 1, "BASE_MAP": 1} if mode == "MASK" else {}
                 if solid is not None:
                     defines["PEELED"] = int(nearer is not None)
                 shader = self._program(
@@ -218,7 +218,7 @@ class LayerRenderer:
         (h, w) distance], or what `aovs` asks for.
         """
         buffers = self._buffers(placed.mesh)
-        defines = {"SAMPLES": samples.count, "AOVS": aovs}
+        defines = {"SAMPLES": samples.count, "AOVS": aovs} | _map_defines(placed.mesh) | self._light.defines
         if shot.shading == "sample":
             defines["BY_SAMPLE"] = 1
         shader = self._program("layer", defines)
@@ -249,7 +249,7 @@ class LayerRenderer:
         channels = {0: (4, 1), 1: (4,) * 5, 2: (4,) * 4}[aovs]
         images = self._run(shader, f"layer {aovs}", common[2], common[3], channels)
         if aovs == 0:
-            images[1] = np.where(images[1] < 1e29, images[1], np.inf).astype(np.float32)[..., 0]
+            images[1] = np.where(images[0][..., 3] > 0.0, images[1][..., 0], np.float32(np.inf))
         return images
 
     # --- receivers -------------------------------------------------------------------------------------------------
@@ -275,7 +275,11 @@ class LayerRenderer:
             distance, normal = shape.meet(shot, x, y)
             place = np.where(np.isfinite(distance), distance, 0.0)[..., None]
             self._receiver_maps[key] = texture_from_array(np.concatenate([normal, place], axis=-1))
-        shader = self._program("receiver", {})
+        defines = dict(self._light.defines)
+        for name, wanted in (("SHADOW", shot.receiver.shadow), ("CAUSTICS", shot.receiver.caustics)):
+            if not wanted:
+                defines.pop(name, None)
+        shader = self._program("receiver", defines)
         _bind(shader, {"shape": self._receiver_maps[key], **self._light.textures})
         self._light.set(shader, 0.0)
         set_uniforms(
@@ -284,8 +288,6 @@ class LayerRenderer:
             frame_size=(shot.width, shot.height),
             window=(column, row),
             surfel_count=self._light.surfels if shot.receiver.occlusion else 0,
-            shadow=shot.receiver.shadow,
-            waves_wanted=shot.receiver.caustics,
         )
         ratio, veil = self._run(shader, "receiver", width, height, (4, 4))
         return ratio[..., :3], veil[..., :3]
@@ -319,9 +321,18 @@ class LayerRenderer:
         return kept
 
     def _run(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
+        self,
+        shader: moderngl.Program,
+        name: str,
+        width: int,
+        height: int,
+        channels: tuple[int, ...],
+        background: Vector = (0.0,) * 4,
     ) -> list[Floats]:
-        """Run a full-screen program on width x height pixels and return its outputs, (h, w, c) float32 each."""
+        """Run a full-screen program on width x height pixels and return its outputs, (h, w, c) float32 each.
+
+        What it discards is zero.
+        """
         target = self._targets.get(name)
         if target is None or target.width < width or target.height < height:
             w, h = (width, height) if target is None else (max(width, target.width), max(height, target.height))
@@ -329,6 +340,7 @@ class LayerRenderer:
             self._targets[name] = target
         target.viewport = (0, 0, width, height)
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
+        target.clear(viewport=(0, 0, width, height))
         draw_fullscreen(target, shader)
         images = []
         for attachment, c in enumerate(channels):
@@ -347,6 +359,12 @@ def _bind(shader: moderngl.Program, textures: dict[str, Any]) -> None:
             texture.use(unit)
             set_uniforms(shader, **{name: unit})
             unit += 1
+
+
+def _map_defines(mesh: Mesh) -> dict[str, int]:
+    """Return a define for every kind of map that some material of a mesh has."""
+    kinds = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
+    return {kind.upper(): 1 for kind in kinds if any(getattr(m, kind) is not None for m in mesh.materials)}
 
 
 def _homogeneous(rotation: Floats) -> Floats:

@@ -31,6 +31,7 @@ class LightTextures:
 
     def __init__(self) -> None:
         self.textures: dict[str, Any] = {}
+        self.defines: dict[str, int] = {}
         self.surfels = 0
         self._keys: dict[str, object] = {}
         self._uniforms: dict[str, Any] = {}
@@ -46,14 +47,16 @@ class LightTextures:
         self._uniforms = {
             "lights__camera_position": shot.camera_position,
             "lights__camera_depth_m": shot.camera_depth_m,
-            "lights__has_medium": shot.medium is not None,
-            "lights__has_sun": sun is not None,
-            "lights__has_caustics": shot.caustics is not None and sun is not None,
             "lights__glossy_levels": min(levels, _MAXIMUM_GLOSSY),
             "lights__sun_direction": (0.0, 1.0, 0.0),
             "lights__slot_size": SLOT_SIZE,
             "lights__casters": 0,
         }
+        has = {
+            "MEDIUM": shot.medium is not None, "SUN": sun is not None, "GLOSSY": levels > 0,
+            "SHADOW": sun is not None and len(casters) > 0, "CAUSTICS": sun is not None and shot.caustics is not None,
+        }  # fmt: skip
+        self.defines = {name: 1 for name, there in has.items() if there}
         roughness = np.ones(_MAXIMUM_GLOSSY)
         roughness[:levels] = shot.environment.glossy_roughness[:_MAXIMUM_GLOSSY]
         self._arrays = {"glossy_roughness": roughness, "slopes": np.zeros((_MAXIMUM_SUN_SAMPLES, 2))}

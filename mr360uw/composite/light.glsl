@@ -7,13 +7,17 @@
 #include "medium/lookup.glsl"
 #include "caustics/lookup.glsl"
 
+// what a shot has is known at compile time (MEDIUM, SUN, CAUSTICS, GLOSSY): software drivers run both sides of branches
+#if defined(MEDIUM)
+const float OUTSIDE_INDEX = REFRACTIVE_INDEX_SEA;
+#else
+const float OUTSIDE_INDEX = 1.0;
+#endif
+
 // the numbers of a shot; `sun_axes` has the rows (across, across, along the sun), all in the world's axes
 struct Lights {
     vec3 camera_position;
     float camera_depth_m;
-    bool has_medium;
-    bool has_sun;
-    bool has_caustics;
     vec3 sun_irradiance;
     vec3 sun_direction;
     float sun_up;
@@ -45,23 +49,36 @@ float depth_of(Lights lights, vec3 point) {
 }
 
 vec3 ambient_factor(Lights lights, MediumTable medium, sampler2D diffuse, vec3 point) {
-    return lights.has_medium ? ambient_ratio(medium, diffuse, depth_of(lights, point)) : vec3(1.0);
+#if defined(MEDIUM)
+    return ambient_ratio(medium, diffuse, depth_of(lights, point));
+#else
+    return vec3(1.0);
+#endif
 }
 
 vec3 beam_at(Lights lights, MediumTable medium, sampler2D beam, vec3 point) {
-    if (!lights.has_sun) return vec3(0.0);
-    if (!lights.has_medium) return lights.sun_irradiance;
+#if !defined(SUN)
+    return vec3(0.0);
+#elif defined(MEDIUM)
     return lights.sun_irradiance * beam_ratio(medium, beam, depth_of(lights, point), lights.sun_up);
+#else
+    return lights.sun_irradiance;
+#endif
 }
 
 vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, sampler2D diffuse, CausticStack stack,
               sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {
-    if (!lights.has_caustics) return vec3(1.0);
+#if !defined(CAUSTICS)
+    return vec3(1.0);
+#else
     float depth = depth_of(lights, point);
     vec3 world = point + lights.camera_position;
     vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
-    vec3 contrast = lights.has_medium ? caustic_contrast(medium, beam, diffuse, depth, lights.sun_up) : vec3(1.0);
-    return 1.0 + (value - 1.0) * contrast;
+#if defined(MEDIUM)
+    value = 1.0 + (value - 1.0) * caustic_contrast(medium, beam, diffuse, depth, lights.sun_up);
+#endif
+    return value;
+#endif
 }
 
 float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point) {
@@ -75,17 +92,22 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     vec3 view = -s.direction;
     float facing = dot(s.normal, view);
     float n_dot_v = clamp(facing, 1e-3, 1.0);
-    float dielectric = dielectric_f0(s.refractive_index, lights.has_medium ? REFRACTIVE_INDEX_SEA : 1.0);
+    float dielectric = dielectric_f0(s.refractive_index, OUTSIDE_INDEX);
     vec3 f0 = mix(vec3(dielectric), s.base.rgb, s.metallic);
     vec3 coat = reflectance(f0, split_sum(s.roughness, n_dot_v));
     vec3 albedo = s.base.rgb * (1.0 - s.metallic) * (1.0 - coat);
     vec3 mirror = 2.0 * facing * s.normal - view;
-    vec3 reflected = lights.glossy_levels > 0 ? glossy_lookup(glossy, level, mirror)
-                                              : environment_lookup(ambient, 0, mirror) * INV_PI;
+#if defined(GLOSSY)
+    vec3 reflected = glossy_lookup(glossy, level, mirror);
+#else
+    vec3 reflected = environment_lookup(ambient, 0, mirror) * INV_PI;
+#endif
     Parts parts;
     parts.diffuse = albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * ambient_scale * s.occlusion;
     parts.glossy = coat * reflected * ambient_scale * s.occlusion;
     parts.emission = s.emission;
+    parts.sun_diffuse = parts.sun_glossy = parts.caustics = vec3(0.0);
+#if defined(SUN)
     float n_dot_l = max(dot(s.normal, lights.sun_direction), 0.0);
     vec3 half_vector = view + lights.sun_direction;
     half_vector /= max(length(half_vector), 1e-9);
@@ -94,6 +116,7 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     parts.sun_diffuse = albedo * INV_PI * irradiance * n_dot_l;
     parts.sun_glossy = highlight * irradiance;
     parts.caustics = (parts.sun_diffuse + parts.sun_glossy) * (1.0 - 1.0 / max(waves, 1e-6));
+#endif
     return parts;
 }
 

@@ -6,7 +6,6 @@ uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform vec2 window;
 uniform int surfel_count;
-uniform bool shadow, waves_wanted;
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
 uniform Lights lights;
 uniform MediumTable medium;
@@ -24,10 +23,14 @@ void main() {
     vec3 arrives = environment_lookup(ambient, 0, place.xyz) * ambient_factor(lights, medium, diffuse, point);
     vec3 sun = beam_at(lights, medium, beam, point) * max(dot(place.xyz, lights.sun_direction), 0.0);
     float blocked = ambient_blocked(surfels, 0, surfel_count, point, place.xyz);
-    float free = shadow && lights.has_sun ? visibility(lights, sun_map, casters, slopes, point) : 1.0;
-    if (waves_wanted)
-        waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, point, place.w * PI / frame_size.y);
+    float free = 1.0;
+#if defined(SHADOW)
+    free = visibility(lights, sun_map, casters, slopes, point);
+#endif
+    waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, point, place.w * PI / frame_size.y);
     ratio.rgb = lit_ratio(arrives, sun, blocked, free, waves);
     if (all(lessThanEqual(abs(ratio.rgb - 1.0), vec3(1e-4)))) ratio.rgb = vec3(1.0);
-    else if (lights.has_medium) haze.rgb = veil_lookup(medium, veil, place.w, direction.y);
+#if defined(MEDIUM)
+    else haze.rgb = veil_lookup(medium, veil, place.w, direction.y);
+#endif
 }

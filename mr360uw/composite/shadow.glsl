@@ -1,6 +1,6 @@
 // twin: shadow.py
 // `sun_map` holds for every body a square slot of columns along the sun: (top, -bottom) of what fills them, in metres
-// along the sun's axis. The twin shoots rays at the bodies instead.
+// along the sun's axis. Loops test at their end, because software drivers run a body once more to leave. The twin shoots rays at the bodies instead.
 const int MAXIMUM_SUN_SAMPLES = 32;
 
 struct Caster {
@@ -17,47 +17,52 @@ Caster fetch_caster(sampler2D casters, int number) {
 
 vec2 sun_column(sampler2D sun_map, Caster caster, int slot_size, vec2 at) {
     vec2 p = (at - caster.center) / caster.half_size * 0.5 + 0.5;
-    if (p != clamp(p, 0.0, 0.99999)) return vec2(-1e9);
-    return texelFetch(sun_map, caster.slot * slot_size + ivec2(p * float(slot_size)), 0).rg;
+    vec2 inside = clamp(p, 0.0, 0.99999);
+    vec2 column = texelFetch(sun_map, caster.slot * slot_size + ivec2(inside * float(slot_size)), 0).rg;
+    return p == inside ? column : vec2(-1e9);
 }
 
 // whether the ray from p, one metre along the sun's axis for `slope` metres across, meets the body
 bool sun_blocked(sampler2D sun_map, Caster caster, int slot_size, vec3 p, vec2 slope, int starts) {
     float texel = 2.0 * caster.half_size / float(slot_size);
     vec2 range = max(caster.reach - p.z, 0.0);
-    for (int k = 0; k < starts; ++k) {
+    bool blocked = false;
+    int k = 0;
+    do {
         float h = mix(range.x, range.y, (float(k) + 0.5) / float(starts));
         vec2 column = sun_column(sun_map, caster, slot_size, p.xy + slope * h);
-        if (column.x < -1e8) continue;
-        float meets = clamp(h, -column.y - p.z, column.x - p.z);
-        if (meets <= 0.0) continue;
-        if (meets == h) return true;
-        column = sun_column(sun_map, caster, slot_size, p.xy + slope * meets);
-        if (column.x > p.z + meets - texel && -column.y < p.z + meets + texel && column.x > p.z) return true;
-    }
-    return false;
+        float meets = min(max(h, -column.y - p.z), column.x - p.z);
+        vec2 there = sun_column(sun_map, caster, slot_size, p.xy + slope * meets);
+        bool met = there.x > p.z + meets - texel && -there.y < p.z + meets + texel && there.x > p.z;
+        blocked = blocked || (column.x > -1e8 && meets > 0.0 && (meets == h || met));
+        ++k;
+    } while (k < starts && !blocked);
+    return blocked;
 }
 
 // p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, int slot_size, vec3 p,
                      vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread) {
-    int blocked = 0;
-    for (int number = 0; number < caster_count; ++number) {
+    int blocked = 0, number = 0, hits = 0;
+    do {
         Caster caster = fetch_caster(casters, number);
         float above = caster.reach.y - p.z;
-        if (above <= 0.0) continue;
         vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        if (max(across.x, across.y) > spread * above) continue;
+        bool reached = above > 0.0 && max(across.x, across.y) <= spread * above;
         float travel = spread * (above - max(caster.reach.x - p.z, 0.0)) * float(slot_size) / caster.half_size;
         int starts = clamp(int(travel * 0.25) + 1, 1, 4);
-        for (int k = 0; k < count; ++k) {
-            if ((blocked & (1 << k)) == 0 && sun_blocked(sun_map, caster, slot_size, p, slopes[k], starts))
+        int k = reached ? 0 : count;
+        do {
+            bool is_new = k < count && (blocked & (1 << k)) == 0;
+            if (is_new && sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], starts)) {
                 blocked |= 1 << k;
-        }
-    }
-    int free = 0;
-    for (int k = 0; k < count; ++k) free += 1 - ((blocked >> k) & 1);
-    return float(free) / float(count);
+                ++hits;
+            }
+            ++k;
+        } while (k < count);
+        ++number;
+    } while (number < caster_count);
+    return 1.0 - float(hits) / float(count);
 }
 
 // surfels: (place, 0) and (area vector, 0) in turn

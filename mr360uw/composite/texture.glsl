@@ -3,17 +3,21 @@
 const int STORE_COLUMNS = 4096;
 const int STORE_ALIGNMENT = 64;
 
+// in floating point, because software drivers divide integers one lane at a time
+int periodic(int index, int period) {
+    int rest = index - period * int(floor(float(index) / float(period)));
+    return rest < 0 ? rest + period : rest >= period ? rest - period : rest;
+}
+
 int wrapped(int index, int size, int wrap) {
     if (wrap == 1) return clamp(index, 0, size - 1);
-    if (wrap == 2) {
-        int folded = ((index % (2 * size)) + 2 * size) % (2 * size);
-        return min(folded, 2 * size - 1 - folded);
-    }
-    return ((index % size) + size) % size;
+    if (wrap == 0) return periodic(index, size);
+    int folded = periodic(index, 2 * size);
+    return min(folded, 2 * size - 1 - folded);
 }
 
 vec4 stored(sampler2D store, int address) {
-    return texelFetch(store, ivec2(address % STORE_COLUMNS, address / STORE_COLUMNS), 0);
+    return texelFetch(store, ivec2(address & (STORE_COLUMNS - 1), address >> 12), 0);
 }
 
 vec4 bilinear_level(sampler2D store, int address, ivec2 size, ivec2 wrap, vec2 uv) {
@@ -34,16 +38,16 @@ float texture_level(vec2 size, vec2 du, vec2 dv) {
 
 vec4 texture_lookup(sampler2D store, vec4 map, vec2 uv, vec2 du, vec2 dv) {
     ivec2 size = ivec2(map.yz);
-    ivec2 wrap = ivec2(int(map.w) % 3, int(map.w) / 3);
+    ivec2 wrap = ivec2(int(mod(map.w, 3.0)), int(map.w / 3.0));
     float level = texture_level(map.yz, du, dv);
     int address = int(map.x) * STORE_ALIGNMENT;
     for (int k = int(level); k > 0; --k) {
         address += size.x * size.y;
-        size = max(size / 2, ivec2(1));
+        size = max(size >> 1, ivec2(1));
     }
     vec4 value = bilinear_level(store, address, size, wrap, uv);
     float fraction = fract(level);
     if (fraction == 0.0) return value;
-    vec4 coarser = bilinear_level(store, address + size.x * size.y, max(size / 2, ivec2(1)), wrap, uv);
+    vec4 coarser = bilinear_level(store, address + size.x * size.y, max(size >> 1, ivec2(1)), wrap, uv);
     return mix(value, coarser, fraction);
 }
