@@ -16,6 +16,58 @@ FLOAT32_LOOKUP = 3e-4
 # --- light from the plate --------------------------------------------------------------------------------------
 
 # --- sea and caustics ------------------------------------------------------------------------------------------
+SNELL_ROUND_TRIP = 1e-7
+"""Into water and back at grazing angles: the cosine is the root of a difference, which keeps half of the digits."""
+SKY_REFLECTANCE = 5e-5
+"""Published to four decimals."""
+PRINTED_INDEX = 6e-5
+"""Indices printed to four decimals."""
+FINITE_DIFFERENCE = 1e-6
+"""Central differences over 1e-5 m: the third derivative times 1e-10, and roundings of 1e-16/1e-5."""
+TILE_EDGE = 1e-9
+"""Opposite edges of a tile, both ends of a loop: phases of a few hundred radians, rounded."""
+FFT_SUM = 1e-10
+"""A fast transform against the direct sum: roundings of some 1e4 waves."""
+BLENDED_EDGE = 1e-6
+"""Both sides of a blended edge meet up to the last 1e-12 of the tile times the blend's slope."""
+STATED_HEIGHT = 0.02
+"""Four standard deviations of one sea over one tile against the stated height."""
+SPECTRUM_PEAK = 1e-3
+"""The highest sample of a spectrum that is sampled every 3e-4 rad/s."""
+SPREAD_INTEGRAL = 5e-5
+"""Trapezoidal rule with 2e4 samples over a function with a cusp where waves run against the wind."""
+SHALLOW_LIMIT = 1e-6
+"""tanh(x) against x at x = 1e-3: x^2/3 and a root."""
+DETAIL_STRENGTH = 0.15
+"""Bilinear samples between texels of a wavy map lose some of its variance."""
+CAUSTICS_MEAN_REFERENCE = 1e-6
+"""Energy of a map in double precision."""
+CAUSTICS_MEAN_GL = 1e-3
+"""Energy of a map in single precision, thin triangles at the folds included."""
+FLAT_SEA_GL = 2e-5
+"""A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
+COVERAGE_TWIN = 5e-4
+"""Light of a cell in single precision: coverage is rounded to 1e-7 and multiplied with intensities up to 1e3."""
+CAUSTICS_TRUTH = {"calm": 0.0202, "choppy": 0.05}
+"""RMSE over standard deviation against 1e8 photons, grid 256 and map 512. A cell's light is even inside each of its two
+triangles, which a calm sea's smooth pattern shows most."""
+CAUSTICS_TRUTH_COARSE = 0.25
+"""The same at grid 100."""
+CAUSTICS_AGREEMENT = 0.02
+"""RMSE over standard deviation between the renderers without the sun's disc: rays near a fold, rounded to 1e-4 pixels,
+fall into the next pixel, and the brightest pixels are there."""
+CAUSTICS_AGREEMENT_DISC = 0.12
+"""The same with the disc: the renderers blur by a disc and by the product of its two projections."""
+DISC_SHAPE = 0.03
+"""Variance of a sampled disc against radius^2/4, relative: pixels are as wide as the disc."""
+FALSE_COLOUR = 1e-9
+"""Three passes with one refractive index are one pass."""
+STACK_BETWEEN = 0.05
+"""RMSE over standard deviation of a mix of two planes against the map of the depth between them."""
+WORLD_GRID = 0.02
+"""Height [m] and normal up to 5 % of a pixel beside its centre: slopes and curvatures of the sea times 6 mm."""
+SIXTEEN_BIT = 1e-4
+"""Codes of 16 bits, rounded, over the range that a PNG holds."""
 
 # --- water -----------------------------------------------------------------------------------------------------
 CLOSED_FORM_FLOAT32 = 1e-5
@@ -44,6 +96,10 @@ TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
 """Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
 FITTED_MEAN_6, FITTED_P95_12 = 0.012, 0.01
 """Relative colour error of 6 (mean) and 12 (95th percentile) fitted bands over veils in all waters."""
+UPSAMPLING = 1e-3
+"""The published basis spectra sum to 1 to three decimals."""
+UPSAMPLED_COLOUR = 0.02
+"""Colour of an upsampled albedo under D65 over 400 to 700 nm: the basis was made over 380 to 780 nm."""
 WHITE = 1e-12
 """White maps to (1, 1, 1): a normalised sum."""
 PLATE_LEVEL = 1e-6
@@ -63,6 +119,9 @@ VIDEO_SWSCALE = 2.5
 times up to 1.86 in the matrix) and sites chroma between the columns."""
 VIDEO_OPAQUE_CODES = 1
 """Chroma codes of an object over two different plates: the dither meets values that differ by single precision."""
+VIDEO_SEAM_CODES = 2
+"""Chroma codes at the first column of a tile, where the change to the left is taken to equal its own: an eighth of the
+plate's step between two chroma samples (here 4 codes), and the dither."""
 VIDEO_DITHER_MEAN = 0.01
 """Mean of some thousand dithered pixels: the noise is even to 1 % of a code there."""
 VIDEO_PICTURE_CODES = 3.3

@@ -24,7 +24,7 @@ from mr360uw.video.layout import Eye, panorama_crop
 from mr360uw.video.native import plane_views
 from mr360uw.video.probe import open_container
 from mr360uw.video.reader import VideoReader, check_range
-from mr360uw.video.spherical import from_side_data, read_spherical
+from mr360uw.video.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
 from mr360uw.video.tags import ColorTags, color_spec
 
 
@@ -42,7 +42,7 @@ class ContainerReader(VideoReader):
             first = _first_frame(path, container, stream)
             context = stream.codec_context
             tags = ColorTags.of(context)
-            spherical = read_spherical(path) or from_side_data(first.side_data)
+            spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
             self._rotation = int(first.rotation) % 360
             self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
             self._reorder = int(context.reorder_depth)
@@ -181,6 +181,12 @@ def _numbered(container: Any, stream: Any, index: FrameIndex, start: int) -> Ite
             if frame.pts is not None and frame.pts >= key.pts:
                 yield number, frame
                 number += 1
+
+
+def _from_tag(stream: Any) -> SphericalMetadata | None:
+    """V1 metadata as Matroska and WebM hold it: a tag of the track."""
+    xml = next((text for key, text in stream.metadata.items() if key.upper() == V1_TAG), None)
+    return from_xml(xml.encode()) if xml else None
 
 
 def _first_frame(path: Path, container: Any, stream: Any) -> Any:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -21,7 +22,7 @@ from mr360uw.video.frame import VideoFrame
 from mr360uw.video.native import native_frame, plane_views
 from mr360uw.video.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, EncodeSettings
-from mr360uw.video.spherical import SphericalMetadata, v1_xml, write_spherical
+from mr360uw.video.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
 from mr360uw.video.tags import BT709_TAGS, color_spec
 from mr360uw.video.writer import VideoWriter
 
@@ -53,7 +54,11 @@ class ContainerWriter(VideoWriter):
             )
         self._boxes = kind in ("mp4", "mov")
         self._metadata = replace(like.spherical or SphericalMetadata(), stereo="mono")
-        self.notes = like.notes if self._boxes else (*like.notes, "spherical metadata only as a V1 tag")
+        self.notes = (
+            like.notes
+            if self._boxes
+            else (*like.notes, f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements")
+        )
         try:
             with self._errors("begun"):
                 self._open(kind, audio)
@@ -67,6 +72,8 @@ class ContainerWriter(VideoWriter):
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
         self._container = av.open(str(self._part), "w", format=kind, options=options)
         self._container.metadata.update(_title_tags(like))
+        if settings.codec == "av1":
+            os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 writes its settings to stderr unless told not to
         try:
             stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
         except ValueError as error:
@@ -87,7 +94,7 @@ class ContainerWriter(VideoWriter):
         if settings.codec == "h265" and self._boxes:
             context.codec_tag = "hvc1"
         if not self._boxes:
-            stream.metadata["SPHERICAL-VIDEO"] = v1_xml(self._metadata)
+            stream.metadata[V1_TAG] = v1_xml(self._metadata)
         stream.time_base = like.time_base
         self._stream = stream
         if audio and like.sound is not None:

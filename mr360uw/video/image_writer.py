@@ -14,6 +14,7 @@ from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.frame import VideoFrame
+from mr360uw.video.gpano import marked
 from mr360uw.video.images import FLOAT_SUFFIXES, is_pattern, matching_files, numbered
 from mr360uw.video.rgb import codes_from_linear
 from mr360uw.video.writer import VideoWriter
@@ -24,7 +25,8 @@ _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
 class ImageWriter(VideoWriter):
     """One picture, or a sequence numbered by the frames' index; each appears complete or not at all.
 
-    EXR: linear Rec.709 half floats with the `envmap` attribute. PNG and TIFF: 8 bits, or 16 for plates with more.
+    EXR: linear Rec.709 half floats with the `envmap` attribute. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG
+    and PNG are marked as panoramas (XMP).
     """
 
     def __init__(self, path: Path, like: Clip, overwrite: bool) -> None:
@@ -83,7 +85,7 @@ def _encoded(path: Path, frame: VideoFrame) -> bytes:
     done, data = cv2.imencode(path.suffix, np.ascontiguousarray(pixels[..., ::-1]))
     if not done:
         raise VideoError(f"{path} - this kind of picture cannot be written - take .png, .jpg or .exr")
-    return data.tobytes()
+    return marked(data.tobytes(), frame.shape[1], frame.shape[0]) if frame.wrap else data.tobytes()
 
 
 def picture_codes(frame: VideoFrame, deep: bool = True) -> NDArray[Any]:

@@ -19,10 +19,10 @@ ENCODERS: dict[Codec, str] = {
     "ffv1": "ffv1",
     "prores": "prores",
 }
-# SVT-AV1 counts its presets from 13 (fast) to 0 (best).
+# SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
 _AV1_PRESETS: dict[Preset, int] = {
-    "ultrafast": 12, "superfast": 11, "veryfast": 10, "faster": 9, "fast": 8,
-    "medium": 6, "slow": 5, "slower": 4, "veryslow": 3,
+    "ultrafast": 10, "superfast": 9, "veryfast": 8, "faster": 7, "fast": 6,
+    "medium": 5, "slow": 4, "slower": 3, "veryslow": 2,
 }  # fmt: skip
 
 

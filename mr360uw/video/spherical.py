@@ -20,6 +20,8 @@ from mr360uw.video.mp4 import Box, edit_moov, read_moov, sample_entries, video_t
 
 Stereo = Literal["mono", "top-bottom", "left-right", "right-left", "custom"]
 
+V1_TAG = "SPHERICAL-VIDEO"
+"""Name of the tag that holds V1 XML in Matroska and WebM."""
 _V1_UUID = UUID("ffcc8263-f855-4a93-8814-587a02521fdd").bytes
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _GSPHERICAL = "http://ns.google.com/videos/1.0/spherical/"
@@ -53,7 +55,7 @@ def read_spherical(path: str | Path) -> SphericalMetadata | None:
     track = video_track(moov) if moov is not None else None
     if track is None:
         return None
-    v1 = next((_from_xml(b.payload[16:]) for b in track.children if _is_v1(b)), None)
+    v1 = next((from_xml(b.payload[16:]) for b in track.children if _is_v1(b)), None)
     v2 = next((m for m in map(_from_entry, sample_entries(track)) if m is not None), None)
     if v1 is None or v2 is None:
         return v2 or v1
@@ -69,7 +71,8 @@ def _is_v1(box: Box) -> bool:
     return box.kind == b"uuid" and box.payload[:16] == _V1_UUID
 
 
-def _from_xml(data: bytes) -> SphericalMetadata:
+def from_xml(data: bytes) -> SphericalMetadata:
+    """Return what V1 XML says."""
     if b"<!" in data:  # no document types, hence no entities to expand
         return SphericalMetadata(source="V1", problems=("V1 holds XML with declarations; not read",))
     try:

@@ -17,6 +17,7 @@ from tests.tolerances import (
     VIDEO_CURVE_TABLE,
     VIDEO_DITHER_MEAN,
     VIDEO_OPAQUE_CODES,
+    VIDEO_SEAM_CODES,
     VIDEO_SWSCALE,
 )
 from tests.video.clips import SIZE, fill, yuv_image
@@ -236,7 +237,7 @@ def test_an_object_across_the_edge_of_the_frame_has_no_seam() -> None:
     middle = over(rolled, tile_of(44, 10, colour, np.ones((30, 40))))
     for name, shift in (("u", 32), ("v", 32), ("y", 64)):
         difference = np.abs(np.roll(getattr(ends, name), shift, 1).astype(int) - getattr(middle, name))
-        assert difference.max() <= VIDEO_OPAQUE_CODES
+        assert difference.max() <= VIDEO_SEAM_CODES
         assert (difference > 0).mean() < 0.2
 
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import queue
 import subprocess
 import sys
 import textwrap
+import threading
 from fractions import Fraction
 from pathlib import Path
 
@@ -283,6 +285,46 @@ def test_a_new_video_without_a_plate(tmp_path) -> None:
     assert packets(tmp_path / "new.mp4", "audio") == packets(sound, "audio")
     with pytest.raises(VideoError, match="2:1"):
         create_video(tmp_path / "flat.mp4", width=160, height=90)
+
+
+def test_pictures_are_marked_as_panoramas(tmp_path) -> None:
+    write_png(tmp_path / "in.png")
+    with open_video(tmp_path / "in.png") as video:
+        frame = next(video.frames())
+        for suffix in ("jpg", "png"):
+            with create_video(tmp_path / f"out.{suffix}", video) as out:
+                out.write(frame)
+            data = (tmp_path / f"out.{suffix}").read_bytes()
+            assert b'GPano:ProjectionType="equirectangular"' in data
+            assert b'GPano:FullPanoWidthPixels="32"' in data
+            assert cv2.imread(str(tmp_path / f"out.{suffix}")).shape == (16, 32, 3)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "out.png"))[..., ::-1], frame.rgb)
+
+
+def test_matroska_is_marked_by_a_tag(tmp_path) -> None:
+    transcode(write_clip(tmp_path / "in.mp4", 2), tmp_path / "out.mkv")
+    with open_video(tmp_path / "out.mkv") as video:
+        assert video.spherical is not None
+        assert (video.spherical.source, video.spherical.projection) == ("V1", "equirectangular")
+
+
+def test_one_thread_reads_and_another_writes(tmp_path) -> None:
+    source = write_clip(tmp_path / "in.mp4", 40)
+    waiting: queue.Queue = queue.Queue(4)
+    with open_video(source) as video:
+
+        def read() -> None:
+            for frame in video.frames():
+                waiting.put(frame)
+            waiting.put(None)
+
+        thread = threading.Thread(target=read)
+        thread.start()
+        with create_video(tmp_path / "out.mp4", video, LOSSLESS) as out:
+            for frame in iter(waiting.get, None):
+                out.write(frame)
+        thread.join()
+    assert_same_pictures(source, tmp_path / "out.mp4")
 
 
 # --- what goes wrong ---
