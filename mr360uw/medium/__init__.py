@@ -23,6 +23,7 @@ _HOME = {
     "WaterFit": "waterfit",
     "fit_water": "waterfit",
     "illuminant": "sensor",
+    "spectral_model": "models",
     "reflectance": "upsampling",
     "multiple_scattering": "closed_form",
 }

@@ -18,18 +18,11 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.bands import Bands, Rule, bands
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.gamut import compress_gamut
-from mr360uw.medium.models import (
-    FieldModel,
-    FormationModel,
-    KdModel,
-    SpectralModel,
-    gershun_factor,
-)
-from mr360uw.medium.phase import mean_cosine
+from mr360uw.medium.models import FormationModel, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.plate import PlateProfile
 from mr360uw.medium.sensor import Sensor
 from mr360uw.medium.tabulate import medium_table
-from mr360uw.medium.transfer import MOMENTS, LightField, Sky, SurfaceKind
+from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.types import Floats, MediumTable
 
@@ -42,6 +35,7 @@ RGB_NM = (650.0, 550.0, 450.0)
 """The wavelengths of mode `rgb`, one for each channel."""
 DEFAULT_BANDS = 61
 """5 nm apart; a pixel costs the same for any number."""
+_SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _TINY = 1e-30
 
 
@@ -94,13 +88,7 @@ class Medium:
         """The model at the bands' wavelengths, solved at first use."""
         if self.mode in ("koschmieder", "akkaynak-treibitz"):
             return self._formation()
-        w = self.bands.wavelength_nm
-        if self.mode in ("table", "plate"):
-            return _field_model(self.water, tuple(w.tolist()), self._surface, self._sky)
-        a, b, kd = self.water.absorption(w), self.water.scattering(w), self.water.diffuse_attenuation(w)
-        plus = self.mode == "kd+"
-        factor = gershun_factor(a, b, kd, mean_cosine(self.water.phase)) if plus else np.ones(len(w))
-        return KdModel(b, a + b, kd, factor)
+        return spectral_model(self.water, self.bands.wavelength_nm, _SPECTRAL[self.mode], self._surface, self._sky)
 
     def _formation(self) -> FormationModel:
         """Constants that make the quick models agree with the solved field on a level ray of one attenuation length."""
@@ -118,9 +106,12 @@ class Medium:
 
     @functools.cached_property
     def length_m(self) -> float:
-        """The tables' length: the attenuation length of the light at the camera."""
-        e = np.abs(self.bands.weight).sum(axis=1) * self.model.irradiance(self.camera_depth_m, 1.0)
-        return float(np.sum(e) / np.sum(e * self.model.extinction))
+        """The tables' length: over how many metres of depth the light at the camera falls to 1/e."""
+        step = 1e-3 * self.camera_depth_m
+        here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
+            np.array([self.camera_depth_m, self.camera_depth_m + step]), 1.0
+        ).T  # fmt: skip
+        return float(step / np.log(here / below))
 
     @functools.cached_property
     def table(self) -> MediumTable:
@@ -238,10 +229,3 @@ class Medium:
         """The depth [m] beyond which double precision holds no light; it stands for the bottomless."""
         level = self.model.irradiance(np.array([0.0, self.camera_depth_m]), 1.0)
         return 200.0 * self.camera_depth_m / float(np.min(np.log(level[0] / level[1])))
-
-
-@functools.lru_cache(maxsize=16)
-def _field_model(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> FieldModel:
-    w = np.array(wavelength_nm)
-    field = LightField(water.absorption(w), water.scattering(w), water.moments(w, MOMENTS), surface, sky)
-    return FieldModel(field, field.scattered_by(water.moments(w, MOMENTS - 1, wide_angle=True)))

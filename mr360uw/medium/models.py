@@ -7,16 +7,19 @@ wavelengths, per unit downwelling irradiance just below the surface.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI
 from mr360uw.medium.closed_form import path_integral, ray_in_water
+from mr360uw.medium.phase import mean_cosine
 from mr360uw.medium.rays import RayField
-from mr360uw.medium.transfer import LightField
+from mr360uw.medium.transfer import LightField, Sky, SurfaceKind
+from mr360uw.medium.water import Water
 
 Array = NDArray[np.float64]
 
@@ -139,3 +142,34 @@ class FormationModel:
         """Return exp(-diffuse y) for every normal."""
         y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
         return np.exp(-self.diffuse * y[..., None])
+
+
+_STREAMS = 16
+"""Per hemisphere: every table entry sums over as many modes; the error of 0.2 % is far below that of a picture."""
+
+SpectralMode = Literal["kd", "kd+", "table"]
+
+
+def spectral_model(
+    water: Water,
+    wavelength_nm: ArrayLike,
+    mode: SpectralMode,
+    surface: SurfaceKind = "snell",
+    sky: Sky = "uniform",
+) -> SpectralModel:
+    """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again."""
+    w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
+    if mode == "table":
+        return _field_model(water, tuple(w.tolist()), surface, sky)
+    a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
+    factor = gershun_factor(a, b, kd, mean_cosine(water.phase)) if mode == "kd+" else np.ones(len(w))
+    return KdModel(b, a + b, kd, factor)
+
+
+@functools.lru_cache(maxsize=16)
+def _field_model(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> FieldModel:
+    w = np.array(wavelength_nm)
+    orders = 2 * _STREAMS
+    phase = water.moments(w, orders + 1)
+    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, streams=_STREAMS)
+    return FieldModel(field, field.scattered_by(water.moments(w, orders, wide_angle=True)))

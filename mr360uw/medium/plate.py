@@ -54,12 +54,13 @@ class PlateProfile:
 
     @classmethod
     def from_map(cls, radiance_map: Floats) -> PlateProfile:
-        """Return the median of each row (32 of them or more), smoothed by a running median and mean of three rows.
+        """Return the typical colour of each row, smoothed by a running median and mean of three rows.
 
-        A median over the azimuth ignores whatever covers less than half of a row.
+        Typical is the median over the azimuth after what lies more than three standard deviations off, by the median
+        absolute deviation of the logarithm, has been left out: bodies that cover less than half of a row do not count.
         """
         m = check_map(radiance_map)
-        rows = np.median(m, axis=1)[::-1]
+        rows = _typical(m)[::-1]
         padded = np.pad(rows, ((1, 1), (0, 0)), mode="edge")
         calm = np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         padded = np.pad(calm, ((1, 1), (0, 0)), mode="edge")
@@ -67,11 +68,23 @@ class PlateProfile:
         return cls(row_up(len(m))[::-1].copy(), smooth)
 
 
+def _typical(m: Array) -> Array:
+    """The colour (r, 3) of most pixels of each row of a map (r, c, 3)."""
+    x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), 1e-30)))
+    kept = x
+    for _ in range(4):
+        middle = np.nanmedian(kept, axis=1, keepdims=True)
+        spread = 1.4826 * np.nanmedian(np.abs(kept - middle), axis=1, keepdims=True)
+        near = np.all(np.abs(x - middle) <= 3.0 * spread + 1e-9, axis=-1, keepdims=True)
+        kept = np.where(near, x, np.nan)
+    return np.where(m.max(axis=1) > 0.0, np.exp(np.nanmedian(kept, axis=1)), 0.0)
+
+
 def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
     """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
 
-    Rows within 12 degrees of the horizon count, each by its median over the azimuth. The gain of a channel is the
-    median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
+    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
+    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
     channels (0 = the model has the plate's colour at every elevation). Raises `ParameterError` for a black plate.
     """
     profile = PlateProfile.from_map(radiance_map)

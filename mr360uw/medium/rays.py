@@ -71,8 +71,8 @@ class RayField:
 
 def legendre_polynomials(x: Array, count: int) -> Array:
     """Return P_0 ... (..., count) at x (...,)."""
-    p: Array = np.polynomial.legendre.legvander(x, count - 1)
-    return p.reshape(*np.shape(x), count)
+    p = np.polynomial.legendre.legvander(np.asarray(x, np.float64), count - 1)
+    return np.asarray(p, np.float64).reshape(*np.shape(x), count)
 
 
 def fresnel_reflectance(mu: ArrayLike, index: float) -> Array:

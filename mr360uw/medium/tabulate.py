@@ -29,7 +29,7 @@ _STEP = 1e-4
 
 
 def lengths(count: int, length_m: float) -> Array:
-    """Return the distances (count,) whose table coordinates are uniform over [0, 1]; the last is large, not infinite."""
+    """Return the distances (count,) whose table coordinates are uniform; the last is large, not infinite."""
     t = np.arange(count) / (count - 1)
     return length_m * np.append(t[:-1] / (1.0 - t[:-1]), _FARTHEST)
 

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 SurfaceKind = Literal["snell", "none"]
 
-STREAMS_PER_HEMISPHERE = 24
+STREAMS_PER_HEMISPHERE = 32
 
 
 @functools.cache
@@ -48,8 +48,6 @@ def _nodes(streams: int, split: float) -> tuple[Array, Array]:
 Sky = Literal["uniform"] | tuple[Literal["sun"], float, float]
 """What shines on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, share of its beam
 in the downwelling irradiance that passes the surface), the rest being uniform sky."""
-
-MOMENTS = 2 * STREAMS_PER_HEMISPHERE + 1
 
 
 class LightField:

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The closed form: reference values, every limit, its shader twin."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.errors import ParameterError
+from mr360uw.medium import Water, multiple_scattering
+from mr360uw.medium.closed_form import closed_form, mean_transmittance, path_integral, ray_in_water
+from tests.glsl import glsl_call
+from tests.tolerances import CLOSED_FORM_FLOAT32, FLOAT32_SMALLEST, FLOAT64, SERIES
+
+FILE = "medium/closed_form.glsl"
+
+
+def golden(shared: Path) -> np.ndarray:
+    """Columns b, c, Kd, depth, mu, S, L of the reference rows."""
+    with (shared / "truth" / "golden_closed_form.csv").open() as file:
+        return np.array([[float(cell) for cell in row[1:]] for row in list(csv.reader(file))[1:]])
+
+
+def test_reference_values(shared: Path) -> None:
+    b, c, k, y, mu, s, expected = golden(shared).T
+    np.testing.assert_allclose(closed_form(b, c, k, s, y, mu), expected, rtol=FLOAT64, atol=0.0)
+
+
+@pytest.mark.usefixtures("gl")
+def test_reference_values_in_glsl(shared: Path) -> None:
+    rows = golden(shared)
+    rows = rows[(rows[:, 6] == 0.0) | (rows[:, 6] > FLOAT32_SMALLEST)]
+    b, c, k, y, mu, s, expected = rows.T
+    got = glsl_call(
+        FILE, "closed_form(p.x, p.y, p.z, q.x, q.y, q.z)", p=np.column_stack([b, c, k]), q=np.column_stack([s, y, mu])
+    )
+    # the inputs are rounded to single precision before the shader sees them
+    exact = closed_form(*(x.astype(np.float32).astype(np.float64) for x in (b, c, k, s, y, mu)))
+    np.testing.assert_allclose(got, exact, rtol=CLOSED_FORM_FLOAT32, atol=0.0)
+    np.testing.assert_allclose(exact, expected, rtol=CLOSED_FORM_FLOAT32, atol=0.0)
+
+
+def test_a_million_random_cases_are_finite(rng: np.random.Generator) -> None:
+    n = 1_000_000
+    b, a = 10.0 ** rng.uniform(-4, 1, n), 10.0 ** rng.uniform(-4, 1, n)
+    k = a * rng.uniform(1.0, 4.0, n)
+    y, s = 10.0 ** rng.uniform(-6, 4, n), 10.0 ** rng.uniform(-9, 9, n)
+    mu = rng.uniform(-1.0, 1.0, n)
+    s[: n // 10], y[n // 10 : n // 5], mu[n // 5 : n // 4] = np.inf, 0.0, rng.choice([-1.0, 0.0, 1.0], n // 4 - n // 5)
+    k[n // 4 : n // 3] = (a + b)[n // 4 : n // 3] / np.maximum(mu[n // 4 : n // 3], 0.1)
+    radiance = closed_form(b, a + b, k, s, y, mu)
+    assert np.all(np.isfinite(radiance))
+    assert np.all(radiance >= 0.0)
+    # no ray scatters more than all the light there is along it
+    assert np.all(radiance <= b / (4 * np.pi) * ray_in_water(s, y, mu) * (1.0 + FLOAT64))
+
+
+def test_limits() -> None:
+    b, c, k, y = 0.3, 0.5, 0.2, 5.0
+    short = closed_form(b, c, k, 0.01 / c, y, 0.3)
+    np.testing.assert_allclose(short, b / (4 * np.pi) * np.exp(-k * y) * 0.01 / c, rtol=SERIES)
+    np.testing.assert_allclose(
+        closed_form(b, c, k, np.inf, y, -0.4), b / (4 * np.pi) * np.exp(-k * y) / (c + 0.4 * k), rtol=FLOAT64
+    )
+    singular = closed_form(b, c, c / 0.5, 1.0, y, 0.5)
+    np.testing.assert_allclose(singular, b / (4 * np.pi) * np.exp(-c / 0.5 * y), rtol=FLOAT64)
+    assert closed_form(0.0, c, k, 10.0, y, 0.1) == 0.0
+    assert closed_form(b, c, k, 0.0, y, 0.1) == 0.0
+    assert closed_form(0.0, 0.0, 0.0, np.inf, y, -1.0) == 0.0
+    # beyond the surface there is nothing
+    assert closed_form(b, c, k, 1e3, y, 1.0) == closed_form(b, c, k, y, y, 1.0)
+
+
+def test_path_integral_is_an_integral(rng: np.random.Generator) -> None:
+    x, w = np.polynomial.legendre.leggauss(40)
+    c, k, y = rng.uniform(0.05, 1, 50), rng.uniform(0.02, 1, 50), rng.uniform(1, 9, 50)
+    mu = rng.uniform(-1, 1, 50)
+    s = ray_in_water(rng.uniform(0.1, 5, 50), y, mu)
+    t = 0.5 * s[:, None] * (x + 1.0)
+    integral = np.sum(
+        0.5 * s[:, None] * w * np.exp(-c[:, None] * t - k[:, None] * (y[:, None] - t * mu[:, None])), axis=1
+    )
+    np.testing.assert_allclose(path_integral(c, k, s, y, mu), integral, rtol=FLOAT64)
+
+
+@pytest.mark.usefixtures("gl")
+def test_twin(rng: np.random.Generator) -> None:
+    x = np.concatenate([10.0 ** rng.uniform(-8, 2, 500), [0.0, 0.5]]).astype(np.float32)
+    np.testing.assert_allclose(
+        glsl_call(FILE, "mean_transmittance(x)", x=x), mean_transmittance(x), rtol=CLOSED_FORM_FLOAT32
+    )
+    p = np.column_stack([rng.uniform(0, 50, 500), rng.uniform(0, 20, 500), rng.uniform(-1, 1, 500)]).astype(np.float32)
+    np.testing.assert_allclose(
+        glsl_call(FILE, "ray_in_water(p.x, p.y, p.z)", p=p),
+        ray_in_water(*p.T.astype(np.float64)),
+        rtol=CLOSED_FORM_FLOAT32,
+    )
+
+
+def test_public_call() -> None:
+    water = Water.jerlov("IB")
+    w = np.array([450.0, 550.0, 650.0])
+    radiance = multiple_scattering(water, w, np.full((4, 5), 3.0), 5.0, 0.2, surface_irradiance=[1.0, 2.0, 3.0])
+    assert radiance.shape == (4, 5, 3)
+    single = closed_form(
+        water.scattering(550.0), water.attenuation(550.0), water.diffuse_attenuation(550.0), 3.0, 5.0, 0.2
+    )
+    np.testing.assert_allclose(radiance[2, 3, 1], 2.0 * single, rtol=FLOAT64)
+    for bad in ((-1.0, 5.0, 0.0), (1.0, -5.0, 0.0), (1.0, 5.0, 1.5), (1.0, np.inf, 0.0), (np.nan, 5.0, 0.0)):
+        with pytest.raises(ParameterError, match=" - "):
+            multiple_scattering(water, w, *bad)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is read off a plate: the profile, the gain, the water."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.errors import ParameterError
+from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Water, fit_gain, fit_water
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.plate import row_up
+from tests.tolerances import FLOAT64, GAIN, PLATE_LEVEL, TABLE_P95
+
+DEPTH = 6.0
+EXPOSURE = np.array([0.5, 0.4, 0.3])
+NEARLY_NEUTRAL = np.array([0.42, 0.40, 0.38])
+
+
+def water_map(
+    name: str, rng: np.random.Generator, noise: float = 0.15, depth_m: float = DEPTH, exposure: np.ndarray = EXPOSURE
+) -> np.ndarray:
+    """A plate (32, 64, 3) of open water."""
+    medium = Medium(Water.jerlov(name), camera_depth_m=depth_m, illuminant="D65")
+    rows = medium.display(medium.model.radiance(depth_m, row_up(32)))
+    return exposure * rows[:, None, :] * np.exp(rng.normal(0.0, noise, (32, 64, 1)))
+
+
+def test_gain_is_found_again(rng: np.random.Generator) -> None:
+    medium = Medium(Water.jerlov("II"), camera_depth_m=DEPTH, illuminant="D65")
+    plate = water_map("II", rng)
+    plate[10:22, 5:30] = [0.9, 0.1, 0.1]  # a red wall over a good third of the horizon
+    gain, residual = fit_gain(medium, plate)
+    np.testing.assert_allclose(gain, EXPOSURE, rtol=5 * GAIN)
+    clean_gain, clean_residual = fit_gain(medium, water_map("II", rng))
+    np.testing.assert_allclose(clean_gain, EXPOSURE, rtol=GAIN)
+    assert clean_residual < 2 * GAIN
+    assert residual < 5 * GAIN
+    # another water cannot be scaled into this plate's profile
+    assert fit_gain(Medium(Water.jerlov("9C"), camera_depth_m=DEPTH), plate)[1] > 3 * clean_residual
+    scaled = medium.scaled(gain)
+    level = veil_lookup(scaled.table, 1e6, 0.0)
+    np.testing.assert_allclose(level, PlateProfile.from_map(plate)(0.0), rtol=5 * GAIN)
+
+
+def test_profile_ignores_what_covers_less_than_half_of_a_row(rng: np.random.Generator) -> None:
+    plate = water_map("IB", rng, noise=0.0)
+    dirty = plate.copy()
+    dirty[:, 10:38] = rng.uniform(0, 5, (32, 28, 3))
+    # medians move by ranks, not by values: with equal pixels left and right not at all
+    up = np.linspace(-0.9, 0.9, 50)
+    np.testing.assert_allclose(PlateProfile.from_map(plate)(up), PlateProfile.from_map(dirty)(up), rtol=FLOAT64)
+
+
+def test_plate_mode_ends_in_the_plate(rng: np.random.Generator) -> None:
+    plate = water_map("II", rng)
+    medium = Medium(Water.jerlov("1C"), mode="plate", camera_depth_m=DEPTH, radiance_map=plate)
+    down = np.linspace(-0.95, 0.0, 9)
+    profile = PlateProfile.from_map(plate)(down)
+    np.testing.assert_allclose(medium.veil(np.inf, DEPTH, down), profile, rtol=PLATE_LEVEL)
+    np.testing.assert_allclose(medium.radiance(DEPTH, down), profile, rtol=FLOAT64)
+    np.testing.assert_array_equal(medium.veil(0.0, DEPTH, down), 0.0)
+    np.testing.assert_allclose(veil_lookup(medium.table, 1e7, down), profile, rtol=4 * TABLE_P95)
+    # upwards the surface shines through: the veil is less than what the plate shows
+    assert np.all(medium.veil(np.inf, DEPTH, [0.3, 0.9]) < medium.radiance(DEPTH, [0.3, 0.9]))
+    same = Medium(Water.jerlov("1C"), mode="plate", camera_depth_m=DEPTH).with_map(plate)
+    np.testing.assert_array_equal(same.table.veil, medium.table.veil)
+
+
+@pytest.mark.parametrize("name", JERLOV_TYPES)
+def test_the_water_is_found_again(name: str, rng: np.random.Generator) -> None:
+    fit = fit_water(water_map(name, rng, depth_m=3.0, exposure=NEARLY_NEUTRAL), 3.0)
+    assert fit.water_type == name
+    assert fit.confidence == max(fit.confidence, 0.0) <= 1.0
+    np.testing.assert_allclose(fit.gain, NEARLY_NEUTRAL, rtol=10 * GAIN)
+    assert fit.residual[name] == min(fit.residual.values()) or fit.likelihood[name] == max(fit.likelihood.values())
+    assert sum(fit.likelihood.values()) == pytest.approx(1.0)
+    page = fit.html()
+    assert page.startswith("<section")
+    assert f"<b>{name}</b>" in page
+    assert page.count("<circle") == 3 * len(fit.up)
+
+
+def test_a_plate_of_no_water_has_no_confidence(rng: np.random.Generator) -> None:
+    plate = rng.uniform(0.0, 1.0, (32, 1, 3)) ** 3 * np.ones((1, 64, 1))
+    assert fit_water(plate, DEPTH).confidence < 0.25
+
+
+def test_unusable_maps_are_refused() -> None:
+    medium = Medium(Water.jerlov("II"))
+    with pytest.raises(ParameterError, match="black about the horizon"):
+        fit_gain(medium, np.zeros((32, 64, 3)))
+    with pytest.raises(ParameterError, match="black about the horizon"):
+        fit_water(np.zeros((32, 64, 3)), 5.0)
+    for bad in (np.ones((32, 64)), np.full((32, 64, 3), np.nan), np.full((32, 64, 3), -1.0)):
+        with pytest.raises(ParameterError, match="radiance_map"):
+            PlateProfile.from_map(bad)
