@@ -92,8 +92,8 @@ class Hits:
     """Where rays meet triangles, arrays (n, ...).
 
     triangle, object: their numbers. point: from the camera [m]. distance_m, direction: of the ray.
-    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3) linear, alpha (n,).
-    footprint_m: width of a pixel at that distance.
+    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3)
+    linear, alpha (n,). footprint_m: width of a pixel at that distance.
     """
 
     triangle: NDArray[np.int64]

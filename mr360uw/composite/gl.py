@@ -23,7 +23,7 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.material import AlphaMode
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.over import empty_tile
-from mr360uw.composite.receiver import ReceiverShape, receiver_rectangles
+from mr360uw.composite.receiver import CoarseGrid, ReceiverShape, coarse_grid, receiver_rectangles
 from mr360uw.composite.sampling import Pattern, pattern, raster_from_frame
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, joined
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 BLEND_LAYERS = 4
 _RASTER_SIDE = 2048
+_STRIDE = 4
+"""The ambient light that bodies block is found at every so many pixels of a receiver, and between where it varies."""
 _KEPT_WINDOWS = 8
 _KEPT_MESHES = 64
 
@@ -67,6 +69,7 @@ class LayerRenderer:
         self._targets: dict[str, moderngl.Framebuffer] = {}
         self._light = LightTextures()
         self._shape: tuple[object, ReceiverShape] | None = None
+        self._grid: tuple[object, CoarseGrid] | None = None
         self._receiver_maps: dict[object, moderngl.Texture] = {}
 
     def render(self, shot: Shot) -> Layer:
@@ -74,7 +77,7 @@ class LayerRenderer:
         gl_context().gc()
         shape = self._receiver_shape(shot)
         object_parts = object_rectangles(shot)
-        receiver_parts = receiver_rectangles(shot, shape) if shape is not None else []
+        receiver_parts = receiver_rectangles(shot, self._coarse_grid(shot, shape)) if shape is not None else []
         tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
         if not tiles:
             return Layer(shot.height, shot.width, ())
@@ -263,6 +266,12 @@ class LayerRenderer:
             self._receiver_maps.clear()
         return self._shape[1]
 
+    def _coarse_grid(self, shot: Shot, shape: ReceiverShape) -> CoarseGrid:
+        key = (id(shape), shot.width, shot.height, shot.world_from_camera.tobytes(), id(shot.medium))
+        if self._grid is None or self._grid[0] != key:
+            self._grid = key, coarse_grid(shot, shape)
+        return self._grid[1]
+
     def _draw_receiver(self, shot: Shot, shape: ReceiverShape, rectangle: Rectangle) -> tuple[Floats, Floats]:
         """Return ratio and veil of a rectangle of the frame."""
         assert shot.receiver is not None
@@ -279,16 +288,21 @@ class LayerRenderer:
         for name, wanted in (("SHADOW", shot.receiver.shadow), ("CAUSTICS", shot.receiver.caustics)):
             if not wanted:
                 defines.pop(name, None)
-        shader = self._program("receiver", defines)
-        _bind(shader, {"shape": self._receiver_maps[key], **self._light.textures})
+        view = {
+            "world_from_camera": shot.world_from_camera.T, "frame_size": (shot.width, shot.height),
+            "window": (column, row), "surfel_count": self._light.surfels,
+        }  # fmt: skip
+        textures = {"shape": self._receiver_maps[key], **self._light.textures}
+        if shot.receiver.occlusion and self._light.surfels:
+            defines["OCCLUSION"] = 1
+            coarse = self._program("occlusion", {"STRIDE": _STRIDE})
+            _bind(coarse, textures)
+            set_uniforms(coarse, last=(width - 1, height - 1), **view)
+            textures["occlusion"] = self._draw(coarse, "occlusion", width // _STRIDE + 2, height // _STRIDE + 2, (1,))
+        shader = self._program("receiver", defines | {"STRIDE": _STRIDE})
+        _bind(shader, textures)
         self._light.set(shader, 0.0)
-        set_uniforms(
-            shader,
-            world_from_camera=shot.world_from_camera.T,
-            frame_size=(shot.width, shot.height),
-            window=(column, row),
-            surfel_count=self._light.surfels if shot.receiver.occlusion else 0,
-        )
+        set_uniforms(shader, **view)
         ratio, veil = self._run(shader, "receiver", width, height, (4, 4))
         return ratio[..., :3], veil[..., :3]
 
@@ -320,18 +334,12 @@ class LayerRenderer:
             self._rasters[index, layer] = kept
         return kept
 
-    def _run(
-        self,
-        shader: moderngl.Program,
-        name: str,
-        width: int,
-        height: int,
-        channels: tuple[int, ...],
-        background: Vector = (0.0,) * 4,
-    ) -> list[Floats]:
-        """Run a full-screen program on width x height pixels and return its outputs, (h, w, c) float32 each.
+    def _draw(
+        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
+    ) -> moderngl.Texture:
+        """Run a full-screen program on width x height pixels of a kept target; what it discards is zero.
 
-        What it discards is zero.
+        Returns the first of the target's textures, which may be larger.
         """
         target = self._targets.get(name)
         if target is None or target.width < width or target.height < height:
@@ -342,9 +350,16 @@ class LayerRenderer:
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         target.clear(viewport=(0, 0, width, height))
         draw_fullscreen(target, shader)
+        return target.color_attachments[0]
+
+    def _run(
+        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
+    ) -> list[Floats]:
+        """Run a full-screen program and return its outputs, (h, w, c) float32 each."""
+        self._draw(shader, name, width, height, channels)
         images = []
         for attachment, c in enumerate(channels):
-            data = target.read(
+            data = self._targets[name].read(
                 viewport=(0, 0, width, height), components=c, attachment=attachment, dtype="f4", alignment=1
             )
             images.append(np.frombuffer(data, np.float32).reshape(height, width, c))

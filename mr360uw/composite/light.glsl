@@ -120,6 +120,9 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     return parts;
 }
 
+const float UNNOTICED = 0.02;
+
 vec3 lit_ratio(vec3 ambient, vec3 beam, float blocked, float seen, vec3 waves) {
-    return (ambient * (1.0 - min(blocked, 1.0)) + beam * seen * waves) / max(ambient + beam, 1e-9);
+    float noticed = max(min(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED);
+    return (ambient * (1.0 - noticed) + beam * seen * waves) / max(ambient + beam, 1e-9);
 }

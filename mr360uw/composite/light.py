@@ -32,6 +32,8 @@ from mr360uw.medium.lookup import (
 )
 from mr360uw.types import Floats
 
+UNNOTICED = 0.02
+"""A body that blocks less than this part of the ambient light leaves it as it is: less than two code values of an 8-bit video, spread over metres."""
 REFERENCE_SUN_FACTOR = 4
 """The reference takes so many more directions over the sun's disc than asked for: it stands for the limit."""
 MINIMUM_SUN_UP = 0.05
@@ -179,6 +181,10 @@ class Light:
 
 
 def lit_ratio(ambient: Floats, beam: Floats, blocked: Floats, seen: Floats, waves: Floats) -> Floats:
-    """Return E_with/E_without (n, 3) of ambient light, partly blocked, and a beam, partly seen and under waves."""
-    lit = ambient * (1.0 - np.minimum(blocked, 1.0))[:, None] + beam * seen[:, None] * waves
+    """Return E_with/E_without (n, 3) of ambient light, partly blocked, and a beam, partly seen and under waves.
+
+    What is blocked fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
+    """
+    noticed = np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
+    lit = ambient * (1.0 - noticed)[:, None] + beam * seen[:, None] * waves
     return lit / np.maximum(ambient + beam, 1e-9)

@@ -25,7 +25,7 @@ _CREASE_COSINE = 0.5
 """Edges sharper than 60 degrees stay sharp in meshes without normals."""
 _LARGE_M = 20.0
 _SMALL_M = 0.02
-SURFELS = 64
+SURFELS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,19 +2,21 @@
 """The surface of the plate under the objects: where it is, and which part of the frame they change.
 
 Its radiance is multiplied by E_with/E_without (see over.py). The part of the frame is found on a coarse grid: a cell
-counts where a body's shadow, widened by the sun's disc and by the cell, can fall on it, or where the body takes more
-than `NEGLIGIBLE` of its ambient light.
+counts where a body's shadow, widened by the sun's disc and by the cell, can fall on it, or where the body blocks more
+than `UNNOTICED` of its ambient light.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.geometry import view_directions
-from mr360uw.composite.light import MINIMUM_SUN_UP
+from mr360uw.composite.light import MINIMUM_SUN_UP, UNNOTICED
 from mr360uw.composite.rays import RayScene, barycentric
-from mr360uw.composite.shadow import effective_half_angle
+from mr360uw.composite.shadow import ambient_blocked, effective_half_angle
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import Rectangle, rectangle_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
@@ -86,61 +88,83 @@ class ReceiverShape:
         return np.where(np.isfinite(distance) & (distance > 0.0), distance, np.inf), facing
 
 
-def receiver_rectangles(shot: Shot, shape: ReceiverShape) -> list[Rectangle]:
-    """Return the rectangles of the frame in which objects, or caustics, change the receiver."""
-    receiver = shot.receiver
-    if receiver is None:
-        return []
-    cell = max(shot.width // _COLUMNS, 1)
-    columns, rows = -(-shot.width // cell), -(-shot.height // cell)
-    x, y = (
-        np.minimum((np.arange(columns) + 0.5) * cell, shot.width),
-        np.minimum((np.arange(rows) + 0.5) * cell, shot.height - 0.5),
-    )
-    x, y = np.meshgrid(x, y)
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseGrid:
+    """The receiver at the middles of cells of the frame, those that meet it and can be seen, (n, ...).
+
+    cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
+    (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
+    """
+
+    cell: tuple[int, int]
+    shape: tuple[int, int]
+    index: NDArray[np.int64]
+    point: Floats
+    normal: Floats
+    reach_m: Floats
+
+
+def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
+    """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height: towards the horizon
+    a cell reaches far along the ground.
+    """
+    cell = max(shot.width // _COLUMNS, 1), max(shot.width // (4 * _COLUMNS), 1)
+    columns, rows = -(-shot.width // cell[0]), -(-shot.height // cell[1])
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], shot.height))
     distance, normal = shape.meet(shot, x, y)
     direction = view_directions(shot, x, y)
     seen = np.isfinite(distance)
-    # a cell beside one that meets the receiver may do so too
-    near = np.where(seen, distance, 0.0)
     if shot.medium is not None:
-        through = transmittance_lookup(shot.medium, near, direction[..., 1]).max(axis=-1)
-        seen &= through > NEGLIGIBLE
-    masks = []
-    if receiver.caustics and shot.caustics is not None and shot.sun is not None:
-        masks.append(seen)
-    point = direction * near[..., None]
+        through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])
+        seen &= through.max(axis=-1) > NEGLIGIBLE
+    distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
-    reach = near * (0.75 * cell * 2.0 * np.pi / shot.width) / cosine
-    casters = [placed for placed in shot.objects if placed.casts_shadow]
-    masks += [seen & _touched(shot, receiver, placed, point, normal, reach) for placed in casters]
+    along, across = (n * np.pi / shot.width for n in cell[::-1])
+    reach = distance * np.hypot(along / cosine, across)
+    index = np.flatnonzero(seen)
+    return CoarseGrid(cell, seen.shape, index, direction * distance[:, None], normal, reach)
+
+
+def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
+    """Return the rectangles of the frame in which objects, or caustics, change the receiver."""
+    receiver = shot.receiver
+    assert receiver is not None
+    touched = [_touched(shot, receiver, placed, grid) for placed in shot.objects if placed.casts_shadow]
+    if receiver.caustics and shot.caustics is not None and shot.sun is not None:
+        touched.append(np.ones(len(grid.index), bool))
     found = []
-    for mask in masks:
+    for cells in touched:
+        mask = np.zeros(grid.shape, bool)
+        mask.flat[grid.index[cells]] = True
         rectangle = rectangle_of_mask(mask)
         if rectangle is not None:
-            column, row, w, h = rectangle
-            c0, r0 = column * cell, row * cell
-            found.append((c0, r0, min(w * cell, shot.width), min((row + h) * cell, shot.height) - r0))
+            (width, height), (column, row, columns, rows) = grid.cell, rectangle
+            c0, r0 = column * width, row * height
+            found.append((c0, r0, min(columns * width, shot.width), min(rows * height, shot.height - r0)))
     return found
 
 
-def _touched(
-    shot: Shot, receiver: Receiver, placed: PlacedObject, point: Floats, normal: Floats, reach: Floats
-) -> NDArray[np.bool_]:
-    """Return which places of the receiver, each `reach` wide, a body may change."""
+def _touched(shot: Shot, receiver: Receiver, placed: PlacedObject, grid: CoarseGrid) -> NDArray[np.bool_]:
+    """Return which cells (n,) a body may change."""
     center = placed.to_world(placed.mesh.center_m) - shot.camera_position
     radius = placed.mesh.radius_m * placed.scale
-    towards = center - point
-    touched = np.zeros(point.shape[:-1], bool)
+    towards = center - grid.point
+    squared = np.einsum("ij,ij->i", towards, towards)
+    near = radius + grid.reach_m
+    touched = squared < near * near
     if receiver.shadow and shot.sun is not None and shot.sun.direction[1] > MINIMUM_SUN_UP:
         along = towards @ shot.sun.direction
-        lateral = np.linalg.norm(towards - along[..., None] * shot.sun.direction, axis=-1)
         spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
-        touched |= (along > -radius - reach) & (lateral < radius + reach + np.maximum(along + radius, 0.0) * spread)
+        limit = near + np.maximum(along + radius, 0.0) * spread
+        touched |= (along > -near) & (squared - along * along < limit * limit)
     if receiver.occlusion:
-        area = float(np.linalg.norm(placed.mesh.surfel_area, axis=-1).sum()) * placed.scale**2
-        distance = np.linalg.norm(towards, axis=-1)
-        cosine = np.clip((np.sum(towards * normal, -1) + reach) / np.maximum(distance - reach, 1e-6), 0.0, 1.0)
-        gap = np.maximum(distance - reach - 0.5 * radius, 0.1 * radius)
-        touched |= area * cosine > NEGLIGIBLE * np.pi * gap * gap
+        place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
+        vectors = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
+        area = float(np.linalg.norm(vectors, axis=-1).sum())
+        # no surfel blocks more than its area in the nearest place
+        gap = np.maximum(np.sqrt(squared) - near, 0.1 * radius)
+        rising = np.maximum(np.einsum("ij,ij->i", towards, grid.normal) + near, 0.0)
+        possible = ~touched & (area * rising > UNNOTICED * np.pi * gap**3)
+        blocked = ambient_blocked(grid.point[possible], grid.normal[possible], place, vectors)
+        touched[possible] = blocked > 0.75 * UNNOTICED  # a cell's middle stands for all of it
     return touched

@@ -68,12 +68,14 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, int
 // surfels: (place, 0) and (area vector, 0) in turn
 float ambient_blocked(sampler2D surfels, int first, int count, vec3 point, vec3 normal) {
     float total = 0.0;
-    for (int k = first; k < first + count; ++k) {
+    int k = first;
+    do {
         vec3 towards = texelFetch(surfels, ivec2(0, k), 0).xyz - point;
         vec4 vector = texelFetch(surfels, ivec2(1, k), 0);
         float squared = max(dot(towards, towards), 1e-12);
         float facing = abs(dot(towards, vector.xyz)) * max(dot(towards, normal), 0.0);
         total += facing / (squared * (PI * squared + vector.w));
-    }
+        ++k;
+    } while (k < first + count);
     return total;
 }
