@@ -27,6 +27,7 @@ _UNCLIPPED_LEVEL = 0.5
 _LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
 _SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
 _LOOKS = ((49, None), (49, 3.5), (81, 3.0))  # pixels across, radius of the patch in extents of the spot
+_HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(2.0), np.radians(50.0)
 
 
@@ -86,14 +87,14 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: flo
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:
-            mask = value >= level * peak
+            mask = _plateau(value, level * peak)
             if _inscribed(mask).max() * step >= _SMALLEST_BLOB_RAD:
                 break
     mask = _opened(mask)
     weight = mask if clipped else mask * (value - 0.9 * level * peak)
     direction = unit(weight.ravel() @ look.reshape(-1, 3))
     blob_radius = step * _disc_radius(mask)
-    wide = _opened(value >= _CLIPPED_LEVELS[-1] * peak) if clipped else mask
+    wide = _opened(_plateau(value, _CLIPPED_LEVELS[-1] * peak)) if clipped else mask
     extent = max(step * _disc_radius(wide), blob_radius)
     along = look @ direction
     ring = value[(along < np.cos(1.5 * extent)) & (along > np.cos(2.5 * extent)) & (value > 0.0)]
@@ -104,6 +105,15 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: flo
 def _disc_radius(mask: Mask) -> float:
     """Return the radius [pixels] of the disc that has as many pixels as a mask."""
     return float(np.sqrt(np.count_nonzero(mask) / np.pi))
+
+
+def _plateau(value: Floats, level: float) -> Mask:
+    """Return where values reach a level, small holes closed."""
+    import cv2
+
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (_HOLE_PIXELS, _HOLE_PIXELS))
+    closed: Mask = cv2.morphologyEx((value >= level).astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0
+    return closed
 
 
 def _inscribed(mask: Mask) -> Floats:

@@ -90,12 +90,22 @@ def region_weight(up: ArrayLike, settings: LightSettings) -> Array:
     up = np.asarray(up, np.float64)
     if settings.region == "all":
         return np.ones_like(up)
-    elevation = np.arcsin(np.clip(up, -1.0, 1.0))
-    edge = 0.0 if settings.region == "upper" else snell_elevation()
-    ramp = np.radians(settings.ramp_deg)
+    return region_ramp(np.arcsin(np.clip(up, -1.0, 1.0)), *region_edge(settings))
+
+
+def region_edge(settings: LightSettings) -> tuple[float, float]:
+    """Return the elevation of the region's edge and half the width of its ramp [rad]; far below for the whole sphere."""
+    ramp = float(np.radians(settings.ramp_deg))
+    if settings.region == "all":
+        return -math.pi, ramp
+    return (0.0 if settings.region == "upper" else snell_elevation()), ramp
+
+
+def region_ramp(elevation: ArrayLike, edge: float, ramp: float) -> Array:
+    """Return a smooth step from 0 to 1 over edge - ramp .. edge + ramp; a sharp one where ramp is 0."""
     if ramp == 0.0:
-        return (elevation >= edge).astype(np.float64)
-    t = np.clip((elevation - edge) / (2.0 * ramp) + 0.5, 0.0, 1.0)
+        return (np.asarray(elevation) >= edge).astype(np.float64)
+    t = np.clip((np.asarray(elevation) - edge) / (2.0 * ramp) + 0.5, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 

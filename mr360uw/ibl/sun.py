@@ -26,8 +26,11 @@ from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_soli
 from mr360uw.ibl.split import Split, split_sun
 from mr360uw.types import Floats, Sun
 
-_HDR = 1.5
-"""A plate with values above this is scene radiance; display-referred white is 1."""
+DISPLAY_WHITE = 1.5
+"""A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
+CLIPPED = 0.95
+"""A spot of a display-referred plate whose peak reaches this is clipped: white, less what compression takes away."""
+
 _CANDIDATES = 3
 _LONE_ANGLE_RAD = np.radians(4.0)
 
@@ -54,7 +57,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     peak = float(bright.max())
     if peak <= 1.05 * float(np.median(plate.brightest[allowed])):
         return None
-    hdr = float(plate.brightest.max()) > _HDR
+    hdr = float(plate.brightest.max()) > DISPLAY_WHITE
     weight = np.where(bright >= (0.3 if hdr else 0.9) * peak, value, 0.0) * coarse_solid_angle()
     best: Disc | None = None
     for seed in _seeds(weight):
@@ -101,9 +104,9 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
     radius = float(np.degrees(blob.radius_rad)) / (1.5 if underwater else 1.0)
     if hdr:
         return _falling(radius, 0.5, 1.0) * _falling(np.log10(contrast), 3.6, 2.6) * _falling(lone, 0.7, 0.3)
-    size = _falling(radius, 4.0, 14.0) if blob.clipped else _falling(radius, 1.0, 3.0)
-    white = _falling(blob.peak, 0.95, 0.85)
-    return size * white * _falling(lone, 0.2, 0.05) * _falling(blob.halo, 0.55, 0.8)
+    size = _falling(radius, 5.0, 15.0) if blob.clipped else _falling(radius, 1.0, 3.0)
+    white = _falling(blob.peak, CLIPPED, CLIPPED - 0.1)
+    return size * white * _falling(lone, 0.5, 0.15) * _falling(blob.halo, 0.55, 0.8)
 
 
 def split_disc(plate: Plate, disc: Disc) -> Split:

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the sun stands, from date, place and the camera's heading.
+
+Low precision coordinates of the sun (Meeus, Astronomical Algorithms, 2nd ed., chapters 12, 13 and 25), good to 0.01
+degrees from 1950 to 2050, with the refraction of the air (Saemundsson 1986). Above the water; a camera below it sees
+the sun where Snell's law puts it.
+"""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.sphere import Array, direction_from_angles
+
+
+def parse_time(text: str) -> datetime:
+    """Return the time of an ISO 8601 text that states its zone."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ParameterError(f"sun_time - not ISO 8601 (got {text!r}) - write 2026-06-21T12:00:00+02:00") from error
+    if time.tzinfo is None:
+        raise ParameterError(f"sun_time - states no time zone (got {text!r}) - end it in +02:00 or Z")
+    return time
+
+
+def sun_angles(time: datetime, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    """Return (compass azimuth, apparent elevation) [rad] of the sun; azimuth 0 = north, + = east."""
+    days = (time.astimezone(UTC) - datetime(2000, 1, 1, 12, tzinfo=UTC)).total_seconds() / 86400.0
+    century = (days + 69.0 / 86400.0) / 36525.0  # terrestrial time runs ahead by about 69 s
+    mean_longitude = 280.46646 + 36000.76983 * century + 0.0003032 * century**2
+    anomaly = math.radians(357.52911 + 35999.05029 * century - 0.0001537 * century**2)
+    centre = (
+        (1.914602 - 0.004817 * century) * math.sin(anomaly)
+        + (0.019993 - 0.000101 * century) * math.sin(2.0 * anomaly)
+        + 0.000289 * math.sin(3.0 * anomaly)
+    )
+    node = math.radians(125.04 - 1934.136 * century)
+    longitude = math.radians(mean_longitude + centre - 0.00569 - 0.00478 * math.sin(node))
+    obliquity = math.radians(23.439291 - 0.0130042 * century + 0.00256 * math.cos(node))
+    right_ascension = math.atan2(math.cos(obliquity) * math.sin(longitude), math.cos(longitude))
+    declination = math.asin(math.sin(obliquity) * math.sin(longitude))
+    sidereal = math.radians((280.46061837 + 360.98564736629 * days + longitude_deg) % 360.0)
+    hour_angle = sidereal - right_ascension
+    latitude = math.radians(latitude_deg)
+    sine = math.sin(latitude) * math.sin(declination) + math.cos(latitude) * math.cos(declination) * math.cos(
+        hour_angle
+    )
+    elevation = math.asin(max(-1.0, min(1.0, sine)))
+    azimuth = math.atan2(
+        -math.sin(hour_angle),
+        math.tan(declination) * math.cos(latitude) - math.sin(latitude) * math.cos(hour_angle),
+    )
+    return azimuth % (2.0 * math.pi), elevation + refraction(elevation)
+
+
+def refraction(elevation_rad: float) -> float:
+    """Return how much the air lifts the sun [rad] at a true elevation (Saemundsson 1986); 0 well below the horizon."""
+    degrees = math.degrees(elevation_rad)
+    if degrees < -1.0:
+        return 0.0
+    return math.radians(1.02 / 60.0 / math.tan(math.radians(degrees + 10.3 / (degrees + 5.11))))
+
+
+def given_direction(settings: LightSettings) -> Array | None:
+    """Return the direction (3,) that the settings give: "given" as the camera sees it, "date" in the air, else None."""
+    if settings.sun == "given":
+        return direction_from_angles(math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg))
+    if settings.sun == "date":
+        azimuth, elevation = sun_angles(parse_time(settings.sun_time), settings.latitude_deg, settings.longitude_deg)
+        return direction_from_angles(azimuth - math.radians(settings.heading_deg), elevation)
+    return None
