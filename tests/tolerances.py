@@ -62,6 +62,8 @@ DISC_SHAPE = 0.03
 """Variance of a sampled disc against radius^2/4, relative: pixels are as wide as the disc."""
 FALSE_COLOUR = 1e-9
 """Three passes with one refractive index are one pass."""
+BEAM_SHIFT = 2e-3
+"""Place [m] of a ripple's light: its flux follows its tilt, which moves the pattern by a millimetre."""
 STACK_BETWEEN = 0.05
 """RMSE over standard deviation of a mix of two planes against the map of the depth between them."""
 WORLD_GRID = 0.02

@@ -8,13 +8,15 @@ on. `flux`: (N, N, 2) light of each cell's two triangles (a, b, c) and (a, c, d)
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.cell import cell_light, intensities, opened
 from mr360uw.caustics.compiled import compiled
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 _LEAST_JACOBIAN = 1e-6
 

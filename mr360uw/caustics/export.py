@@ -17,7 +17,7 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.types import CausticStack
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 CAUSTIC_WHITE = 8.0
 """Irradiance ratio that PNG's white stands for; brighter caustics are cut there, not in EXR."""
@@ -72,14 +72,11 @@ def export_tiles(
         time_s = loop_s * i / frames
         height, normal = world_grid(looping, s.size, time_s)
         ratio = stack(looping, sun, np.array([depth_m]), time_s, s).ratio[0]
-        encoded = {
-            "caustic": np.asarray(ratio, np.float64),
-            "height": height[..., None],
-            "normal": normal[..., [0, 2, 1]],
-        }
+        caustic = np.asarray(ratio, np.float64)
+        encoded = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
         if image_format == "png":
             encoded = {
-                "caustic": ratio / CAUSTIC_WHITE,
+                "caustic": caustic / CAUSTIC_WHITE,
                 "height": 0.5 + encoded["height"] / (2.0 * height_range),
                 "normal": 0.5 + 0.5 * encoded["normal"],
             }

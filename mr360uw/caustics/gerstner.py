@@ -42,7 +42,7 @@ class GerstnerWave(Parameters):
     """One explicit wave."""
 
     wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m")
-    amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=100.0)
+    amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=1000.0)
     steepness: float = parameter(1.0, "horizontal over vertical amplitude", low=0.0, high=1.0)
     phase_rad: float = parameter(0.0, "phase at the origin at time 0", unit="rad")
 

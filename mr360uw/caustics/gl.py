@@ -27,10 +27,10 @@ from mr360uw.caustics.sea import check_time
 from mr360uw.caustics.settings import CausticSettings, Method
 from mr360uw.caustics.sun_disc import footprint, marginal_kernel
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.gl.context import gl_context, read_framebuffer, texture_array_from_array, texture_from_array
+from mr360uw.gl.context import gl_context, read_framebuffer, texture_from_array
 from mr360uw.types import CausticStack, Floats
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 _NO_BLUR_PIXELS = 0.05
 _DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
@@ -144,13 +144,13 @@ class CausticRenderer:
     def _surface(self, sea: AnySea, grid: int, time_s: float) -> None:
         """Fill "position" and "normal"."""
         check_time(time_s)
-        inputs: dict[str, moderngl.Texture | moderngl.TextureArray] = {}
+        inputs: dict[str, moderngl.Texture] = {}
         uniforms: dict[str, Any] = {"grid": grid, "detail__repeats": (0.0, 0.0)}
         if isinstance(sea, GerstnerSea) and sea.tiling == "lattice":
             inputs["waves"] = texture_from_array(wave_table(sea.waves, sea.tile_m, time_s))
             uniforms["wave_count"] = len(sea.waves.amplitude_m)
         else:
-            inputs["fields"] = texture_array_from_array(_field_images(sea, grid, time_s))
+            inputs["fields"] = texture_from_array(_field_image(sea, grid, time_s))
             uniforms["FIELDS"] = 1
         detail = sea.detail(time_s)
         if detail is not None:
@@ -276,9 +276,9 @@ def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32
     return table.astype(np.float32)
 
 
-def _field_images(sea: AnySea, grid: int, time_s: float) -> NDArray[np.float32]:
+def _field_image(sea: AnySea, grid: int, time_s: float) -> NDArray[np.float32]:
     f = sea.grid_fields(grid, time_s)
     lengths = [f.height / sea.tile_m, f.shift_x / sea.tile_m, f.shift_z / sea.tile_m]
     first = np.stack([*lengths, f.slope_x], axis=-1)
     second = np.stack([f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz], axis=-1)
-    return np.stack([first, second]).astype(np.float32)
+    return np.concatenate([first, second]).astype(np.float32)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,9 +25,9 @@ from mr360uw.caustics.sun_disc import blur, footprint
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import unit
-from mr360uw.types import CausticStack, Floats, Surface
+from mr360uw.types import CausticStack, Surface
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 AnySea = GerstnerSea | SpectralSea
 
 WAVELENGTHS_NM = (610.0, 550.0, 465.0)
@@ -47,7 +48,7 @@ def caustic_map(
     sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
     method: Method = "exact",
     backend: str = "reference",
-) -> Floats:
+) -> Array:
     """Return the irradiance ratio (size, size), mean 1, on the plane depth_m below the mean surface.
 
     Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's origin, not shifted along the sun.
@@ -158,7 +159,7 @@ def cell_flux(surface: Surface, rays: Rays, sun: Array, tile_m: float) -> Array:
     )
 
 
-def wrapped(values: Floats, period: float, columns: tuple[int, int]) -> Floats:
+def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
     """Return values (N, N, k) of a periodic grid with one more row and column, one period on in `columns` (x, z)."""
     out = np.pad(values, ((0, 1), (0, 1), (0, 0)), mode="wrap")
     out[:, -1, columns[0]] += period
@@ -194,7 +195,7 @@ def scroll_offsets(sea: AnySea, time_s: float) -> Array:
     return rate * time_s
 
 
-def scroll(ratio: Floats, sea: AnySea, time_s: float) -> Floats:
+def scroll(ratio: Array, sea: AnySea, time_s: float) -> Array:
     """Return the darker of two scrolled copies of a map, the second one turned by a quarter, with mean 1."""
     size = ratio.shape[0]
     first, second = np.round(scroll_offsets(sea, time_s) * size).astype(np.int64)

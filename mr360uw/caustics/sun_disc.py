@@ -10,7 +10,6 @@ r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spe
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from numpy.typing import NDArray
 from mr360uw.caustics.refraction import refract_to_water
 
 Array = NDArray[np.floating[Any]]
-
-_FITTED_REACH = 4
 
 
 def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
@@ -34,47 +31,66 @@ def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float,
     return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
 
 
-def disc_transform(p: Array) -> Array:
-    """Return 2 J1(p)/p, the Fourier transform of the uniform unit disc."""
-    from scipy.special import j1
-
-    safe = np.where(p == 0.0, 1.0, p)
-    return np.where(p == 0.0, 1.0, 2.0 * j1(safe) / safe)
-
-
 def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays."""
-    if not np.any(footprint_m):
+    size = image.shape[0]
+    kernel = disc_kernel(footprint_m * (size / tile_m), size)
+    if np.count_nonzero(kernel) == 1:
         return image
     from scipy.fft import irfft2, rfft2
 
-    size = image.shape[0]
-    kx = 2.0 * np.pi / tile_m * np.arange(size // 2 + 1)
-    kz = 2.0 * np.pi / tile_m * size * np.fft.fftfreq(size)[:, None]
-    p = np.hypot(*(footprint_m[0, i] * kx + footprint_m[1, i] * kz for i in (0, 1)))
-    blurred = np.maximum(irfft2(rfft2(image) * disc_transform(p), s=image.shape), 0.0)
-    return blurred * (image.mean() / blurred.mean())
+    blurred = irfft2(rfft2(image) * rfft2(kernel), s=image.shape)
+    return np.maximum(blurred, 0.0)
+
+
+def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
+    """Return the periodic kernel (size, size), sum 1, of the disc mapped by a (2, 2) matrix, in pixels."""
+    points = _disc_points(float(abs(np.linalg.det(footprint_pixel)))) @ footprint_pixel.T
+    cell, part = _drawn_in(points)
+    kernel = np.zeros((size, size))
+    for dx in (0, 1):
+        for dz in (0, 1):
+            weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dz - part[:, 1])
+            np.add.at(kernel, ((cell[:, 1] + dz) % size, (cell[:, 0] + dx) % size), weight / len(points))
+    return kernel
 
 
 @functools.lru_cache(maxsize=64)
-def marginal_kernel(radius_pixel: float, size: int) -> Array:
-    """Return (2 m + 1,) symmetric weights, sum 1, of the disc's projection on one axis, periodic over `size` pixels.
+def marginal_kernel(radius_pixel: float, size: int) -> NDArray[np.float64]:
+    """Return (2 m + 1,) symmetric weights, sum 1, 2 m < size, of the disc's projection on one axis.
 
-    The product of two such kernels stands for the disc on the GPU: its spectrum equals the disc's along both axes. None
-    is negative: small ones are fitted to that spectrum, large ones are its transform, cut at the disc's edge.
+    The product of two of them stands for the disc on the GPU: along both axes its spectrum is the disc's.
     """
-    m = min(math.ceil(radius_pixel), (size - 1) // 2)
-    if m == 0:
-        return np.ones(1)
-    if m <= _FITTED_REACH:
-        from scipy.optimize import nnls
+    points = _disc_points(radius_pixel**2)[:, :1] * radius_pixel
+    cell, part = _drawn_in(np.concatenate([points, -points]))
+    kernel = np.zeros(size)
+    np.add.at(kernel, cell[:, 0] % size, (1.0 - part[:, 0]) / len(cell))
+    np.add.at(kernel, (cell[:, 0] + 1) % size, part[:, 0] / len(cell))
+    m = min(int(np.ceil(radius_pixel)), (size - 1) // 2)
+    half = 0.5 * (kernel[: m + 1] + kernel[np.arange(0, -m - 1, -1)])
+    weights = np.concatenate([half[:0:-1], half])
+    return weights / weights.sum()
 
-        w = np.linspace(0.0, np.pi, 200)[:, None]
-        cosines = np.concatenate([np.ones_like(w), 2.0 * np.cos(w * np.arange(1, m + 1))], axis=1)
-        emphasis = 1.0 / (1.0 + 3.0 * w)  # a caustic's spectrum falls off like this
-        half, _ = nnls(cosines * emphasis, (disc_transform(radius_pixel * w) * emphasis)[:, 0])
-    else:
-        frequency = 2.0 * np.pi / size * np.arange(size // 2 + 1)
-        half = np.maximum(np.fft.irfft(disc_transform(radius_pixel * frequency), size), 0.0)[: m + 1]
-    kernel = np.concatenate([half[:0:-1], half])
-    return kernel / kernel.sum()
+
+def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
+    """Return (n, 2) points spread evenly over the unit disc on a sunflower's spiral (Vogel 1979)."""
+    i = np.arange(int(np.clip(60.0 * area_over_pi, 2048, 500_000)))
+    radius, angle = np.sqrt((i + 0.5) / len(i)), i * (np.pi * (3.0 - np.sqrt(5.0)))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def _drawn_in(points: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return the pixel (n, k) of each point's splat and its fractional part, points drawn in towards the middle.
+
+    Sharing a point between the pixels around it widens the kernel, by the variance part (1 - part). Points are scaled
+    down until the whole has the variance of the disc; that matters for discs of about a pixel.
+    """
+    wanted = float(np.mean(points**2))
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        scale = 0.5 * (low + high)
+        part = scale * points - np.floor(scale * points)
+        wide = float(np.mean((scale * points) ** 2 + part * (1.0 - part)))
+        low, high = (scale, high) if wide < wanted else (low, scale)
+    cell = np.floor(low * points)
+    return cell.astype(np.int64), low * points - cell

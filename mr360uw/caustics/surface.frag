@@ -2,7 +2,7 @@
 #include "detail.glsl"
 #include "gerstner.glsl"
 #ifdef FIELDS
-uniform sampler2DArray fields;  // layer 0: height, shift, slope x; layer 1: slope z, strain
+uniform sampler2D fields;  // height, shift, slope x; below it: slope z, strain
 #else
 uniform sampler2D waves;
 uniform int wave_count;
@@ -17,8 +17,8 @@ layout(location = 1) out vec4 normal;
 void main() {
     vec2 uv = floor(gl_FragCoord.xy) / float(grid);
 #ifdef FIELDS
-    vec4 f0 = texelFetch(fields, ivec3(gl_FragCoord.xy, 0), 0);
-    vec4 f1 = texelFetch(fields, ivec3(gl_FragCoord.xy, 1), 0);
+    vec4 f0 = texelFetch(fields, ivec2(gl_FragCoord.xy), 0);
+    vec4 f1 = texelFetch(fields, ivec2(gl_FragCoord.xy) + ivec2(0, grid), 0);
     SurfaceFields f = SurfaceFields(f0.x, f0.yz, vec2(f0.w, f1.x), f1.yzw);
 #else
     SurfaceFields f = gerstner(waves, wave_count, uv);

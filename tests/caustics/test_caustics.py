@@ -1,0 +1,381 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from mr360uw.caustics import (
+    CausticSettings,
+    GerstnerSea,
+    SpectralSea,
+    caustic_map,
+    caustic_stack,
+    refract_to_water,
+    stack_depths,
+)
+from mr360uw.caustics.cell import cell_light, intensities, opened
+from mr360uw.caustics.coverage import edge_coverage, twice_area
+from mr360uw.caustics.irradiance import pass_indices
+from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
+from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint, marginal_kernel
+from mr360uw.errors import ParameterError
+from mr360uw.sphere import direction_from_angles
+from tests import tolerances as tol
+from tests.caustics.seas import SEAS, lattice_sea, truth_sea
+from tests.glsl import glsl_call
+
+ZENITH = (0.0, 1.0, 0.0)
+SLANTED = direction_from_angles(0.7, np.radians(50.0))
+MEAN = {"reference": tol.CAUSTICS_MEAN_REFERENCE, "gl": tol.CAUSTICS_MEAN_GL}
+FLAT = GerstnerSea(wind_speed=0.0)
+
+
+@pytest.fixture(params=["reference", "gl"])
+def backend(request) -> str:
+    if request.param == "gl":
+        request.getfixturevalue("gl")
+    return request.param
+
+
+def relative_rmse(got: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((got - expected) ** 2)) / np.std(expected))
+
+
+@pytest.mark.parametrize("sun", [ZENITH, SLANTED])
+def test_a_flat_sea_casts_no_caustics(backend, sun):
+    ratio = caustic_map(FLAT, sun, 7.3, 0.0, 64, 48, backend=backend)
+    np.testing.assert_allclose(ratio, 1.0, atol=tol.FLAT_SEA_GL if backend == "gl" else tol.CAUSTICS_MEAN_REFERENCE)
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_energy_at_every_depth_and_sun(backend, name):
+    for depth in (0.0, 1.0, 5.0, 30.0):
+        for zenith_deg in (0.0, 40.0, 75.0):
+            sun = direction_from_angles(1.0, np.radians(90.0 - zenith_deg))
+            ratio = caustic_map(SEAS[name], sun, depth, 0.3, 64, 48, backend=backend)
+            assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+            assert ratio.min() >= 0.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    folding=st.floats(0.0, 1.0),
+    count=st.integers(1, 12),
+    zenith_deg=st.floats(0.0, 89.0),
+    azimuth=st.floats(-7.0, 7.0),
+    depth=st.floats(0.0, 60.0),
+    tile_m=st.floats(0.1, 1000.0),
+    index=st.floats(1.01, 1.6),
+)
+def test_energy_of_any_sea(seed, folding, count, zenith_deg, azimuth, depth, tile_m, index):
+    sea = lattice_sea(np.random.default_rng(seed), count, folding, tile_m)
+    sun = direction_from_angles(azimuth, np.radians(90.0 - zenith_deg))
+    ratio = caustic_map(sea, sun, depth, 0.0, 32, 16, index)
+    assert np.all(np.isfinite(ratio))
+    assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
+
+
+@pytest.mark.usefixtures("gl")
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    folding=st.floats(0.0, 1.0),
+    zenith_deg=st.floats(0.0, 89.0),
+    depth=st.floats(0.0, 60.0),
+    tile_m=st.floats(0.1, 1000.0),
+)
+def test_energy_of_any_sea_on_opengl(seed, folding, zenith_deg, depth, tile_m):
+    sea = lattice_sea(np.random.default_rng(seed), 6, folding, tile_m)
+    sun = direction_from_angles(0.4, np.radians(90.0 - zenith_deg))
+    stack = gl_stack(sea, sun, [depth, depth + 1.0], 0.0, CausticSettings(size=32, grid=16)).download()
+    assert np.all(np.isfinite(stack.ratio))
+    np.testing.assert_allclose(stack.ratio.mean(axis=(1, 2, 3)), 1.0, atol=tol.CAUSTICS_MEAN_GL)
+
+
+def gl_stack(*arguments):
+    from mr360uw.caustics.gl import caustic_renderer
+
+    return caustic_renderer().stack(*arguments)
+
+
+@pytest.mark.parametrize("name", ["calm", "choppy"])
+def test_photons(backend, shared, name):
+    truth = np.load(shared / "truth" / "caustics_truth.npz")
+    expected = truth[f"{name}_z0_d3"].astype(float)
+    sea = truth_sea(truth, name)
+    for grid, limit in ((256, tol.CAUSTICS_TRUTH[name]), (100, tol.CAUSTICS_TRUTH_COARSE)):
+        got = caustic_map(sea, ZENITH, 3.0, 0.0, 512, grid, sun_half_angle_rad=0.0, backend=backend)
+        assert relative_rmse(got, expected) < limit
+
+
+def test_finer_grids_converge_where_dividing_areas_does_not():
+    sea = lattice_sea(np.random.default_rng(8), 8, 0.5)
+    arguments = (sea, ZENITH, 4.0, 0.0, 128)
+    best = caustic_map(*arguments, 768, sun_half_angle_rad=0.0)
+    errors = {
+        method: [
+            relative_rmse(caustic_map(*arguments, g, sun_half_angle_rad=0.0, method=method), best) for g in (32, 128)
+        ]
+        for method in ("exact", "ratio")
+    }
+    assert errors["exact"][1] < 0.5 * errors["exact"][0]
+    assert errors["ratio"][1] > 5.0 * errors["exact"][1]
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("name", SEAS)
+@pytest.mark.parametrize(
+    ("half_angle", "limit"), [(0.0, tol.CAUSTICS_AGREEMENT), (0.00465, tol.CAUSTICS_AGREEMENT_DISC)]
+)
+def test_renderers_agree(name, half_angle, limit):
+    for depth in (0.5, 3.0, 12.0):
+        a, b = (
+            caustic_map(SEAS[name], SLANTED, depth, 0.6, 128, 96, sun_half_angle_rad=half_angle, backend=x)
+            for x in ("reference", "gl")
+        )
+        assert relative_rmse(b, a) < limit
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("method", ["ratio", "fan", "scrolling"])
+def test_other_methods_agree_before_the_first_fold(method):
+    a, b = (
+        caustic_map(SEAS["gerstner"], SLANTED, 0.4, 0.6, 128, 64, method=method, backend=x) for x in ("reference", "gl")
+    )
+    assert relative_rmse(b, a) < tol.CAUSTICS_AGREEMENT_DISC
+    assert relative_rmse(caustic_map(SEAS["gerstner"], SLANTED, 0.4, 0.6, 128, 64), a) < 2.0
+
+
+def test_methods_are_one_without_waves(backend):
+    for method in ("exact", "ratio", "fan", "jacobian", "scrolling"):
+        ratio = caustic_map(FLAT, SLANTED, 3.0, 0.2, 32, 16, method=method, backend=backend)
+        assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_GL)
+
+
+def test_light_moves_along_the_sun_not_the_map():
+    """A ripple so low that its pattern is a sine, at two depths: its phase moves by the beam's horizontal travel."""
+    period = 0.5
+    sea = GerstnerSea.from_waves([[2.0 * np.pi / period, 0.0]], 1e-3, 0.0, 0.0, tile_m=8.0)
+    sun = direction_from_angles(np.pi / 2, np.radians(60.0))
+    wave = np.exp(2j * np.pi * np.arange(256) * 8.0 / 256 / period)
+    shallow, deep = (np.angle(caustic_map(sea, sun, d, 0.0, 256, 256).mean(axis=0) @ wave) for d in (4.0, 4.2))
+    moved = np.remainder(deep - shallow + np.pi, 2.0 * np.pi) - np.pi
+    water = refract_to_water(sun)
+    assert moved * period / (2.0 * np.pi) == pytest.approx(-0.2 * water[0] / water[1], abs=tol.BEAM_SHIFT)
+
+
+def test_a_crest_focuses_at_its_focal_depth():
+    amplitude, k = 0.02, 2.0 * np.pi / 2.0
+    sea = GerstnerSea.from_waves([[k, 0.0]], amplitude, 0.0, 0.0, tile_m=2.0)
+    focus = 1.34 / 0.34 / (amplitude * k * k)
+    contrast = [
+        caustic_map(sea, ZENITH, d * focus, 0.0, 256, 512, sun_half_angle_rad=0.0).max() for d in (0.5, 1.0, 3.0)
+    ]
+    assert contrast[1] > contrast[0]
+    assert contrast[1] > contrast[2]
+
+
+def test_at_depth_zero_only_the_facets_tilt_counts():
+    ratio = caustic_map(SEAS["gerstner"], ZENITH, 0.0, 0.0, 64, 64)
+    assert ratio.std() < 0.1
+
+
+def test_edge_coverage_of_known_shapes():
+    square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    total = sum(edge_coverage(*square[i], *square[(i + 1) % 4]) for i in range(4))
+    assert total == pytest.approx(1.0, abs=tol.FLOAT64)
+    large = [(-5.0, -5.0), (9.0, -4.0), (0.5, 12.0)]
+    assert sum(edge_coverage(*large[i], *large[(i + 1) % 3]) for i in range(3)) == pytest.approx(1.0, abs=tol.FLOAT64)
+    half = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]
+    assert sum(edge_coverage(*half[i], *half[(i + 1) % 3]) for i in range(3)) == pytest.approx(0.5, abs=tol.FLOAT64)
+
+
+def test_pixels_share_the_whole_cell(rng):
+    for shape in (rng.uniform(0.0, 6.0, (200, 8)), np.repeat(rng.uniform(0.0, 6.0, (50, 2)), 4, axis=0).reshape(50, 8)):
+        for cell in shape:
+            corners = opened(*cell)
+            light = intensities(*corners, 0.3, 0.7)
+            total = sum(
+                cell_light(*(np.array(corners) - np.tile((x, y), 4)), *light)
+                for x in range(-1, 8)
+                for y in range(-1, 8)
+            )
+            assert total == pytest.approx(1.0, abs=tol.FLOAT64 * 1e3)
+
+
+@pytest.mark.usefixtures("gl")
+def test_cell_twins(rng):
+    corners = rng.uniform(-1.0, 2.0, (400, 8))
+    corners[:40] = np.repeat(corners[:40, :2], 4, axis=0).reshape(40, 8)
+    edge = corners[40:80, 2:4]
+    corners[40:80, 2:] = np.concatenate([corners[40:80, :2] + f * edge for f in (0.3, 1.0, 0.8)], axis=1)
+    columns = {n: corners[:, 2 * i : 2 * i + 2] for i, n in enumerate("abcd")}
+    expected = []
+    for row in corners.astype(np.float32).astype(float):
+        cell = opened(*row)
+        expected.append(
+            [cell_light(*cell, *intensities(*cell, 0.3, 0.7)), edge_coverage(*row[:4]), twice_area(*row[:6])]
+        )
+    expected = np.array(expected)
+    call = "cell_light(opened(Cell(a, b, c, d)), intensities(opened(Cell(a, b, c, d)), 0.3, 0.7))"
+    got = glsl_call("caustics/cell.glsl", call, **columns)
+    np.testing.assert_allclose(got, expected[:, 0], atol=tol.COVERAGE_TWIN, rtol=tol.COVERAGE_TWIN)
+    got = glsl_call("caustics/cell.glsl", "edge_coverage(a, b)", **columns)
+    np.testing.assert_allclose(got, expected[:, 1], atol=tol.FLOAT32_TWIN)
+    got = glsl_call("caustics/cell.glsl", "twice_area(a, b, c)", **columns)
+    np.testing.assert_allclose(got, expected[:, 2], atol=tol.FLOAT32_TWIN)
+
+
+def test_the_suns_disc_keeps_energy_and_has_its_width():
+    image = np.zeros((64, 64))
+    image[0, 0] = 64.0 * 64.0
+    disc = footprint(np.array(ZENITH), 1.34, 0.05, 20.0)
+    blurred = blur(image, disc, 8.0)
+    assert blurred.mean() == pytest.approx(1.0, abs=tol.FLOAT64)
+    assert blurred.min() >= 0.0
+    radius = 20.0 * 0.05 / 1.34
+    at = (np.arange(64) + 32) % 64 - 32
+    variance = (blurred.sum(axis=0) * (at * 0.125) ** 2).sum() / blurred.sum()
+    assert variance == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
+
+
+def test_a_slanted_suns_disc_is_an_ellipse():
+    sun = direction_from_angles(np.pi / 2, np.radians(30.0))
+    step = 1e-5
+    moved = [refract_to_water(direction_from_angles(np.pi / 2, np.radians(30.0) + s)) for s in (-step, step)]
+    along = abs(np.diff([m[0] / m[1] for m in moved])[0]) / (2.0 * step)
+    disc = footprint(sun, 1.34, 1.0, 1.0)
+    assert np.linalg.norm(disc[0]) == pytest.approx(along, rel=tol.FINITE_DIFFERENCE)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.4, 1.0, 2.6, 9.0, 500.0])
+def test_marginal_kernels_are_weights(radius):
+    kernel = marginal_kernel(radius, 64)
+    assert kernel.sum() == pytest.approx(1.0, abs=tol.FLOAT64)
+    assert kernel.min() >= 0.0
+    assert len(kernel) <= 64
+    np.testing.assert_array_equal(kernel, kernel[::-1])
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.8, 2.5])
+def test_kernels_have_the_discs_variance(radius):
+    kernel = disc_kernel(radius * np.eye(2), 32)
+    assert kernel.sum() == pytest.approx(1.0, abs=tol.FLOAT64)
+    at = (np.arange(32) + 16) % 32 - 16
+    for marginal in (kernel.sum(axis=0), kernel.sum(axis=1)):
+        assert np.sum(marginal * at**2) == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
+    weights = marginal_kernel(radius, 32)
+    reach = np.arange(len(weights)) - len(weights) // 2
+    assert np.sum(weights * reach**2) == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("chromatic", [1, 3])
+@pytest.mark.parametrize("method", ["exact", "scrolling"])
+def test_stacks_agree_with_maps_and_each_other(chromatic, method):
+    s = CausticSettings(size=64, grid=64, chromatic=chromatic, method=method)
+    depths = stack_depths(1.0, 9.0, 3)
+    sea = SEAS["ripples"]
+    reference, on_gl = caustic_stack(sea, SLANTED, depths, 0.5, s), gl_stack(sea, SLANTED, depths, 0.5, s)
+    downloaded = on_gl.download()
+    np.testing.assert_allclose(downloaded.sun_direction, reference.sun_direction)
+    assert reference.ratio.shape == downloaded.ratio.shape == (3, 64, 64, 3)
+    for channel, index in enumerate(pass_indices(s)):
+        direct = caustic_map(sea, SLANTED, depths[1], 0.5, 64, 64, index, method=method)
+        np.testing.assert_array_equal(reference.ratio[1, :, :, channel], direct)
+    assert relative_rmse(downloaded.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
+    same = np.ptp(reference.ratio, axis=-1).max() < tol.FALSE_COLOUR
+    assert same == (chromatic == 1)
+
+
+@pytest.mark.usefixtures("gl")
+def test_the_atlas_on_the_gpu_is_the_one_that_lookups_read():
+    stack = gl_stack(SEAS["gerstner"], SLANTED, [2.0, 5.0], 0.5, CausticSettings(size=64, grid=32))
+    data = np.frombuffer(stack.texture.read(alignment=1), np.float32).reshape(2, 128, 64, 1)
+    expected = mip_atlas(mip_levels(stack.download().ratio))[..., :1]
+    np.testing.assert_allclose(data, expected, atol=tol.FLOAT32_TWIN)
+
+
+def test_the_stack_between_planes_of_a_calm_sea(shared):
+    """A choppy sea's filaments move by more than their width between planes that far apart."""
+    sun = (0.2, 1.0, 0.0)
+    sea = truth_sea(np.load(shared / "truth" / "caustics_truth.npz"), "calm")
+    s = CausticSettings(size=256, grid=256)
+    stack = caustic_stack(sea, sun, stack_depths(4.0, 8.0, 8), 0.0, s)
+    levels = mip_levels(stack.ratio)
+    x, z = np.meshgrid(*((np.arange(256) + 0.5) * 8.0 / 256,) * 2)
+    for above, below in zip(stack.depth_m[:-1], stack.depth_m[1:], strict=True):
+        depth = 0.5 * (above + below)
+        direct = caustic_stack(sea, sun, [depth], 0.0, s).ratio[0]
+        between = caustic_lookup(stack, levels, x, np.full_like(x, depth), z, np.zeros_like(x))
+        assert relative_rmse(between, direct) < tol.STACK_BETWEEN
+
+
+def test_stack_depths():
+    np.testing.assert_allclose(stack_depths(1.0, 16.0, 3), [1.0, 4.0, 16.0])
+    np.testing.assert_allclose(stack_depths(2.0, 8.0, 1), [4.0])
+    for bad in ((0.0, 1.0, 2), (3.0, 2.0, 2), (1.0, 2.0, 0), (np.nan, 2.0, 2)):
+        with pytest.raises(ParameterError, match="stack"):
+            stack_depths(*bad)
+
+
+@pytest.mark.parametrize(
+    "sea",
+    [
+        GerstnerSea(wave_count=1),
+        GerstnerSea(steepness=1.0, wind_speed=40.0),
+        GerstnerSea(tile_m=0.1),
+        GerstnerSea(tile_m=1000.0),
+        SpectralSea(wind_speed=40.0, choppiness=2.0, resolution=16),
+    ],
+)
+def test_extreme_seas_and_depths(backend, sea):
+    for depth in (0.0, 1e-6, 200.0):
+        for sun in (ZENITH, direction_from_angles(0.0, 1e-3)):
+            ratio = caustic_map(sea, sun, depth, 0.0, 16, 16, backend=backend)
+            assert np.all(np.isfinite(ratio))
+            assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+
+
+def test_one_fully_steep_wave(backend):
+    k = 2.0 * np.pi
+    sea = GerstnerSea.from_waves([[k, 0.0]], 1.0 / k, 1.0, 0.0, tile_m=1.0)
+    ratio = caustic_map(sea, SLANTED, 0.5, 0.0, 32, 32, backend=backend)
+    assert np.all(np.isfinite(ratio))
+    assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sun_direction_in_air": (1.0, 0.0, 0.0)},
+        {"sun_direction_in_air": (0.0, -1.0, 0.0)},
+        {"sun_direction_in_air": (np.nan, 1.0, 0.0)},
+        {"depth_m": -1.0},
+        {"depth_m": np.nan},
+        {"time_s": np.nan},
+        {"size": 0},
+        {"grid": 1},
+        {"refractive_index": np.nan},
+        {"refractive_index": 1.0},
+        {"sun_half_angle_rad": np.inf},
+        {"method": "magic"},
+        {"backend": "metal"},
+    ],
+)
+def test_arguments_outside_their_domain(changes):
+    arguments = {"sun_direction_in_air": ZENITH, "depth_m": 3.0, "time_s": 0.0, "size": 16, "grid": 8} | changes
+    with pytest.raises(ParameterError):
+        caustic_map(GerstnerSea(), **arguments)
+
+
+def test_settings_that_cannot_be():
+    for bad in ({"size": 100}, {"size": 8}, {"chromatic": 2}, {"method": "magic"}, {"sun_half_angle_rad": np.nan}):
+        with pytest.raises(ValidationError):
+            CausticSettings(**bad)
+    with pytest.raises(ParameterError, match="ascend"):
+        caustic_stack(FLAT, ZENITH, [3.0, 2.0], 0.0, CausticSettings(size=16, grid=8))

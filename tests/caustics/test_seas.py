@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from mr360uw.caustics import GerstnerSea, SpectralSea
+from mr360uw.caustics.detail import DETAIL_SIZE, detail_slope, make_detail
+from mr360uw.caustics.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
+from mr360uw.caustics.settings import Sea
+from mr360uw.caustics.spectrum import cosine_spread, jonswap, peak_frequency, tma_factor
+from mr360uw.caustics.surface import FIELD_NAMES, surface_jacobian, surface_normal
+from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
+from mr360uw.errors import ParameterError
+from tests import tolerances as tol
+from tests.caustics.seas import SEAS, lattice_sea
+from tests.glsl import glsl_call
+
+STEP_M = 1e-5
+
+
+@pytest.mark.parametrize("name", [n for n in SEAS if n != "ripples"])
+def test_normal_and_jacobian_are_those_of_the_positions(name, rng):
+    sea = SEAS[name]
+    x, z = rng.uniform(-20.0, 20.0, (2, 50))
+    s = sea.surface(x, z, 1.7)
+    along_x = sea.surface(x + STEP_M, z, 1.7).position - sea.surface(x - STEP_M, z, 1.7).position
+    along_z = sea.surface(x, z + STEP_M, 1.7).position - sea.surface(x, z - STEP_M, 1.7).position
+    tx, tz = along_x / (2.0 * STEP_M), along_z / (2.0 * STEP_M)
+    normal = np.cross(tz, tx)
+    np.testing.assert_allclose(
+        s.normal, normal / np.linalg.norm(normal, axis=1, keepdims=True), atol=tol.FINITE_DIFFERENCE
+    )
+    np.testing.assert_allclose(s.jacobian, tx[:, 0] * tz[:, 2] - tx[:, 2] * tz[:, 0], atol=tol.FINITE_DIFFERENCE)
+
+
+def test_jacobian_is_positive_inside_the_guard(rng):
+    for _ in range(5):
+        sea = lattice_sea(rng, folding=0.99)
+        assert sea.grid_surface(128, 0.4).jacobian.min() > 0.0
+    for steepness in (0.0, 0.5, 1.0):
+        sea = GerstnerSea(wind_speed=30.0, steepness=steepness)
+        assert sea.waves.folding <= 1.0 + tol.FLOAT64
+        assert sea.grid_surface(128, 0.4).jacobian.min() >= -tol.FLOAT64
+
+
+def test_waves_that_fold_over_are_an_error():
+    with pytest.raises(ParameterError, match="fold over"):
+        GerstnerSea.from_waves([[2.0 * np.pi, 0.0]], 0.2, 1.0, 0.0, tile_m=1.0)
+
+
+def test_explicit_waves_are_the_sum_that_the_definition_says(rng):
+    k = 2.0 * np.pi / 8.0 * np.array([[1.0, 2.0], [-3.0, 1.0]])
+    amplitude, steepness, phase = np.array([0.05, 0.02]), np.array([0.7, 0.9]), np.array([0.3, 2.0])
+    sea = GerstnerSea.from_waves(k, amplitude, steepness, phase, tile_m=8.0)
+    x, z = rng.uniform(0.0, 8.0, (2, 20))
+    theta = x[:, None] * k[:, 0] + z[:, None] * k[:, 1] + phase
+    direction = k / np.linalg.norm(k, axis=1, keepdims=True)
+    shift = (steepness * amplitude * np.cos(theta)) @ direction
+    expected = np.stack([x + shift[:, 0], np.sin(theta) @ amplitude, z + shift[:, 1]], axis=1)
+    np.testing.assert_allclose(sea.surface(x, z, 0.0).position, expected, atol=tol.FLOAT64)
+
+
+def test_waves_travel_along_their_wave_vectors():
+    sea = GerstnerSea.from_waves([[2.0 * np.pi, 0.0]], 0.01, 0.0, 0.0, tile_m=1.0)
+    speed = float(angular_frequency(2.0 * np.pi, sea.water_depth_m)) / (2.0 * np.pi)
+    x = np.linspace(0.0, 1.0, 20)
+    later, before = sea.surface(x + 0.1 * speed, 0.0, 0.1), sea.surface(x, 0.0, 0.0)
+    np.testing.assert_allclose(later.position[:, 1], before.position[:, 1], atol=tol.FLOAT64)
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_tile_edges_meet(name):
+    sea = SEAS[name]
+    at = np.linspace(0.0, sea.tile_m, 17)
+    for a, b in (
+        (sea.surface(0.0, at, 2.0), sea.surface(sea.tile_m, at, 2.0)),
+        (sea.surface(at, 0.0, 2.0), sea.surface(at, sea.tile_m, 2.0)),
+    ):
+        np.testing.assert_allclose(a.position[:, 1], b.position[:, 1], atol=tol.TILE_EDGE)
+        np.testing.assert_allclose(a.normal, b.normal, atol=tol.TILE_EDGE)
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_the_loop_closes(name):
+    sea = type(SEAS[name]).model_validate(SEAS[name].model_dump() | {"loop_s": 4.0})
+    first, last = sea.grid_surface(32, 0.0), sea.grid_surface(32, 4.0)
+    np.testing.assert_allclose(first.position, last.position, atol=tol.TILE_EDGE)
+    np.testing.assert_allclose(first.normal, last.normal, atol=tol.TILE_EDGE)
+    assert np.ptp(sea.grid_surface(32, 1.0).position[..., 1] - first.position[..., 1]) > 0.0
+
+
+@pytest.mark.parametrize("name", SEAS)
+@pytest.mark.parametrize("size", [16, 48])
+def test_the_grid_is_the_points(name, size):
+    sea = SEAS[name]
+    at = np.arange(size) * (sea.tile_m / size)
+    x, z = np.meshgrid(at, at)
+    grid, points = sea.grid_surface(size, 0.9), sea.surface(x, z, 0.9)
+    np.testing.assert_allclose(grid.position, points.position, atol=tol.FFT_SUM)
+    np.testing.assert_allclose(grid.normal, points.normal, atol=tol.FFT_SUM)
+
+
+def test_blended_tiling_is_the_published_one():
+    sea = GerstnerSea(tiling="blend")
+    inside = GerstnerSea.model_validate(sea.model_dump() | {"tiling": "lattice"})
+    edge = sea.tile_m * (1.0 - 1e-12)
+    np.testing.assert_allclose(
+        sea.surface(edge, 1.0, 0.0).position[1], sea.surface(0.0, 1.0, 0.0).position[1], atol=tol.BLENDED_EDGE
+    )
+    assert not np.allclose(sea.waves.wave_vector, inside.waves.wave_vector)
+
+
+@pytest.mark.parametrize("spectrum", ["phillips", "jonswap", "tma"])
+@pytest.mark.parametrize("height", [None, 0.3])
+def test_the_stated_height_is_four_standard_deviations(spectrum, height):
+    sea = SpectralSea(spectrum=spectrum, significant_wave_height_m=height, water_depth_m=3.0, seed=5)
+    stated = sea.significant_height_m if height is None else height
+    for time_s in (0.0, 3.3):
+        heights = sea.grid_fields(128, time_s).height
+        assert 4.0 * np.std(heights) == pytest.approx(stated, rel=tol.STATED_HEIGHT)
+        assert heights.mean() == pytest.approx(0.0, abs=tol.FLOAT64)
+
+
+def test_choppy_shift_sharpens_crests():
+    sea = SEAS["jonswap"]
+    fields = sea.grid_fields(64, 0.0)
+    squeezed = surface_jacobian(fields.strain_xx, fields.strain_zz, fields.strain_xz) - 1.0
+    assert np.mean(squeezed * fields.height) < 0.0
+
+
+def test_spectra():
+    w = np.linspace(0.01, 60.0, 200_001)
+    s = jonswap(w, 10.0, 100e3, 3.3)
+    assert w[np.argmax(s)] == pytest.approx(peak_frequency(10.0, 100e3), rel=tol.SPECTRUM_PEAK)
+    np.testing.assert_array_equal(tma_factor(w, 1e6), 1.0)
+    assert tma_factor(np.array([0.1]), 1.0)[0] == pytest.approx(0.5 * 0.01 / GRAVITY_M_S2, rel=tol.FLOAT64)
+    angle = np.linspace(-np.pi, np.pi, 20_001)
+    for frequency in (0.5, 2.0, 30.0):
+        spread = cosine_spread(angle, np.full(angle.shape, frequency), 10.0, 100e3, 0.3)
+        assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
+
+
+def test_dispersion():
+    k = np.array([1e-3, 1.0, 370.0, 3000.0])
+    deep = angular_frequency(k, np.inf)
+    np.testing.assert_allclose(deep**2, GRAVITY_M_S2 * k + SURFACE_TENSION_OVER_DENSITY * k**3, rtol=tol.FLOAT64)
+    np.testing.assert_allclose(angular_frequency(1e-3, 1.0), 1e-3 * np.sqrt(GRAVITY_M_S2), rtol=tol.SHALLOW_LIMIT)
+    for depth in (2.0, np.inf):
+        step = 1e-6 * k
+        slope = (angular_frequency(k + step, depth) - angular_frequency(k - step, depth)) / (2.0 * step)
+        np.testing.assert_allclose(group_speed(k, depth), slope, rtol=tol.FINITE_DIFFERENCE)
+
+
+def test_lattice_and_loop(rng):
+    k = rng.uniform(-30.0, 30.0, (200, 2))
+    cycles = lattice_vector(k, 3.0) * 3.0 / (2.0 * np.pi)
+    np.testing.assert_allclose(cycles, np.round(cycles), atol=tol.FLOAT64)
+    assert np.all(np.any(lattice_vector(np.array([[0.1, -0.2], [0.0, 0.0]]), 3.0) != 0.0, axis=1))
+    w = looping_frequency(np.array([0.01, 3.0]), 5.0) * 5.0 / (2.0 * np.pi)
+    np.testing.assert_allclose(w, [1.0, 2.0], atol=tol.FLOAT64)
+
+
+def test_zero_wind_is_flat():
+    for sea in (GerstnerSea(wind_speed=0.0), SpectralSea(wind_speed=0.0, resolution=16)):
+        s = sea.grid_surface(16, 1.0)
+        np.testing.assert_array_equal(s.position[..., 1], 0.0)
+        np.testing.assert_array_equal(s.normal, np.broadcast_to([0.0, 1.0, 0.0], s.normal.shape))
+
+
+def test_one_seed_one_sea_and_another_seed_another():
+    a, b, c = (GerstnerSea(seed=s).grid_fields(16, 0.3).height for s in (1, 1, 2))
+    np.testing.assert_array_equal(a, b)
+    assert np.std(a - c) > 0.0
+
+
+def test_a_copy_with_other_knobs_has_other_waves():
+    sea = GerstnerSea()
+    assert sea.waves.amplitude_m[0] > 0.0
+    assert sea.model_copy(update={"wind_speed": 0.0}).waves.amplitude_m[0] == 0.0
+
+
+def test_detail_slopes_have_the_stated_strength_and_repeat():
+    detail = make_detail(8.0, 0.05, 0.12, np.array([0.2, 0.1]), 3.0, 4, 1.2)
+    at = (np.arange(800) + 0.5) * 0.01
+    x, z = np.meshgrid(at, at)
+    slopes = detail_slope(detail, x, z)
+    assert np.sqrt(np.mean(np.sum(slopes**2, axis=-1))) == pytest.approx(0.05, rel=tol.DETAIL_STRENGTH)
+    np.testing.assert_allclose(detail_slope(detail, x[:9, :9] + 8.0, z[:9, :9]), slopes[:9, :9], atol=tol.TILE_EDGE)
+    later = make_detail(8.0, 0.05, 0.12, np.array([0.2, 0.1]), 3.0, 4, 4.2)
+    np.testing.assert_allclose(detail_slope(later, x[:9, :9], z[:9, :9]), slopes[:9, :9], atol=tol.TILE_EDGE)
+
+
+def test_a_scene_chooses_its_sea():
+    sea = TypeAdapter(Sea)
+    assert isinstance(sea.validate_python({}), GerstnerSea)
+    assert isinstance(sea.validate_python({"model": "spectral", "spectrum": "tma"}), SpectralSea)
+    assert sea.validate_python(GerstnerSea(seed=3)).seed == 3
+
+
+@pytest.mark.parametrize(
+    "knobs", [{"wind_speed": np.nan}, {"wind_speed": -1.0}, {"tile_m": 0.0}, {"steepness": 1.1}, {"seed": -1}]
+)
+def test_knobs_out_of_range(knobs):
+    with pytest.raises(ValidationError):
+        GerstnerSea(**knobs)
+
+
+@pytest.mark.parametrize("waves", [([[np.nan, 0.0]], 0.1), ([[1.0, 0.0]], -0.1), ([1.0, 0.0, 2.0], 0.1)])
+def test_waves_out_of_range(waves):
+    with pytest.raises(ParameterError):
+        GerstnerSea.from_waves(waves[0], waves[1], 0.5, 0.0)
+
+
+def test_times_and_places_that_are_none():
+    with pytest.raises(ParameterError, match="time_s"):
+        GerstnerSea().surface(0.0, 0.0, np.inf)
+    with pytest.raises(ParameterError, match="x_m"):
+        GerstnerSea().surface(np.nan, 0.0, 0.0)
+
+
+@pytest.mark.usefixtures("gl")
+def test_gerstner_twin(rng):
+    from mr360uw.caustics.gl import wave_table
+    from mr360uw.gl.context import texture_from_array
+
+    sea, tile = lattice_sea(rng), 8.0
+    uv = rng.uniform(0.0, 1.0, (500, 2))
+    fields = sea.fields_at(*(uv.T * tile), 0.7)
+    scale = dict.fromkeys(FIELD_NAMES, 1.0) | dict.fromkeys(("height", "shift_x", "shift_z"), 1.0 / tile)
+    expected = np.stack([getattr(fields, n) * scale[n] for n in FIELD_NAMES], axis=1)
+    waves = texture_from_array(wave_table(sea.waves, tile, 0.7))
+    for part, names in enumerate(("f.height, f.shift, f.slope.x", "f.slope.y, f.strain")):
+        got = glsl_call(
+            "caustics/gerstner.glsl",
+            "four(uv)",
+            4,
+            "uniform sampler2D waves;\nvec4 four(vec2 uv) {\n"
+            f"SurfaceFields f = gerstner(waves, {len(sea.waves.amplitude_m)}, uv);\nreturn vec4({names});\n}}",
+            {"waves": waves},
+            uv=uv,
+        )
+        np.testing.assert_allclose(got, expected[:, 4 * part : 4 * part + 4], atol=tol.FLOAT32_TWIN)
+
+
+@pytest.mark.usefixtures("gl")
+def test_surface_twin(rng):
+    f = rng.uniform(-0.3, 0.3, (300, 7)).T
+    expected = surface_normal(f[0], f[1], f[2], f[3], f[4], f[5:7].T)
+    columns = {"slope": f[0:2].T, "strain": f[2:5].T, "detail": f[5:7].T}
+    fields = "SurfaceFields(0.0, vec2(0.0), slope, strain)"
+    got = glsl_call("caustics/surface.glsl", f"surface_normal({fields}, detail)", 3, **columns)
+    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_TWIN)
+    got = glsl_call("caustics/surface.glsl", f"surface_jacobian({fields})", **columns)
+    np.testing.assert_allclose(got, surface_jacobian(f[2], f[3], f[4]), atol=tol.FLOAT32_TWIN)
+
+
+@pytest.mark.usefixtures("gl")
+def test_detail_twin(rng):
+    from mr360uw.gl.context import texture_from_array
+
+    detail = make_detail(8.0, 0.05, 0.5, np.array([0.2, 0.1]), None, 4, 1.2)
+    uv = rng.uniform(-1.0, 2.0, (500, 2))
+    got = glsl_call(
+        "caustics/detail.glsl",
+        "detail_slope(detail, slopes, uv)",
+        2,
+        "uniform sampler2D slopes;\nuniform Detail detail;",
+        {"slopes": texture_from_array(detail.slopes)},
+        {"detail__repeats": detail.repeats, "detail__offset": detail.offset.ravel()},
+        uv=uv,
+    )
+    assert detail.slopes.shape == (DETAIL_SIZE, DETAIL_SIZE, 2)
+    np.testing.assert_allclose(got, detail_slope(detail, *(uv.T * 8.0)), atol=tol.FLOAT32_LOOKUP)
