@@ -33,7 +33,7 @@ from mr360uw.medium.lookup import (
 from mr360uw.types import Floats
 
 UNNOTICED = 0.02
-"""A body that blocks less than this part of the ambient light leaves it as it is: less than two code values of an 8-bit video, spread over metres."""
+"""A body that blocks less than this part of the ambient light leaves it: two code values of 8 bits over metres."""
 REFERENCE_SUN_FACTOR = 4
 """The reference takes so many more directions over the sun's disc than asked for: it stands for the limit."""
 MINIMUM_SUN_UP = 0.05

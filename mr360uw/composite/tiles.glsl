@@ -22,7 +22,24 @@ float pole_of_triangle(vec3 a, vec3 b, vec3 c) {
     return sign(cross(b - a, c - a).y * dot(a, cross(b, c)));
 }
 
-// (left, top, right, bottom) in frame coordinates; the left edge lies in [0, W)
+// frame coordinates of three directions in one turn: the second and third as near to the first as can be
+mat3x2 unwrapped(vec3 p, vec3 q, vec3 r, vec2 size) {
+    mat3x2 places = mat3x2(frame_from_direction(p, size), frame_from_direction(q, size), frame_from_direction(r, size));
+    places[1].x += size.x * floor((places[0].x - places[1].x) / size.x + 0.5);
+    places[2].x += size.x * floor((places[1].x - places[2].x) / size.x + 0.5);
+    return places;
+}
+
+// how far [rad of latitude] the edges of a triangle bend away from straight lines in the frame: the great circle's
+// phi'' = -sin phi cos phi - 2 tan phi phi'^2 over its width in longitude
+float bend(mat3x2 places, vec2 size) {
+    vec2 low = min(places[0], min(places[1], places[2])), high = max(places[0], max(places[1], places[2]));
+    vec2 extent = (high - low) * vec2(2.0 * PI, PI) / size;
+    float latitude = PI * max(abs(0.5 - low.y / size.y), abs(0.5 - high.y / size.y));
+    return tan(min(latitude, 1.5)) * (extent.x * extent.x + 2.0 * extent.y * extent.y) / 8.0;
+}
+
+// (left, top, right, bottom) in frame coordinates
 vec4 rectangle_of_triangle(vec3 a, vec3 b, vec3 c, vec2 size) {
     vec3 p = normalize(a), q = normalize(b), r = normalize(c);
     vec2 pq = edge_latitudes(p, q), qr = edge_latitudes(q, r), rp = edge_latitudes(r, p);
@@ -32,9 +49,6 @@ vec4 rectangle_of_triangle(vec3 a, vec3 b, vec3 c, vec2 size) {
     if (pole < 0.0) south = -0.5 * PI;
     float top = size.y * (0.5 - north / PI), bottom = size.y * (0.5 - south / PI);
     if (pole != 0.0) return vec4(0.0, top, size.x, bottom);
-    float x = frame_from_direction(p, size).x;
-    float to_q = mod(frame_from_direction(q, size).x - x + 0.5 * size.x, size.x) - 0.5 * size.x;
-    float x_r = frame_from_direction(r, size).x;
-    float to_r = to_q + mod(x_r - x - to_q + 0.5 * size.x, size.x) - 0.5 * size.x;
-    return vec4(x + min(0.0, min(to_q, to_r)), top, x + max(0.0, max(to_q, to_r)), bottom);
+    mat3x2 at = unwrapped(p, q, r, size);
+    return vec4(min(at[0].x, min(at[1].x, at[2].x)), top, max(at[0].x, max(at[1].x, at[2].x)), bottom);
 }
