@@ -29,6 +29,7 @@ from mr360uw.video.writer import VideoWriter
 _FORMATS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 _ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 _NO_PICTURE_TYPE = 0
+_X265_DELAY = 3  # x265 4 leaves the decoding times of shorter clips uninitialised; they have no B-frames
 
 
 class ContainerWriter(VideoWriter):
@@ -47,6 +48,7 @@ class ContainerWriter(VideoWriter):
         self._last: VideoFrame | None = None
         self._shift = 0
         self._durations: dict[int, int] = {}
+        self._count = 0
         kind = _FORMATS.get(path.suffix.lower())
         if kind is None:
             raise VideoError(
@@ -89,8 +91,9 @@ class ContainerWriter(VideoWriter):
         context.thread_count = settings.threads
         context.options = settings.encoder_options()
         like.tags.write_to(context)
-        if like.spec.full_range and like.pixel_format:
-            context.color_range = int(ColorRange.JPEG)
+        # ProRes has no mark for full range: it is limited by definition.
+        full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"
+        context.color_range = int(ColorRange.JPEG if full_range else ColorRange.MPEG)
         if settings.codec == "h265" and self._boxes:
             context.codec_tag = "hvc1"
         if not self._boxes:
@@ -131,6 +134,7 @@ class ContainerWriter(VideoWriter):
             native.pts, native.time_base = frame.pts - self._shift, frame.time_base
             native.pict_type = _NO_PICTURE_TYPE
             self._durations[native.pts] = frame.duration
+            self._count += 1
             self._mux(self._stream.encode(native))
             if self._audio is not None:
                 self._audio.advance(frame.pts * frame.time_base)
@@ -146,6 +150,8 @@ class ContainerWriter(VideoWriter):
     def _mux(self, packets: list[Any]) -> None:
         for packet in packets:
             duration = self._durations.pop(packet.pts, 0)
+            if self._count < _X265_DELAY and self._settings.codec == "h265":
+                packet.dts = packet.pts
             if duration and packet.time_base == self._clip.time_base:
                 packet.duration = duration
             self._container.mux(packet)
@@ -160,8 +166,11 @@ class ContainerWriter(VideoWriter):
             return native
         if native.format.name.replace("yuvj", "yuv") == wanted.replace("yuvj", "yuv"):
             return native_frame(frame.yuv, wanted)
-        full = int(ColorRange.JPEG if frame.spec.full_range else ColorRange.MPEG)
-        return native.reformat(format=wanted, src_color_range=full, dst_color_range=full, interpolation=_ACCURATE)
+        source_range = int(ColorRange.JPEG if frame.spec.full_range else ColorRange.MPEG)
+        target_range = self._stream.codec_context.color_range
+        return native.reformat(
+            format=wanted, src_color_range=source_range, dst_color_range=target_range, interpolation=_ACCURATE
+        )
 
     def finish(self) -> None:
         """Encode what is pending, copy the rest of the sound, mark the panorama and rename."""

@@ -20,7 +20,7 @@ Blend = Callable[[Floats, Tile], Floats]
 """(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VideoFrame:
     """One picture of a plate.
 
@@ -80,6 +80,13 @@ class VideoFrame:
                 f"frame {self.index} - the layer has another size (got {layer.width}x{layer.height} over "
                 f"{self.shape[1]}x{self.shape[0]}) - render it at the plate's size"
             )
+        for tile in layer.tiles:
+            rows, columns = tile.window
+            if min(rows.start, columns.start) < 0 or rows.stop > layer.height or columns.stop > layer.width:
+                raise VideoError(
+                    f"frame {self.index} - a tile reaches out of the frame (got rows {rows.start}:{rows.stop}, columns "
+                    f"{columns.start}:{columns.stop}) - cut it at the edges"
+                )
         return self._over_planes(layer, blend) if self.yuv is not None else self._over_codes(layer, blend)
 
     def _over_planes(self, layer: Layer, blend: Blend) -> VideoFrame:

@@ -117,6 +117,23 @@ def test_a_part_begins_where_the_clip_began(tmp_path) -> None:
     assert [pts for pts, _ in decoded(tmp_path / "segment.mp4")] == [pts for pts, _ in theirs]
 
 
+def test_the_encoder_chooses_its_own_picture_types(tmp_path) -> None:
+    """A plate of keyframes only must not force keyframes upon the output."""
+    source = write_clip(tmp_path / "in.mp4", 20, options={"g": "1"})
+    transcode(source, tmp_path / "out.mp4")
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        assert sum(frame.key_frame for frame in container.decode(video=0)) == 1
+
+
+@pytest.mark.parametrize("codec", ["h264", "h265", "av1"])
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_very_short_clips(tmp_path, codec, frames) -> None:
+    transcode(write_clip(tmp_path / "in.mp4"), tmp_path / "out.mp4", EncodeSettings(codec=codec), stop=frames)
+    assert [pts for pts, _ in decoded(tmp_path / "out.mp4")] == [pts for pts, _ in decoded(tmp_path / "in.mp4")][
+        :frames
+    ]
+
+
 def test_hevc_is_tagged_for_every_player(tmp_path) -> None:
     source = write_clip(tmp_path / "in.mp4", 3)
     transcode(source, tmp_path / "out.mp4", EncodeSettings(codec="h265", preset="ultrafast"))
@@ -141,6 +158,15 @@ def test_every_codec(tmp_path, codec, suffix, pixel_format) -> None:
         )
     if codec == "ffv1":
         np.testing.assert_array_equal(decoded(tmp_path / f"out{suffix}")[2][1][0], decoded(source)[2][1][0])
+
+
+@pytest.mark.parametrize(("codec", "suffix"), [("av1", ".mp4"), ("h265", ".mp4"), ("ffv1", ".mkv"), ("prores", ".mov")])
+def test_every_codec_keeps_full_range(tmp_path, codec, suffix) -> None:
+    source = write_clip(tmp_path / "in.mp4", 2, pixel_format="yuvj420p", tags=(2, 1, 1, 1))
+    transcode(source, tmp_path / f"out{suffix}", EncodeSettings(codec=codec, preset="ultrafast"))
+    with open_video(source) as plate, open_video(tmp_path / f"out{suffix}") as video:
+        expected = next(plate.frames()).image_linear.mean((0, 1))
+        np.testing.assert_allclose(next(video.frames()).image_linear.mean((0, 1)), expected, rtol=VIDEO_LOSSY_MEAN)
 
 
 def test_upside_down_footage_comes_out_upright(tmp_path) -> None:
@@ -196,6 +222,9 @@ def test_a_layer_without_tiles_costs_nothing(tmp_path) -> None:
         assert frame.over(Layer(64, 128, ()), lay) is frame
         with pytest.raises(VideoError, match="layer"):
             frame.over(Layer(32, 64, (tile(0, 0, 2, 2, 0.1),)), lay)
+        for column, row in ((-2, 0), (120, 0), (0, 60)):
+            with pytest.raises(VideoError, match="out of the frame"):
+                frame.over(Layer(64, 128, (tile(column, row, 10, 10, 0.1),)), lay)
 
 
 # --- pictures ---
