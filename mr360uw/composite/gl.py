@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.geometry import object_rectangles
 from mr360uw.composite.gl_light import LightTextures
 from mr360uw.composite.gl_upload import MeshBuffers, upload_mesh
@@ -74,6 +75,15 @@ class LayerRenderer:
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
+        return self._render(shot, None)
+
+    def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
+        """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
+        frame = AovFrame(shot)
+        layer = self._render(shot, frame)
+        return layer, frame.finish(shot, layer)
+
+    def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
         shape = self._receiver_shape(shot)
         object_parts = object_rectangles(shot)
@@ -88,7 +98,7 @@ class LayerRenderer:
         windows = _windows(joined(object_parts, shot.width), samples)
         for index, window in enumerate(windows):
             image = self._draw_window(
-                shot, visible, object_parts, samples, window, index, keep=len(windows) <= _KEPT_WINDOWS
+                shot, visible, object_parts, samples, window, index, keep=len(windows) <= _KEPT_WINDOWS, frame=frame
             )
             _paste(drawn, window.rectangle, shot.width, radiance=image[0], alpha=image[1], distance_m=image[2])
         for rectangle in joined(receiver_parts, shot.width):
@@ -109,6 +119,7 @@ class LayerRenderer:
         index: int,
         *,
         keep: bool,
+        frame: AovFrame | None,
     ) -> tuple[Floats, Floats, Floats]:
         """Return radiance, alpha, distance of a window's pixels."""
         inside = [
@@ -149,6 +160,17 @@ class LayerRenderer:
                 radiance[where] += share[..., None] * color[..., :3]
                 alpha[where] += share * color[..., 3]
                 distance[where] = np.minimum(distance[where], near)
+                if frame is not None:
+                    lit = (shot, placed, int(first[k]), samples, window, common, raster)
+                    sums = [self._light_object(*lit, blended=layer < layers - 1, aovs=n) for n in (1, 2)]
+                    rows = window.rectangle[1] + np.arange(height)[where[0], None]
+                    columns = (window.rectangle[0] + np.arange(width)[where[1]]) % shot.width
+                    for name, image in zip(SUMS, sums[0] + sums[1], strict=True):
+                        frame.sums[name][rows, columns] += share[..., None] * image[..., :3]
+                    part = share * color[..., 3]
+                    larger = part > frame.share[rows, columns]
+                    frame.share[rows, columns] = np.where(larger, part, frame.share[rows, columns])
+                    frame.object_id[rows, columns] = np.where(larger, k + 1, frame.object_id[rows, columns])
         return radiance, alpha, distance
 
     def _draw_samples(

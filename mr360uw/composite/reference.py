@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.geometry import (
     Geometry,
     Hits,
@@ -46,17 +47,32 @@ _RAYS_AT_ONCE = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fragment:
-    """What one surface adds to pixels: numbers (n,) of the pixels, the weight of its samples, and its light."""
+    """What one surface adds to pixels: numbers (n,) of the pixels, the part of their samples, and its light.
+
+    values: radiance (n, 3) as the camera sees it, and the aovs' where they are wanted.
+    """
 
     pixel: NDArray[np.int64]
     weight: Floats
     alpha: Floats
     distance_m: Floats
-    radiance: Floats
+    object: NDArray[np.int64]
+    values: dict[str, Floats]
 
 
 def render_layer(shot: Shot) -> Layer:
     """Return the layer of a shot: float32 tiles of everything that objects cover or change."""
+    return _render(shot, None)
+
+
+def render_aovs(shot: Shot) -> tuple[Layer, Aovs]:
+    """Return the layer of a shot and its output variables."""
+    frame = AovFrame(shot)
+    layer = _render(shot, frame)
+    return layer, frame.finish(shot, layer)
+
+
+def _render(shot: Shot, frame: AovFrame | None) -> Layer:
     visible = tuple(o for o in shot.objects if o.visible)
     geometry = gather(visible, shot.camera_position)
     shape = ReceiverShape(shot.receiver, shot.camera_position) if shot.receiver is not None else None
@@ -70,7 +86,7 @@ def render_layer(shot: Shot) -> Layer:
     drawn = []
     for rectangle in tiles:
         tile = empty_tile(rectangle[0], rectangle[1], rectangle[3], rectangle[2])
-        draw_objects(shot, geometry, scene, light, tile, _inside(object_parts, rectangle, shot.width))
+        draw_objects(shot, geometry, scene, light, tile, _inside(object_parts, rectangle, shot.width), frame)
         if shape is not None:
             draw_receiver(shot, shape, light, tile, _inside(receiver_parts, rectangle, shot.width))
         drawn.append(hold_out(shot, tile))
@@ -92,9 +108,15 @@ def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.b
 
 
 def draw_objects(
-    shot: Shot, geometry: Geometry, scene: RayScene, light: Light, tile: Tile, where: NDArray[np.bool_]
+    shot: Shot,
+    geometry: Geometry,
+    scene: RayScene,
+    light: Light,
+    tile: Tile,
+    where: NDArray[np.bool_],
+    frame: AovFrame | None,
 ) -> None:
-    """Add the objects to the pixels of a tile."""
+    """Add the objects to the pixels of a tile, and to a frame of output variables where there is one."""
     samples = pattern(shot.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
@@ -105,13 +127,26 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         for layer in trace(shot, geometry, scene, samples, x, y):
             through = (1.0 - alpha).copy()
-            for fragment in light_up(shot, geometry, light, samples, x, y, *layer):
+            for fragment in light_up(shot, geometry, light, samples, x, y, *layer, parts=frame is not None):
                 p = fragment.pixel
                 share = through[p] * fragment.weight * fragment.alpha
-                radiance[p] += share[:, None] * fragment.radiance
+                radiance[p] += share[:, None] * fragment.values["radiance"]
+                if frame is not None:
+                    add_to_frame(frame, y[p], x[p], share, fragment)
                 alpha[p] += share
                 np.minimum.at(distance, p, fragment.distance_m)
         tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance
+
+
+def add_to_frame(
+    frame: AovFrame, rows: NDArray[np.int64], columns: NDArray[np.int64], share: Floats, fragment: Fragment
+) -> None:
+    """Add a surface's share of pixels to the output variables."""
+    for name in SUMS:
+        frame.sums[name][rows, columns] += (share[:, None] * fragment.values[name]).astype(np.float32)
+    largest = share > frame.share[rows, columns]
+    frame.share[rows[largest], columns[largest]] = share[largest]
+    frame.object_id[rows[largest], columns[largest]] = fragment.object[largest] + 1
 
 
 def trace(
@@ -178,14 +213,24 @@ def light_up(
     y: NDArray[np.int64],
     triangle: NDArray[np.int64],
     distance: Floats,
+    *,
+    parts: bool = False,
 ) -> Iterator[Fragment]:
     """Yield the surfaces of one layer: samples grouped as the module says, each group lit once."""
     for pixel, weight, hits in groups(shot, geometry, samples, x, y, triangle, distance):
         through, veil = light.water(hits.distance_m, hits.direction[:, 1])
         opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
         alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
-        radiance = through * light.surface(hits).total + veil
-        yield Fragment(pixel, weight, alpha, hits.distance_m, radiance)
+        sent = light.surface(hits)
+        values = {"radiance": through * sent.total + veil}
+        if parts:
+            values |= {
+                "diffuse": through * sent.diffuse, "glossy": through * sent.glossy,
+                "sun": through * (sent.sun_diffuse + sent.sun_glossy), "caustics": through * sent.caustics,
+                "emission": through * sent.emission, "veil": veil, "transmittance": through, "normal": hits.normal,
+                "position": hits.point + shot.camera_position,
+            }  # fmt: skip
+        yield Fragment(pixel, weight, alpha, hits.distance_m, hits.object, values)
 
 
 def groups(

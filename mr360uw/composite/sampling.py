@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats
 
-_GAUSSIAN = {1: (1, 0), 5: (2, 1), 10: (3, 1), 13: (3, 2), 17: (4, 1), 26: (5, 1), 37: (6, 1), 65: (8, 1)}
+_GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4), 65: (8, 1)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ Vector = tuple[float, float, float]
 Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera"]
 Interpolation = Literal["linear", "smooth"]
-Samples = Literal[1, 5, 10, 13, 17, 26, 37, 65]
+Samples = Literal[1, 5, 13, 17, 29, 41, 65]
 
 
 class KeySettings(Parameters):

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The layer taken apart, for compositors: what each kind of light adds, and where the surfaces are.
+
+All colours are linear Rec.709 and premultiplied by alpha, and what light adds has already gone through the water, so
+
+    beauty    = diffuse + glossy + sun + emission + veil          (caustics is a part of sun)
+    composite = beauty + (1 - alpha) (plate + receiver_difference)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.shot import Shot
+from mr360uw.types import Floats, Layer, Tile
+
+SUMS = ("diffuse", "glossy", "sun", "caustics", "emission", "veil", "transmittance", "normal", "position")
+"""What is summed over a pixel's surfaces, weighted by their share of it; (h, w, 3) each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aovs:
+    """Arbitrary output variables of a frame, (H, W, 3) unless said; zero where there is no object.
+
+    diffuse, glossy: reflected ambient light. sun: all of the sun's, caustics: the part of it that the waves added or
+    took. emission. veil: light scattered by the water in front of the objects. All these are premultiplied and as the
+    camera sees them. transmittance: of the water, mean over the objects in a pixel, 1 where there is none. normal: unit
+    in the world, position [m] in the world, means likewise. object_id: (H, W) uint32, 1 for the first visible object,
+    0 for none; the one with the largest share.
+    """
+
+    diffuse: Floats
+    glossy: Floats
+    sun: Floats
+    caustics: Floats
+    emission: Floats
+    veil: Floats
+    transmittance: Floats
+    normal: Floats
+    position: Floats
+    object_id: NDArray[np.uint32]
+
+
+class AovFrame:
+    """Collects the sums of a frame."""
+
+    def __init__(self, shot: Shot) -> None:
+        size = shot.height, shot.width
+        self.sums: dict[str, Floats] = {name: np.zeros((*size, 3), np.float32) for name in SUMS}
+        self.share = np.zeros(size, np.float32)
+        self.object_id = np.zeros(size, np.uint32)
+
+    def finish(self, shot: Shot, layer: Layer) -> Aovs:
+        """Return the variables; what the shot's mattes hide of the layer is hidden here too."""
+        alpha = layer.alpha
+        covered = self.sums["transmittance"].max(axis=-1) > 0.0
+        kept = np.ones_like(alpha)
+        if shot.holdout is not None:
+            kept -= np.clip(shot.holdout, 0.0, 1.0).astype(np.float32)
+        if shot.holdout_distance_m is not None:
+            kept *= alpha > 0.0
+        coverage = np.where(covered & (kept > 0.0), alpha / np.maximum(kept, 1e-6), 1.0)[..., None]
+        values = {name: total * kept[..., None] for name, total in self.sums.items()}
+        shown = (covered & (alpha > 0.0))[..., None]
+        values["transmittance"] = np.where(shown, self.sums["transmittance"] / np.maximum(coverage, 1e-6), 1.0)
+        values["position"] = np.where(shown, self.sums["position"] / np.maximum(coverage, 1e-6), 0.0)
+        length = np.linalg.norm(self.sums["normal"], axis=-1, keepdims=True)
+        values["normal"] = np.where(shown, self.sums["normal"] / np.maximum(length, 1e-6), 0.0)
+        ids = np.where(shown[..., 0], self.object_id, 0).astype(np.uint32)
+        return Aovs(**{name: v.astype(np.float32) for name, v in values.items()}, object_id=ids)
+
+
+def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
+    """Return what shadows and caustics change (H, W, 3) of the plate behind the objects."""
+    from mr360uw.composite.over import over
+
+    bare = Layer(layer.height, layer.width, tuple(_without_objects(tile) for tile in layer.tiles))
+    return over(plate_linear, bare) - plate_linear
+
+
+def _without_objects(tile: Tile) -> Tile:
+    return replace(tile, radiance=np.zeros_like(tile.radiance), alpha=np.zeros_like(tile.alpha))
+
+
+def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[str, NDArray[np.generic]]]:
+    """Return the parts of a layered EXR, {part: {channel: array}}, half floats but for depth, position and number.
+
+    beauty (RGBA), alpha, depth (Z: distance along the ray, 1e10 where there is none), normal (N), position (P), id,
+    diffuse, glossy, sun, caustics, emission, veil, transmittance, shadow_ratio, receiver_difference.
+    """
+    beauty = np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1)
+    colours = {
+        "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "caustics": aovs.caustics,
+        "emission": aovs.emission, "veil": aovs.veil, "transmittance": aovs.transmittance,
+        "shadow_ratio": layer.ratio, "receiver_difference": receiver_difference(plate_linear, layer),
+    }  # fmt: skip
+    parts: dict[str, dict[str, NDArray[np.generic]]] = {
+        "beauty": {"RGBA": beauty.astype(np.float16)},
+        "alpha": {"A": layer.alpha.astype(np.float16)},
+        "depth": {"Z": np.minimum(layer.distance_m, 1e10).astype(np.float32)},
+        "normal": {"N": aovs.normal.astype(np.float16)},
+        "position": {"P": aovs.position.astype(np.float32)},
+        "id": {"id": aovs.object_id},
+    }
+    return parts | {name: {"RGB": image.astype(np.float16)} for name, image in colours.items()}
