@@ -112,6 +112,20 @@ SERIES = 5e-3
 """First-order expansions compared at one hundredth of an optical length: half of that is left of second order."""
 
 # --- objects and compositing -----------------------------------------------------------------------------------
+RENDERERS_PSNR_DB = 45.0
+"""gl against the reference over a frame: what a compositor does not see in a difference picture."""
+RENDERERS_CODES = 2.0
+"""8-bit code values that gl may be off by ..."""
+RENDERERS_FRACTION = 0.999
+"""... in all pixels but one of a thousand: samples that an edge misses by a rounding, texels of the shadow map."""
+AOV_DIFFERENCE = 0.02
+"""An output variable, gl against the reference: the shadow map's steps where the sun is half covered."""
+HALF_FLOAT = 1e-3
+"""Half floats keep 11 bits: 5e-4 of a value near 1."""
+PIXEL_HOLES = 1e-3
+"""Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
+ALPHA = 0.02
+"""Coverage, gl against the reference: less than one of 29 samples."""
 
 # --- video -----------------------------------------------------------------------------------------------------
 VIDEO_CURVE_TABLE = 5e-6

@@ -7,8 +7,8 @@ import importlib
 from typing import Any
 
 _HOME = {
-    "Bands": "bands",
-    "bands": "bands",
+    "Bands": "spectral_bands",
+    "bands": "spectral_bands",
     "LightField": "transfer",
     "Medium": "medium",
     "MODES": "medium",

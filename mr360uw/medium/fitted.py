@@ -44,7 +44,7 @@ def fitted_bands(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[f
         raise ParameterError(
             f"bands - the fitted rule has {FEWEST} to {MOST} bands (got {n}) - or take rule='rectangle'"
         )
-    key = _key(n, sensor, illuminant_name, range_nm)
+    key = storage_key(n, sensor, illuminant_name, range_nm)
     found = _stored().get(key) or _read_cache(key)
     if found is None:
         wavelength, weight = search(n, sensor, illuminant_name, range_nm)
@@ -156,7 +156,8 @@ def training_spectra(wavelength_nm: Array) -> Array:
     return np.array(rows)
 
 
-def _key(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[float, float]) -> str:
+def storage_key(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[float, float]) -> str:
+    """Return the name under which the bands of a sensor are stored: it holds all that the search depends on."""
     digest = hashlib.sha256()
     for part in (sensor.curves.wavelength_nm, sensor.curves.value, sensor.matrix, illuminant(illuminant_name).value):
         digest.update(np.round(part, 9).tobytes())

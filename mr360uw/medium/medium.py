@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium.bands import Bands, Rule, bands
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.gamut import compress_gamut
 from mr360uw.medium.models import FormationModel, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.plate import PlateProfile
 from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.spectral_bands import Bands, Rule, bands
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water

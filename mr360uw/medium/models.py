@@ -8,6 +8,7 @@ wavelengths, per unit downwelling irradiance just below the surface.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import mean_cosine
-from mr360uw.medium.rays import RayField
+from mr360uw.medium.rays import RayField, critical_cosine
 from mr360uw.medium.transfer import LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 
@@ -87,27 +88,61 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldModel:
-    """The solved light field. Light scattered by small angles counts as still in the image: `rays` leave it out."""
+    """The solved light field. Light scattered by small angles counts as still in the image.
+
+    Objects are dimmed by absorption and wide-angle scattering alone. What is added to a ray is what its radiance, with
+    that extinction, lacks: radiance(camera) = inscatter + exp(-extinction S) radiance(end). Looking into Snell's window
+    this would take the sharp window for what lies behind the object; there the small angles are left out of the
+    in-scatter too (`wide`), and over the last degrees below its edge one passes into the other.
+    """
 
     field: LightField
-    rays: RayField
+    wide: RayField
 
     @property
     def extinction(self) -> Array:
         """Attenuation by absorption and scattering by wide angles."""
-        return self.rays.extinction
+        return self.wide.extinction
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the light (..., n) scattered into rays by wide angles."""
-        return self.rays.inscatter(distance_m, depth_m, up)
+        """Return the light (..., n) that rays gain on the way to the camera."""
+        s, y, mu = np.broadcast_arrays(
+            ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
+        )
+        return self._mixed(self._complement, self.wide.inscatter, s, y, mu)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) of water and sky along the same rays."""
-        return self.rays.radiance(depth_m, up)
+        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        return self._mixed(self.field.radiance, self.wide.radiance, y, mu)
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the field's irradiance (..., n)."""
         return self.field.irradiance(depth_m, normal_up)
+
+    def _complement(self, s: Array, y: Array, mu: Array) -> Array:
+        """What a ray's radiance gains with the extinction of `wide` when the field is as solved."""
+        own = self.field.rays
+        result = np.zeros((len(s), len(self.extinction)))
+        down = mu <= 0.0
+        result[down] = own.inscatter(s[down], y[down], mu[down], self.extinction)
+        s, y, mu = s[~down], y[~down], mu[~down]
+        closer = own.extinction - self.extinction
+        lost = np.exp(-self.extinction * s[:, None]) * -np.expm1(-closer * s[:, None])
+        result[~down] = own.inscatter(s, y, mu) - lost * self.field.radiance(np.maximum(y - s * mu, 0.0), mu)
+        return result
+
+    def _mixed(self, whole: Callable[..., Array], wide: Callable[..., Array], *ray: Array) -> Array:
+        """`whole` below Snell's window, `wide` inside, a smooth passage; `ray` ends in the view direction's y."""
+        edge = critical_cosine(self.field.refractive_index)
+        x = np.clip((ray[-1] - edge) / _WINDOW_BLEND + 1.0, 0.0, 1.0) if edge > 0.0 else np.zeros(ray[-1].shape)
+        share = x * x * (3.0 - 2.0 * x)
+        result = np.zeros((*share.shape, len(self.extinction)))
+        for part, weight in ((whole, 1.0 - share), (wide, share)):
+            used = weight > 0.0
+            if np.any(used):
+                result[used] += weight[used][:, None] * part(*(a[used] for a in ray))
+        return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +179,8 @@ class FormationModel:
         return np.exp(-self.diffuse * y[..., None])
 
 
+_WINDOW_BLEND = 0.06
+"""Width of the passage below the edge of Snell's window, in the y of the direction: 4 degrees."""
 _STREAMS = 16
 """Per hemisphere: every table entry sums over as many modes; the error of 0.2 % is far below that of a picture."""
 

@@ -16,6 +16,9 @@ from mr360uw.medium.closed_form import check_ray, path_integral, ray_in_water
 
 Array = NDArray[np.float64]
 
+_CHUNK = 64
+"""Rays at a time, so that their modes stay in the processor's cache."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayField:
@@ -32,22 +35,33 @@ class RayField:
     sky: Array
     index: float
 
-    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+    def inscatter(
+        self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike, extinction: Array | None = None
+    ) -> Array:
         """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
 
-        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly.
+        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly. extinction: (n,) another one of
+        the rays for which it shall hold; level and downward rays only.
         """
         check_ray(distance_m, depth_m, up)
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
         )
-        # a grid of rays shares its directions along the last axis
-        grid = mu.ndim == 2 and mu.shape[1] > 1 and bool(np.all(mu == mu[:, :1]))
-        source = self._source_modes(mu[:, :1] if grid else mu)
-        length = path_integral(
-            self.extinction[:, None], self.rate, s[..., None, None], y[..., None, None], mu[..., None, None]
-        )
-        return np.einsum("...nj,...nj->...n", np.broadcast_to(source, length.shape), length)
+        directions, place = np.unique(mu, return_inverse=True)  # tables ask for few directions and many distances
+        source = self._source_modes(directions)
+        outer = self.extinction if extinction is None else extinction
+        if extinction is not None:
+            # what is not scattered out of the ray any more is one more source, the radiance itself
+            along = self.rate * directions[:, None, None]
+            source = source * (outer[:, None] - along) / (self.extinction[:, None] - along)
+        rays = np.column_stack([s.ravel(), y.ravel(), mu.ravel()])
+        result = np.zeros((len(rays), len(outer)))
+        for start in range(0, len(rays), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            distance, depth, direction = rays[part].T[:, :, None, None]
+            length = path_integral(outer[:, None], self.rate, distance, depth, direction)
+            result[part] = np.einsum("rnj,rnj->rn", source[place.ravel()[part]], length)
+        return result.reshape(*s.shape, len(outer))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) that arrives at a depth from the directions `up`, without the sun's beam."""
@@ -66,7 +80,7 @@ class RayField:
 
     def _source_modes(self, mu: Array) -> Array:
         """The source (..., n, j) of every mode in directions mu, at the surface."""
-        return np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1))
+        return np.asarray(np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1)))
 
 
 def legendre_polynomials(x: Array, count: int) -> Array:

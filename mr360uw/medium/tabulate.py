@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-VEIL_SIZE = (65, 64)
+VEIL_SIZE = (129, 40)
 ATTENUATION_SIZE = (64, 96)
 DEPTH_SIZE = 256
 """Nodes over (up, distance), (depth, distance) and depth; chosen by the error against direct sums over wavelength."""

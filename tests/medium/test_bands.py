@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -156,3 +157,11 @@ def test_reflectances_reproduce_their_colour(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(reflectance([0.5, 0.5, 0.5], w), 0.5, atol=UPSAMPLING)
     seen = bands(61, Sensor.cie1931(), "integrated", "D65").rgb(reflectance(albedo, bands(61).wavelength_nm))
     np.testing.assert_allclose(seen, albedo, atol=UPSAMPLED_COLOUR)
+
+
+def test_public_names_are_not_modules() -> None:
+    """A submodule of the same name would take the place of a function once something imports it."""
+    import mr360uw.medium as medium
+
+    for name in medium.__all__:
+        assert not isinstance(getattr(medium, name), ModuleType), name
