@@ -132,7 +132,6 @@ def sample(
 def analyse(
     video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,
-    frames: FramesOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
@@ -140,7 +139,7 @@ def analyse(
     from mr360uw.progress import terminal_progress
 
     with terminal_progress() as progress:
-        written = analyse_video(video, out, frames=frame_range(frames), overwrite=overwrite, progress=progress)
+        written = analyse_video(video, out, overwrite=overwrite, progress=progress)
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.analysis import sun_track
 from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.plan import Plan
@@ -131,14 +132,19 @@ def composite_video(
         needs_light = renderer.plan.runs("environment")
         shutter_s = float(scene.draw.shutter / video.frame_rate) if video.frame_rate else 0.0
         empty = sunless = 0
+        since = time.perf_counter()
+        track = sun_track(scene, video) if renderer.plan.runs("sun") else None
+        if track is not None:
+            clock.add("sun track", since)
 
         def lit() -> Iterator[tuple[VideoFrame, FrameLight | None]]:
             since = time.perf_counter()
             for frame in video.frames(start, stop):
                 since = clock.add("decode", since)
-                light = (
-                    renderer.light(frame.yuv if frame.yuv is not None else frame.image_linear) if needs_light else None
-                )
+                light = None
+                if needs_light:
+                    plate = frame.yuv if frame.yuv is not None else frame.image_linear
+                    light = renderer.light(plate, "detect" if track is None else track.at(frame.index))
                 since = clock.add("light", since)
                 yield frame, light
                 since = time.perf_counter()

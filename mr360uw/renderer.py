@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from mr360uw.backends import Backend, make_backend
 from mr360uw.caustics import refract_to_air, stack_depths
 from mr360uw.composite import SceneObject, Shot, load_object, load_receiver, read_camera_track
 from mr360uw.composite.over import mean_layer
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl import environment, environment_from_yuv
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.mattes import Mattes
 from mr360uw.medium import fit_gain
 from mr360uw.plan import ObjectFacts, Plan, make_plan
 from mr360uw.plate_map import plate_map
 from mr360uw.scene import Scene
+from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Layer, MediumTable, Sun, YuvImage
 
 _LOWEST_SUN = 0.05
@@ -47,6 +50,22 @@ class Rendered:
     light: FrameLight | None
     medium: MediumTable | None
     caustics: Any
+
+
+def turned(light: Environment, world_from_camera: Floats) -> Environment:
+    """Return the light that a camera saw, in the axes of the world."""
+    if np.array_equal(world_from_camera, np.eye(3)):
+        return light
+    seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
+    maps = {
+        name: environment_lookup(getattr(light, name), seen).astype(np.float32)
+        for name in ("radiance", "irradiance", "residual", "ambient")
+    }
+    glossy = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    sun = light.sun
+    if sun is not None:
+        sun = dataclasses.replace(sun, direction=world_from_camera @ sun.direction)
+    return dataclasses.replace(light, **maps, glossy=glossy if len(glossy) else light.glossy, sun=sun)
 
 
 class SceneRenderer:
@@ -108,6 +127,7 @@ class SceneRenderer:
         if self._camera is not None:
             pose = self._camera.at(time_s)
             position, rotation = pose[:3, 3], pose[:3, :3]
+            light = turned(light, rotation)
         draw = self.scene.draw
         matte, matte_distance = self._mattes.at(index)
         return Shot(

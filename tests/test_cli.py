@@ -241,7 +241,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
     out = scene.parent / "out.mkv"
-    arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--set", "object=[]"]
+    arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--set", "output.lossless=true"]
     done = subprocess.run(arguments, capture_output=True, text=True, preexec_fn=limit)
     assert done.returncode == 2
     assert "out.mkv" in done.stderr

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from mr360uw.color import Transfer
@@ -58,6 +59,8 @@ class LightSettings(Parameters):
     minimum_confidence: float = parameter(
         0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0
     )
+    track: Path | None = parameter(None, "track of the sun that `analyse` wrote (.json or .csv), edited or not")
+    smooth: bool = parameter(True, "whether a first pass over the clip smooths the detected sun and bridges gaps")
     glossy_roughness: tuple[float, ...] = parameter(
         (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending", unit="1"
     )

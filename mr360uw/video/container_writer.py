@@ -19,7 +19,7 @@ from mr360uw.errors import VideoError
 from mr360uw.video.audio import AudioCopy
 from mr360uw.video.clip import Clip
 from mr360uw.video.frame import VideoFrame
-from mr360uw.video.native import native_frame, plane_views
+from mr360uw.video.native import has_stereo_mark, native_frame, plane_views
 from mr360uw.video.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, EncodeSettings
 from mr360uw.video.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
@@ -161,7 +161,9 @@ class ContainerWriter(VideoWriter):
         wanted = self._stream.codec_context.pix_fmt
         if frame.yuv is None:
             return _native_of_picture(frame, wanted)
-        native = frame.native if frame.native is not None else native_frame(frame.yuv)
+        native = frame.native
+        if native is None or has_stereo_mark(native):
+            native = native_frame(frame.yuv, native.format.name if native is not None else None)
         if native.format.name == wanted:
             return native
         if native.format.name.replace("yuvj", "yuv") == wanted.replace("yuvj", "yuv"):

@@ -7,6 +7,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
@@ -41,6 +42,14 @@ def native_frame(image: YuvImage, name: str | None = None) -> Any:
     for plane, source in zip(native.planes, (image.y, image.u, image.v), strict=True):
         np.copyto(_view(plane, source.dtype), source)
     return native
+
+
+def has_stereo_mark(native: Any) -> bool:
+    """Return whether a decoded frame says how its eyes are arranged.
+
+    x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
+    """
+    return any(entry.type == Type.STEREO3D for entry in native.side_data)
 
 
 def copy_planes(image: YuvImage, name: str | None = None) -> tuple[Any, YuvImage]:

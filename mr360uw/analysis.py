@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A first pass over a clip: the track of its sun, and a page about its light and its water."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.ibl import SunMeasurement, SunTrack, environment, environment_from_yuv, load_track, measure_sun, track_suns
+from mr360uw.plate_map import plate_map
+from mr360uw.progress import Progress
+from mr360uw.scene import Scene, load_scene
+from mr360uw.threads import prefetch
+from mr360uw.types import Environment
+from mr360uw.video import VideoFrame, VideoReader, open_video
+
+_PICTURES = 6
+_PICTURE_WIDTH = 640
+
+
+def light_of_frame(frame: VideoFrame, scene: Scene) -> Environment:
+    """Return the light of one frame as the scene's `[light]` reads it, without glossy levels."""
+    underwater = scene.water.type != "none"
+    if frame.yuv is not None:
+        return environment_from_yuv(frame.yuv, scene.light, underwater=underwater)
+    return environment(frame.image_linear, scene.light, underwater=underwater)
+
+
+def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None) -> SunTrack | None:
+    """Return the sun of every frame of a clip: the scene's own track, or one measured now; None where none is needed.
+
+    The whole clip is measured whatever range is rendered, so that a frame looks the same in every run. Raises
+    `SceneError` where the scene's track belongs to another clip.
+    """
+    light = scene.light
+    if light.sun != "detect" or video.is_still:
+        return None
+    if light.track is not None:
+        track = load_track(light.track)
+        if len(track) != video.frame_count:
+            problem = f"belongs to another clip (got {len(track)} frames for {video.frame_count}) - run mr360uw analyse"
+            raise SceneError(str(light.track), [f"light.track - {problem}"])
+        return track
+    if not light.smooth:
+        return None
+
+    def measured() -> Iterator[SunMeasurement]:
+        for frame in prefetch(video.frames()):
+            yield measure_sun(light_of_frame(frame, scene), frame.time_s)
+            if progress is not None:
+                progress(frame.index + 1, video.frame_count)
+
+    return track_suns(list(measured()), minimum_confidence=light.minimum_confidence)
+
+
+def analyse_video(
+    source: str | Path,
+    out: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write a self-contained page about a plate's light and water, and the track of its sun; return what was written.
+
+    source: a video or still, or a scene file that names one and says how to read it. out: the page; the track goes
+    beside it as .sun.json and .sun.csv. Raises `VideoError`, `SceneError` or `OutputExistsError`.
+    """
+    from mr360uw.ibl.report import Snapshot, light_report
+    from mr360uw.ibl.trackfile import save_track
+    from mr360uw.medium.waterfit import fit_water
+
+    source = Path(source)
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=source)
+    page = Path(out) if out is not None else source.with_suffix(".html")
+    tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
+    for path in (page, *tracks):
+        if path.exists() and not overwrite:
+            raise OutputExistsError(f"{path} - is there already - name another page with --out, or give --overwrite")
+    scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
+    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+        track = sun_track(scene, video, progress)
+        shown = np.unique(np.linspace(0, video.frame_count - 1, _PICTURES).astype(int))
+        snapshots, maps = [], []
+        for index in shown:
+            frame = next(iter(video.frames(int(index), int(index) + 1)))
+            snapshots.append(Snapshot(frame.time_s, _small(frame), light_of_frame(frame, scene)))
+            maps.append(plate_map(frame.yuv if frame.yuv is not None else frame.image_linear))
+    sections = []
+    if scene.water.type != "none":
+        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m)
+        sections.append((f"Water, for a camera {scene.camera.depth_m:g} m deep", fit.html()))
+    written = [page]
+    _write(page, light_report(source.name, snapshots, track, sections))
+    if track is not None:
+        for path in tracks:
+            save_track(track, path)
+        written += tracks
+    return written
+
+
+def _small(frame: VideoFrame) -> np.ndarray:
+    import cv2
+
+    size = (_PICTURE_WIDTH, _PICTURE_WIDTH // 2)
+    return np.asarray(cv2.resize(frame.image_linear, size, interpolation=cv2.INTER_AREA))
+
+
+def _write(path: Path, text: str) -> None:
+    partial = path.with_name(path.name + ".part")
+    try:
+        partial.write_text(text, "utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
