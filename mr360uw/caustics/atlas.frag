@@ -2,14 +2,10 @@
 uniform sampler2D light_0, light_1, light_2;  // with mip levels
 uniform sampler2D total_0, total_1, total_2;  // incoming light, one texel
 uniform int size;
-uniform int conserving;
 out vec4 ratio;
 
-float channel(sampler2D light, sampler2D total, ivec2 at, int level, int last) {
-    float incoming = texelFetch(total, ivec2(0), 0).r;
-    // cells wider than the tile were not drawn: theirs is even light
-    float missing = conserving == 1 ? incoming - texelFetch(light, ivec2(0), last).r : 0.0;
-    return (texelFetch(light, at, level).r + missing) / incoming;
+float channel(sampler2D light, sampler2D total, ivec2 at, int level) {
+    return texelFetch(light, at, level).r / texelFetch(total, ivec2(0), 0).r;
 }
 
 void main() {
@@ -24,9 +20,9 @@ void main() {
     }
     ratio = vec4(0.0);
     if (at.x >= side || at.y >= side) return;
-    ratio = vec4(vec3(channel(light_0, total_0, at, level, last)), 1.0);
+    ratio = vec4(vec3(channel(light_0, total_0, at, level)), 1.0);
 #if CHANNELS == 3
-    ratio.g = channel(light_1, total_1, at, level, last);
-    ratio.b = channel(light_2, total_2, at, level, last);
+    ratio.g = channel(light_1, total_1, at, level);
+    ratio.b = channel(light_2, total_2, at, level);
 #endif
 }

@@ -16,7 +16,7 @@ void main() {
         quad_ab = cell_ab[0];
         quad_cd = cell_cd[0];
         quad_light_at = cell_light_at[0];
-        gl_Position = vec4((cell_light_at[0].zw + cell_extent[0] * vec2(k & 1, k >> 1)) / size - 1.0, 0.0, 1.0);
+        gl_Position = vec4((cell_light_at[0].zw + cell_extent[0] * vec2(k & 1, k >> 1)) / vec2(size, size + 0.5) - 1.0, 0.0, 1.0);
         EmitVertex();
     }
     EndPrimitive();

@@ -3,7 +3,7 @@
 uniform sampler2D rays;
 uniform sampler2D flux;
 uniform int grid;
-uniform float size;        // pixels of the map across the tile; the target spans two tiles
+uniform float size;        // pixels of the map across the tile; the target spans two tiles and one row for even light
 uniform float depth;       // in tiles
 uniform vec2 extents;      // cells wider than x and up to y are drawn
 
@@ -33,6 +33,16 @@ void main() {
     float widest = max(extent.x, extent.y);
     bool drawn = widest > extents.x && widest <= extents.y && light.x + light.y > 0.0;
     vec2 tile = low - size * floor(low / size);
+#ifndef RECTANGLES
+    if (widest > size) {
+        // wider than the map: even light, collected in a pixel of its own
+        q = Cell(vec2(0.0), vec2(1.0, 0.0), vec2(1.0), vec2(0.0, 1.0));
+        low = vec2(0.0);
+        widest = 1.0;
+        drawn = light.x + light.y > 0.0;
+        tile = vec2(0.0, 2.0 * size);
+    }
+#endif
     cell_ab = vec4(q.a - low, q.b - low);
     cell_cd = vec4(q.c - low, q.d - low);
     cell_light_at = vec4(intensities(q, light.x, light.y), tile);
@@ -41,6 +51,6 @@ void main() {
     gl_Position = vec4(0.0, 0.0, 0.0, 1.0);
 #else
     gl_PointSize = widest;
-    gl_Position = drawn ? vec4((tile + 0.5 * widest) / size - 1.0, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
+    gl_Position = drawn ? vec4((tile + 0.5 * widest) / vec2(size, size + 0.5) - 1.0, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
 #endif
 }

@@ -1,4 +1,4 @@
-// what was drawn beyond the tile's edge belongs to the other side
+// what was drawn beyond the tile's edge belongs to the other side; even light lies below
 uniform sampler2D light;
 uniform int size;
 out float folded;
@@ -6,5 +6,6 @@ out float folded;
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     folded = texelFetch(light, at, 0).r + texelFetch(light, at + ivec2(size, 0), 0).r
-           + texelFetch(light, at + ivec2(0, size), 0).r + texelFetch(light, at + ivec2(size), 0).r;
+           + texelFetch(light, at + ivec2(0, size), 0).r + texelFetch(light, at + ivec2(size), 0).r
+           + texelFetch(light, ivec2(0, 2 * size), 0).r / float(size * size);
 }

@@ -82,7 +82,7 @@ class GerstnerSea(SeaParameters):
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
     spread_deg: float = parameter(
-        35.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0
+        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0
     )
     dominant_wavelength_m: float | None = parameter(
         None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0

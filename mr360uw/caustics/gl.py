@@ -4,7 +4,8 @@
 Passes: surface (once for each frame), rays and cell flux (for each refractive index), then for each plane: cells drawn
 into an additive target, fold, sun disc. A cell is a point whose square covers its refracted image; each pixel of the
 square takes the exact area. Cells larger than the driver's points become rectangles. A cell starts in the tile, and the
-target spans two tiles each way, so the mesh is drawn once and the fold adds what lies beyond the edges.
+target spans two tiles each way, so the mesh is drawn once and the fold adds what lies beyond the edges. Light is only
+ever divided by what came in: that the mean is 1 is a result.
 """
 
 from __future__ import annotations
@@ -96,8 +97,6 @@ class CausticRenderer:
         light = self._light(plane, 0)
         incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
         ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
-        if method not in _DRAWN_AS_MESH:
-            ratio = ratio + np.float32(1.0 - ratio.mean(dtype=np.float64))
         return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
 
     def stack(
@@ -136,7 +135,7 @@ class CausticRenderer:
                 inputs |= {f"light_{i}": light, f"total_{i}": total}
             self._passes.draw(
                 target, "atlas", inputs, geometry="caustics/layer.geom", CHANNELS=len(indices), size=s.size,
-                layer=layer, conserving=int(s.method not in _DRAWN_AS_MESH),
+                layer=layer,
             )  # fmt: skip
         sun_in_water = refract_to_water(sun, s.refractive_index)
         return GlCausticStack(texture, texture_from_array(depths[None, :]), depths, sea.tile_m, sun_in_water)
@@ -179,7 +178,7 @@ class CausticRenderer:
     def _light(self, plane: _Plane, channel: int) -> moderngl.Texture:
         """Return the light of one plane, folded and blurred, in units of the flat sea's."""
         size, passes = plane.size, self._passes
-        drawn, light = passes.texture("drawn", 2 * size, 2 * size), passes.texture(f"light {channel}", size, size)
+        drawn, light = passes.texture("drawn", 2 * size, 2 * size + 1), passes.texture(f"light {channel}", size, size)
         passes.target([drawn]).clear()
         rays = {"rays": passes[f"rays {channel}"], "flux": passes[f"rays {channel} flux"]}
         if plane.method in _DRAWN_AS_MESH:

@@ -42,5 +42,5 @@ void main() {
 #endif
     vec2 place = (k == 0 ? p0 : k == 1 ? p1 : p2) - size * floor(low / size);
     bool drawn = all(lessThan(high - low, vec2(size)));
-    gl_Position = drawn ? vec4(place / size - 1.0, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
+    gl_Position = drawn ? vec4(place / vec2(size, size + 0.5) - 1.0, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
 }
