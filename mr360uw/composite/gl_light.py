@@ -14,7 +14,14 @@ from mr360uw.composite.light import MINIMUM_SUN_UP
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.shadow import basis, disc_offsets, effective_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import gl_context, program, set_uniforms, texture_array_from_array, texture_from_array
+from mr360uw.gl.context import (
+    draw_fullscreen,
+    gl_context,
+    program,
+    set_uniforms,
+    texture_array_from_array,
+    texture_from_array,
+)
 from mr360uw.types import CausticStack, Floats
 
 if TYPE_CHECKING:
@@ -22,6 +29,7 @@ if TYPE_CHECKING:
 
 SLOT_SIZE = 256
 _SLOT_COLUMNS = 8
+_MAXIMUM_SLOTS = 30
 _MAXIMUM_SUN_SAMPLES = 32
 _MAXIMUM_GLOSSY = 8
 
@@ -37,6 +45,8 @@ class LightTextures:
         self._uniforms: dict[str, Any] = {}
         self._arrays: dict[str, Floats] = {}
         self._slots: moderngl.Framebuffer | None = None
+        self._columns: moderngl.Framebuffer | None = None
+        self._column_program: moderngl.Program | None = None
         self._slot_program: moderngl.Program | None = None
 
     def update(self, shot: Shot, buffers: Callable[[Mesh], MeshBuffers]) -> None:
@@ -49,7 +59,7 @@ class LightTextures:
             "lights__camera_depth_m": shot.camera_depth_m,
             "lights__glossy_levels": min(levels, _MAXIMUM_GLOSSY),
             "lights__sun_direction": (0.0, 1.0, 0.0),
-            "lights__slot_size": SLOT_SIZE,
+            "lights__slot_size": float(SLOT_SIZE),
             "lights__casters": 0,
         }
         has = {
@@ -77,7 +87,7 @@ class LightTextures:
             "lights__half_angle": half_angle,
             "lights__sun_axes": axes.T,
             "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
-            "lights__casters": len(casters),
+            "lights__casters": min(len(casters), _MAXIMUM_SLOTS),
         }
         count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
@@ -151,37 +161,60 @@ class LightTextures:
         self.textures["surfels"] = texture_from_array(table)
 
     def _draw_sun_maps(self, casters: list[PlacedObject], axes: Floats, buffers: Callable[[Mesh], MeshBuffers]) -> None:
-        """Draw the columns that each body fills along the sun into its slot: the largest of (top, -bottom)."""
+        """Draw the columns that each body fills along the sun into its slot; the last slot takes all the rest."""
         context = gl_context()
-        columns, rows = min(max(len(casters), 1), _SLOT_COLUMNS), max(-(-len(casters) // _SLOT_COLUMNS), 1)
+        groups = [[placed] for placed in casters[: _MAXIMUM_SLOTS - 1]]
+        if len(casters) >= _MAXIMUM_SLOTS:
+            groups.append(casters[_MAXIMUM_SLOTS - 1 :])
+        columns, rows = min(max(len(groups), 1), _SLOT_COLUMNS), max(-(-len(groups) // _SLOT_COLUMNS), 1)
         size = (columns * SLOT_SIZE, rows * SLOT_SIZE)
         if self._slots is None or self._slots.size != size:
             self._slots = context.framebuffer([context.texture(size, 2, dtype="f4")])
+            self._columns = context.framebuffer([context.texture(size, 4, dtype="f4")])
+            self._columns.color_attachments[0].filter = (context.LINEAR, context.LINEAR)
+            self._columns.color_attachments[0].repeat_x = self._columns.color_attachments[0].repeat_y = False
         if self._slot_program is None:
             self._slot_program = program(vertex="composite/sun_map.vert", fragment="composite/sun_map.frag")
-        slots = self._slots
-        self.textures["sun_map"] = slots.color_attachments[0]
-        slots.viewport = (0, 0, *size)
-        slots.clear(-1e9, -1e9, 0.0, 0.0)
-        table = np.zeros((max(len(casters), 1), 2, 4))
-        for number, placed in enumerate(casters):
-            matrix = np.eye(4)
-            matrix[:3] = axes @ placed.world_from_object[:3]
-            points = placed.mesh.hull.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
-            low, high = points.min(axis=0), points.max(axis=0)
-            center, half = 0.5 * (low + high)[:2], 0.51 * float(max(high[:2] - low[:2]))
+            self._column_program = program(fragment="composite/sun_columns.frag")
+        self._slots.viewport = (0, 0, *size)
+        self._slots.clear(-1e9, -1e9, 0.0, 0.0)
+        table = np.zeros((max(len(groups), 1), 2, 4))
+        for number, group in enumerate(groups):
             slot = number % _SLOT_COLUMNS, number // _SLOT_COLUMNS
-            table[number] = (*center, half, 0.0), (low[2], high[2], *slot)
+            table[number] = self._draw_slot(group, slot, axes, buffers)
+        self.textures["casters"] = texture_from_array(table)
+        self._slots.color_attachments[0].use(0)
+        self.textures["casters"].use(1)
+        set_uniforms(self._column_program, drawn=0, casters=1, slot_size=SLOT_SIZE, slot_columns=columns)
+        context.disable(context.DEPTH_TEST | context.BLEND)
+        draw_fullscreen(self._columns, self._column_program)
+        self.textures["sun_map"] = self._columns.color_attachments[0]
+
+    def _draw_slot(
+        self, group: list[PlacedObject], slot: tuple[int, int], axes: Floats, buffers: Callable[[Mesh], MeshBuffers]
+    ) -> Floats:
+        """Draw bodies into one slot: the largest of (top, -bottom). Returns the slot's entry (2, 4) for shadow.glsl."""
+        context = gl_context()
+        assert self._slots is not None
+        assert self._slot_program is not None
+        matrices = [axes @ placed.world_from_object[:3] for placed in group]
+        points = np.concatenate(
+            [p.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for p, m in zip(group, matrices, strict=True)]
+        )
+        low, high = points.min(axis=0), points.max(axis=0)
+        center, half = 0.5 * (low + high)[:2], 0.51 * float(max(high[:2] - low[:2]))
+        self._slots.viewport = (slot[0] * SLOT_SIZE, slot[1] * SLOT_SIZE, SLOT_SIZE, SLOT_SIZE)
+        for placed, matrix in zip(group, matrices, strict=True):
             mesh = buffers(placed.mesh)
             opaque = mesh.ranges["BLEND"][0]
             if opaque == 0:
                 continue
-            set_uniforms(self._slot_program, sun_from_object=matrix.T, slot=(*center, 1.0 / half, 1.0 / half))
+            sun_from_object = np.concatenate([matrix, [[0.0, 0.0, 0.0, 1.0]]])
+            set_uniforms(self._slot_program, sun_from_object=sun_from_object.T, slot=(*center, 1.0 / half, 1.0 / half))
             vertex_array = context.vertex_array(self._slot_program, [(mesh.corners, "3f 4x", "corner")])
-            with context.scope(slots, context.BLEND):
-                slots.viewport = (slot[0] * SLOT_SIZE, slot[1] * SLOT_SIZE, SLOT_SIZE, SLOT_SIZE)
+            with context.scope(self._slots, context.BLEND):
                 context.blend_func = context.ONE, context.ONE
                 context.blend_equation = context.MAX
                 vertex_array.render(context.TRIANGLES, vertices=3 * opaque)
                 context.blend_equation = context.FUNC_ADD
-        self.textures["casters"] = texture_from_array(table)
+        return np.array([(*center, half, 0.0), (low[2], high[2], *slot)])

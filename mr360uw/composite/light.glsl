@@ -25,7 +25,7 @@ struct Lights {
     mat3 sun_axes;
     int sun_count;
     int casters;
-    int slot_size;
+    float slot_size;
     float bias_m;
     int glossy_levels;
 };

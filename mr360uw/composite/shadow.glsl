@@ -1,6 +1,6 @@
 // twin: shadow.py
-// `sun_map` holds for every body a square slot of columns along the sun: (top, -bottom) of what fills them, in metres
-// along the sun's axis. Loops test at their end, because software drivers run a body once more to leave. The twin shoots rays at the bodies instead.
+// `sun_map` holds for every body (or group of them) a square slot of columns along the sun: (1, top, bottom) of what
+// fills them, metres above the lowest, 0 where nothing does; filtered, so that edges are not steps. Loops test at their end, because software drivers run a body once more to leave. The twin shoots rays at the bodies instead.
 const int MAXIMUM_SUN_SAMPLES = 32;
 
 struct Caster {
@@ -15,54 +15,63 @@ Caster fetch_caster(sampler2D casters, int number) {
     return Caster(place.xy, place.z, more.xy, ivec2(more.zw));
 }
 
-vec2 sun_column(sampler2D sun_map, Caster caster, int slot_size, vec2 at) {
+// (part that is filled, top, bottom) at a place across the sun, between texels
+vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at) {
     vec2 p = (at - caster.center) / caster.half_size * 0.5 + 0.5;
-    vec2 inside = clamp(p, 0.0, 0.99999);
-    vec2 column = texelFetch(sun_map, caster.slot * slot_size + ivec2(inside * float(slot_size)), 0).rg;
-    return p == inside ? column : vec2(-1e9);
+    vec2 inside = clamp(p * slot_size, 0.5, slot_size - 0.5);
+    vec4 column = textureLod(sun_map, (vec2(caster.slot) * slot_size + inside) / vec2(textureSize(sun_map, 0)), 0.0);
+    column.yz = column.yz / max(column.x, 1e-6) + caster.reach.x;
+    return p == clamp(p, 0.0, 1.0) ? column.xyz : vec3(0.0, column.yz);
 }
 
-// whether the ray from p, one metre along the sun's axis for `slope` metres across, meets the body
-bool sun_blocked(sampler2D sun_map, Caster caster, int slot_size, vec3 p, vec2 slope, int starts) {
-    float texel = 2.0 * caster.half_size / float(slot_size);
+// how far the ray from p, `slope` metres across for a metre along the sun's axis, is blocked by the body
+float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, int starts) {
+    float texel = 2.0 * caster.half_size / slot_size;
     vec2 range = max(caster.reach - p.z, 0.0);
-    bool blocked = false;
+    float blocked = 0.0;
     int k = 0;
     do {
         float h = mix(range.x, range.y, (float(k) + 0.5) / float(starts));
-        vec2 column = sun_column(sun_map, caster, slot_size, p.xy + slope * h);
-        float meets = min(max(h, -column.y - p.z), column.x - p.z);
-        vec2 there = sun_column(sun_map, caster, slot_size, p.xy + slope * meets);
-        bool met = there.x > p.z + meets - texel && -there.y < p.z + meets + texel && there.x > p.z;
-        blocked = blocked || (column.x > -1e8 && meets > 0.0 && (meets == h || met));
+        vec3 column = sun_column(sun_map, caster, slot_size, p.xy + slope * h);
+        float meets = min(max(h, column.z - p.z), column.y - p.z);
+        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * meets);
+        bool met = there.y > p.z + meets - texel && there.z < p.z + meets + texel && there.y > p.z;
+        if (column.x > 0.0 && meets > 0.0 && met) blocked = max(blocked, there.x);
         ++k;
-    } while (k < starts && !blocked);
+    } while (k < starts);
     return blocked;
 }
 
 // p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest
-float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, int slot_size, vec3 p,
+float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
                      vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread) {
-    int blocked = 0, number = 0, hits = 0;
+    int reached = 0, number = 0;
     do {
         Caster caster = fetch_caster(casters, number);
         float above = caster.reach.y - p.z;
         vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        bool reached = above > 0.0 && max(across.x, across.y) <= spread * above;
-        float travel = spread * (above - max(caster.reach.x - p.z, 0.0)) * float(slot_size) / caster.half_size;
-        int starts = clamp(int(travel * 0.25) + 1, 1, 4);
-        int k = reached ? 0 : count;
-        do {
-            bool is_new = k < count && (blocked & (1 << k)) == 0;
-            if (is_new && sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], starts)) {
-                blocked |= 1 << k;
-                ++hits;
-            }
-            ++k;
-        } while (k < count);
+        if (above > 0.0 && max(across.x, across.y) <= spread * above) reached |= 1 << number;
         ++number;
     } while (number < caster_count);
-    return 1.0 - float(hits) / float(count);
+    float blocked = 0.0;
+    int k = reached == 0 ? count : 0;
+    do {
+        int left = reached;
+        float most = 0.0;
+        do {
+            int lowest = left & -left;
+            Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
+            float above = caster.reach.y - max(caster.reach.x, p.z);
+            float travel = spread * above * slot_size / caster.half_size;
+            int starts = clamp(int(travel * 0.25) + 1, 1, 4);
+            float one = sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], starts);
+            if (lowest != 0 && k < count) most = max(most, one);
+            left &= ~lowest;
+        } while (left != 0 && most < 1.0);
+        blocked += most;
+        ++k;
+    } while (k < count);
+    return 1.0 - blocked / float(count);
 }
 
 // surfels: (place, 0) and (area vector, 0) in turn
