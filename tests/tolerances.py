@@ -107,7 +107,7 @@ WHITE = 1e-12
 PLATE_LEVEL = 1e-6
 """The veil's end equals the plate's profile: radiance and in-scatter are the same sum, far away."""
 GAIN = 0.02
-"""A gain found again in a plate with 15 % of noise in every pixel, by medians over a few hundred of them."""
+"""A gain found again in a plate with 15 % of noise in every pixel, by medians over a hundred or two of them."""
 SERIES = 5e-3
 """First-order expansions compared at one hundredth of an optical length: half of that is left of second order."""
 

@@ -54,18 +54,26 @@ class PlateProfile:
 
     @classmethod
     def from_map(cls, radiance_map: Floats) -> PlateProfile:
-        """Return the typical colour of each row, smoothed by a running median and mean of three rows.
+        """Return the typical colour of each row where the view is open, smoothed over three rows.
 
-        Typical is the median over the azimuth after what lies more than three standard deviations off, by the median
-        absolute deviation of the logarithm, has been left out: bodies that cover less than half of a row do not count.
+        Open is the half of the azimuths with the least red about the horizon: water takes red first. Typical is the
+        median over them after what lies more than three standard deviations off, by the median absolute deviation of
+        the logarithm, has been left out: bodies that cover less than half of it do not count.
         """
         m = check_map(radiance_map)
-        rows = _typical(m)[::-1]
+        rows = _typical(m[:, _open_columns(m)])[::-1]
         padded = np.pad(rows, ((1, 1), (0, 0)), mode="edge")
         calm = np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         padded = np.pad(calm, ((1, 1), (0, 0)), mode="edge")
         smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
         return cls(row_up(len(m))[::-1].copy(), smooth)
+
+
+def _open_columns(m: Array) -> NDArray[np.intp]:
+    """The half of the columns of a map that show the least red about the horizon."""
+    level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
+    red = level[:, 0] / np.maximum(level.sum(axis=1), 1e-30)
+    return np.argsort(red, kind="stable")[: max(m.shape[1] // 2, 1)]
 
 
 def _typical(m: Array) -> Array:

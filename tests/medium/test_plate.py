@@ -34,10 +34,10 @@ def test_gain_is_found_again(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(gain, EXPOSURE, rtol=5 * GAIN)
     clean_gain, clean_residual = fit_gain(medium, water_map("II", rng))
     np.testing.assert_allclose(clean_gain, EXPOSURE, rtol=GAIN)
-    assert clean_residual < 2 * GAIN
+    assert clean_residual < 4 * GAIN
     assert residual < 5 * GAIN
     # another water cannot be scaled into this plate's profile
-    assert fit_gain(Medium(Water.jerlov("9C"), camera_depth_m=DEPTH), plate)[1] > 3 * clean_residual
+    assert fit_gain(Medium(Water.jerlov("9C"), camera_depth_m=DEPTH), plate)[1] > 2 * clean_residual
     scaled = medium.scaled(gain)
     level = veil_lookup(scaled.table, 1e6, 0.0)
     np.testing.assert_allclose(level, PlateProfile.from_map(plate)(0.0), rtol=5 * GAIN)
