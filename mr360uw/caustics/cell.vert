@@ -5,7 +5,7 @@ uniform sampler2D flux;
 uniform int grid;
 uniform float size;        // pixels of the map across the tile; the target spans two tiles and one row for even light
 uniform float depth;       // in tiles
-uniform vec2 extents;      // cells wider than x and up to y are drawn
+uniform vec2 extents;      // cells wider than x and up to y pixels are drawn
 
 flat out vec4 cell_ab;
 flat out vec4 cell_cd;
@@ -34,8 +34,8 @@ void main() {
     bool drawn = widest > extents.x && widest <= extents.y && light.x + light.y > 0.0;
     vec2 tile = low - size * floor(low / size);
 #ifndef RECTANGLES
-    if (widest > size) {
-        // wider than the map: even light, collected in a pixel of its own
+    if (widest >= size) {
+        // as wide as the map: even light, collected in a pixel of its own
         q = Cell(vec2(0.0), vec2(1.0, 0.0), vec2(1.0), vec2(0.0, 1.0));
         low = vec2(0.0);
         widest = 1.0;

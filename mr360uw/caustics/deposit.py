@@ -25,7 +25,7 @@ _LEAST_JACOBIAN = 1e-6
 def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     """Return each cell's flux shared over pixels by the area it covers of them; the sum is that of the flux.
 
-    The light of a cell wider than the whole map is spread evenly.
+    The light of a cell as wide as the whole map is spread evenly.
     """
     out = np.zeros((size, size))
     evenly = 0.0
@@ -40,7 +40,7 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
             )  # fmt: skip
             left, right = min(ax, bx, cx, dx), max(ax, bx, cx, dx)
             top, bottom = min(ay, by, cy, dy), max(ay, by, cy, dy)
-            if right - left > size or bottom - top > size:
+            if np.ceil(right) - np.floor(left) >= size or np.ceil(bottom) - np.floor(top) >= size:
                 evenly += flux_b + flux_d
                 continue
             in_b, in_d = intensities(ax, ay, bx, by, cx, cy, dx, dy, flux_b, flux_d)

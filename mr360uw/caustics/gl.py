@@ -33,7 +33,8 @@ from mr360uw.types import CausticStack, Floats
 
 Array = NDArray[np.floating[Any]]
 
-_NO_BLUR_PIXELS = 0.05
+_NO_BLUR_PIXELS = 0.25
+"""Half width of the sun's image below which no blur can be seen (its standard deviation is an eighth of a pixel)."""
 _DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
 
 
@@ -197,14 +198,15 @@ class CausticRenderer:
 
     def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
         """Draw every cell by exact coverage: small ones as points, those beyond the driver's points as rectangles."""
-        limit = min(self._point_limit, plane.size)
+        widest = plane.size - 1.0
+        limit = min(self._point_limit, widest)
         common: dict[str, Any] = plane.uniforms | {
             "vertex": "caustics/cell.vert", "mode": moderngl.POINTS, "vertices": plane.grid**2
         }  # fmt: skip
         self._passes.draw(target, "cell", rays, extents=(0.0, limit), **common)
-        if limit < plane.size:
+        if limit < widest:
             self._passes.draw(
-                target, "cell", rays, geometry="caustics/cell.geom", RECTANGLES=1, extents=(limit, plane.size), **common
+                target, "cell", rays, geometry="caustics/cell.geom", RECTANGLES=1, extents=(limit, widest), **common
             )
 
     def _mesh(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:

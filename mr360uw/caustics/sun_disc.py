@@ -45,7 +45,8 @@ def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
 
 def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
     """Return the periodic kernel (size, size), sum 1, of the disc mapped by a (2, 2) matrix, in pixels."""
-    points = _disc_points(float(abs(np.linalg.det(footprint_pixel)))) @ footprint_pixel.T
+    (xa, xb), (za, zb) = footprint_pixel
+    points = _disc_points(float(abs(xa * zb - xb * za))) @ footprint_pixel.T
     cell, part = _drawn_in(points)
     kernel = np.zeros((size, size))
     for dx in (0, 1):
