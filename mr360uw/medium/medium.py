@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import functools
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -67,6 +68,8 @@ class Medium:
     ) -> None:
         if mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
+        if radiance_map is not None and mode != "plate":
+            raise ParameterError(f"radiance_map - is for mode plate (got {mode!r}) - or use fit_gain and scaled")
         if not 0.0 < camera_depth_m <= 1000.0:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
@@ -116,6 +119,13 @@ class Medium:
     @functools.cached_property
     def table(self) -> MediumTable:
         """What shading reads for every pixel; made at first use, colours within the gamut."""
+        table = self._unit_table
+        factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
+        return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
+
+    @functools.cached_property
+    def _unit_table(self) -> MediumTable:
+        """The same without gain and plate, which come and go with every frame."""
         return medium_table(self, self.length_m)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -150,7 +160,7 @@ class Medium:
         water gives negative red: `compress_gamut` maps it, as the tables do.
         """
         check_ray(distance_m, depth_m, up)
-        if self.profile is not None or self.mode == "plate":
+        if self.mode == "plate":
             return self.smooth_veil(ray_in_water(distance_m, self.camera_depth_m, up), up)
         return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
 
@@ -174,7 +184,10 @@ class Medium:
         return other
 
     def with_map(self, radiance_map: Floats) -> Medium:
-        """Return the same medium with the veil's colour by direction from a plate's radiance map (32, 64, 3)."""
+        """Return the same medium of mode plate with the colours of another radiance map (32, 64, 3)."""
+        if self.mode != "plate":
+            raise ParameterError(f"with_map - is for mode plate (got {self.mode!r}) - or use fit_gain and scaled")
+        _ = self._unit_table  # made once, shared by the maps of all frames
         other = self._copy()
         other.profile = PlateProfile.from_map(radiance_map)
         return other
@@ -192,15 +205,24 @@ class Medium:
         return compress_gamut(rgb) if self.bands.signed else rgb
 
     def smooth_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) of rays from the camera, times the gain; they must end below the surface."""
-        depth = self.camera_depth_m
-        if self.mode == "plate" and self.profile is None:
+        """Return the veil (..., 3) of rays from the camera, which must end below the surface, within the gamut."""
+        return self.veil_factor(up) * self.unit_veil(distance_m, up)
+
+    def veil_factor(self, up: ArrayLike) -> Array:
+        """Return what `unit_veil` is multiplied with: the gain, in mode plate the plate's radiance; (..., 3)."""
+        if self.profile is not None:
+            return self.profile(up)
+        if self.mode == "plate":
             raise ParameterError("mode plate - needs the plate's radiance map (got none) - pass it, or use with_map")
-        spectrum = self.model.inscatter(distance_m, depth, up)
-        if self.profile is None:
-            return self.gain * self.display(spectrum)
-        whole = self.model.radiance(depth, up)
-        return self.profile(up) * self.display(spectrum) / np.maximum(self.display(whole), _TINY)
+        return np.broadcast_to(self.gain, (*np.shape(up), 3))
+
+    def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the veil (..., 3) without factor; in mode plate as a share of all the light of its direction."""
+        depth = self.camera_depth_m
+        veil = self.display(self.model.inscatter(distance_m, depth, up))
+        if self.mode != "plate":
+            return veil
+        return veil / np.maximum(self.display(self.model.radiance(depth, up)), _TINY)
 
     def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
         """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""

@@ -35,7 +35,7 @@ def lengths(count: int, length_m: float) -> Array:
 
 
 def medium_table(medium: Medium, length_m: float) -> MediumTable:
-    """Return the tables of a medium; colours in them are within the gamut."""
+    """Return the tables of a medium, its veil without factor; colours in them are within the gamut."""
     return MediumTable(
         camera_depth_m=medium.camera_depth_m,
         length_m=length_m,
@@ -53,7 +53,7 @@ def _veil(medium: Medium, length_m: float) -> Array:
     inside = np.clip(s, _STEP * length_m, np.where(up > 0.0, out, np.inf))
 
     def smooth(s: Array) -> Array:
-        return medium.smooth_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
+        return medium.unit_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
 
     # no ray asks beyond the surface, but the cells it cuts do: carry on in a straight line over two of them
     t, t_out = table_coordinate(s, length_m), table_coordinate(out, length_m)

@@ -36,8 +36,10 @@ def test_gain_is_found_again(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(clean_gain, EXPOSURE, rtol=GAIN)
     assert clean_residual < 4 * GAIN
     assert residual < 5 * GAIN
-    # another water cannot be scaled into this plate's profile
-    assert fit_gain(Medium(Water.jerlov("9C"), camera_depth_m=DEPTH), plate)[1] > 2 * clean_residual
+    # another water cannot be scaled into this one's profile
+    calm = water_map("II", rng, noise=0.0)
+    other = Medium(Water.jerlov("9C"), camera_depth_m=DEPTH, illuminant="D65")
+    assert fit_gain(other, calm)[1] > 2 * fit_gain(medium, calm)[1]
     scaled = medium.scaled(gain)
     level = veil_lookup(scaled.table, 1e6, 0.0)
     np.testing.assert_allclose(level, PlateProfile.from_map(plate)(0.0), rtol=5 * GAIN)
@@ -65,6 +67,12 @@ def test_plate_mode_ends_in_the_plate(rng: np.random.Generator) -> None:
     assert np.all(medium.veil(np.inf, DEPTH, [0.3, 0.9]) < medium.radiance(DEPTH, [0.3, 0.9]))
     same = Medium(Water.jerlov("1C"), mode="plate", camera_depth_m=DEPTH).with_map(plate)
     np.testing.assert_array_equal(same.table.veil, medium.table.veil)
+    for wrong in (
+        lambda: Medium(Water.jerlov("II")).with_map(plate),
+        lambda: Medium(Water.jerlov("II"), radiance_map=plate),
+    ):
+        with pytest.raises(ParameterError, match="mode plate"):
+            wrong()
 
 
 @pytest.mark.parametrize("name", JERLOV_TYPES)
