@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mr360uw.ibl.cosine import irradiance as irradiance
     from mr360uw.ibl.expansion import expand as expand
+    from mr360uw.ibl.glossy import glossy_beam as glossy_beam
     from mr360uw.ibl.glossy import prefilter as prefilter
     from mr360uw.ibl.lighting import environment as environment
     from mr360uw.ibl.settings import LightSettings as LightSettings
@@ -34,6 +35,7 @@ _HOME = {
     "environment": "lighting",
     "environment_from_yuv": "yuv",
     "expand": "expansion",
+    "glossy_beam": "glossy",
     "irradiance": "cosine",
     "prefilter": "glossy",
     "split_sum": "splitsum",

@@ -94,7 +94,7 @@ def region_weight(up: ArrayLike, settings: LightSettings) -> Array:
 
 
 def region_edge(settings: LightSettings) -> tuple[float, float]:
-    """Return the elevation of the region's edge and half the width of its ramp [rad]; far below for the whole sphere."""
+    """Return the elevation of the region's edge and half its ramp [rad]; far below for the whole sphere."""
     ramp = float(np.radians(settings.ramp_deg))
     if settings.region == "all":
         return -math.pi, ramp

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import ZonalFilter, filter_scale
+from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
 MINIMUM_ROUGHNESS = 0.05
@@ -45,12 +46,21 @@ def glossy_filter(roughness: float, scale: int = 1) -> ZonalFilter:
 
 
 def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
-    """Return a radiance map (32 k, 64 k, 3) filtered by the GGX lobe of `roughness` in (0, 1], (32, 64, 3)."""
+    """Return a radiance map (32 k, 64 k, 3) filtered by the GGX lobe of `roughness` in [0.05, 1], (32, 64, 3)."""
     if not MINIMUM_ROUGHNESS <= roughness <= 1.0:
         raise ParameterError(
             f"roughness - outside [{MINIMUM_ROUGHNESS}, 1] (got {roughness!r}) - use the radiance itself for mirrors"
         )
     return glossy_filter(float(roughness), filter_scale(radiance))(radiance)
+
+
+def glossy_beam(direction: ArrayLike, irradiance: ArrayLike, roughness: float) -> Floats:
+    """Return what `prefilter` makes of a narrow beam, (32, 64, 3): irradiance (3,) facing `direction` (3,)."""
+    cosine = np.linspace(0.0, 1.0, 1 << 16)  # the kernel's integral, with 1 - cosine spaced as a square
+    tail = np.square(1.0 - cosine)
+    total = 2.0 * np.pi * np.trapezoid(ggx_kernel(1.0 - tail, roughness), tail)
+    lobe = ggx_kernel(directions(64, 32) @ np.asarray(direction, np.float64), roughness) / abs(float(total))
+    return (lobe[..., None] * np.asarray(irradiance, np.float64)).astype(np.float32)
 
 
 def glossy_levels(radiance: ArrayLike, roughness: ArrayLike) -> Floats:

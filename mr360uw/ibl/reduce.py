@@ -53,7 +53,7 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
 
 
 def reduce_maximum(values: ArrayLike, width: int, height: int) -> Floats:
-    """Return the largest of the (H, W) values of each of (height, width) cells; a pixel counts where its corner lies."""
+    """Return the largest of the (H, W) values in each of (height, width) cells, a pixel in that of its corner."""
     image = np.asarray(values)
     first_row = np.array([first for first, _ in _shares(height, image.shape[0], False)])
     first_column = np.array([first for first, _ in _shares(width, image.shape[1], False)])

@@ -118,10 +118,8 @@ def plot(
             lines = "".join("M" + "L".join(f"{px:.1f} {py:.1f}" for px, py in points[run]) for run in runs if len(run))
             out.append(f'<path d="{lines}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
     out.append("</svg>")
-    key = " &nbsp; ".join(
-        f'<span style="color:{_COLOURS[k % len(_COLOURS)]}">{"&bull;" if dots else "&mdash;"} {html.escape(name)}</span>'
-        for k, (name, _, dots) in enumerate(curves)
-    )
+    signs = [("&bull;" if dots else "&mdash;") + " " + html.escape(name) for name, _, dots in curves]
+    key = " &nbsp; ".join(f'<span style="color:{_COLOURS[k % 3]}">{sign}</span>' for k, sign in enumerate(signs))
     return f"<figure>{''.join(out)}<figcaption>{html.escape(label)}: {key}</figcaption></figure>"
 
 

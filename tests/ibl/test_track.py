@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The track of the sun, its files and its page; levelling; the solar position."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mr360uw.ibl as ibl
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.gpmf import parse_gpmf, streams
+from mr360uw.ibl.level import estimate_level, keyed_level, level_from_gpmf, level_matrix, roll_pitch
+from mr360uw.ibl.report import Snapshot, light_report
+from mr360uw.ibl.smooth import smooth
+from mr360uw.ibl.solar import parse_time, sun_angles
+from mr360uw.sphere import direction_from_angles, directions, unit
+from mr360uw.types import Sun
+from tests.ibl.plates import angle_deg, clipped, sky
+from tests.tolerances import FLOAT64, LEVEL_ESTIMATE_DEG, SOLAR_DEG, TRACK_RMS_DEG
+
+
+def clip(rng: np.random.Generator, frames: int = 300, cut: int = 140) -> tuple[np.ndarray, list[Sun | None]]:
+    t = np.arange(frames) / 30.0
+    azimuth = np.radians(8.0 * np.sin(2 * np.pi * t / 18.0) + np.where(np.arange(frames) >= cut, 60.0, 0.0))
+    true = np.stack([direction_from_angles(a, 0.9) for a in azimuth])
+    seen = unit(true + rng.normal(size=(frames, 3)) * np.radians(2.0) / np.sqrt(2.0))
+    lost = rng.random(frames) < 0.1
+    lost[cut - 2 : cut + 2] = False
+    return true, [None if lost[k] else Sun(seen[k], np.full(3, 2.0), 0.01, 0.9) for k in range(frames)]
+
+
+def test_track_is_smooth_without_lag_and_finds_the_cut(rng: np.random.Generator) -> None:
+    true, suns = clip(rng)
+    track = ibl.track_suns(suns)
+    error = np.degrees(np.arccos(np.clip(np.sum(track.direction * true, axis=1), -1.0, 1.0)))
+    assert np.sqrt(np.mean(error**2)) < TRACK_RMS_DEG
+    assert track.cuts == (140,)
+    np.testing.assert_allclose(track.irradiance, 2.0)
+
+
+def test_smoothing_a_signal_backwards_gives_the_same(rng: np.random.Generator) -> None:
+    values, weight = rng.normal(size=(80, 2)).cumsum(axis=0), rng.uniform(0.2, 1.0, 80)
+    np.testing.assert_allclose(smooth(values[::-1], weight[::-1])[::-1], smooth(values, weight), atol=FLOAT64**0.5)
+
+
+def test_a_parabola_passes_through_unchanged() -> None:
+    t = np.linspace(-1, 1, 50)[:, None]
+    values = np.hstack([t, t * t])
+    got = smooth(values, np.where(np.arange(50) % 7 == 3, 0.0, 1.0))
+    np.testing.assert_allclose(got, values, atol=FLOAT64**0.5)
+
+
+def test_gaps_are_bridged_and_lose_confidence(rng: np.random.Generator) -> None:
+    true, suns = clip(rng)
+    for k in range(60, 90):
+        suns[k] = Sun(np.array([0.0, 0.0, -1.0]), np.ones(3), 0.01, 0.1)  # a wrong guess of little confidence
+    track = ibl.track_suns(suns)
+    assert angle_deg(track.direction[75], true[75]) < 2.0
+    assert track.confidence[75] < track.confidence[30]
+    assert track.at(75) is not None
+
+
+def test_a_shot_without_a_sun_has_none() -> None:
+    track = ibl.track_suns([None] * 12)
+    assert track.at(3) is None
+    assert track.at(time_s=0.1) is None
+    with pytest.raises(ParameterError, match="either"):
+        track.at()
+    with pytest.raises(ParameterError, match="at least one"):
+        ibl.track_suns([])
+
+
+def test_cuts_show_in_the_picture() -> None:
+    light = [ibl.environment(clipped(sky(unit([0.2, 0.8, z]), width=128))) for z in (0.1, 0.12)]
+    other = ibl.environment(np.clip(0.5 + 0.45 * directions(128, 64)[..., :1] * np.ones(3), 0, 1))
+    frames = [ibl.measure_sun(light[k % 2] if k < 7 else other, k / 25.0) for k in range(12)]
+    assert ibl.track_suns(frames).cuts == (7,)
+
+
+@pytest.mark.parametrize("name", ["track.json", "track.csv"])
+def test_files_hold_the_track(tmp_path: Path, rng: np.random.Generator, name: str) -> None:
+    _, suns = clip(rng)
+    track = ibl.track_suns(suns)
+    ibl.save_track(track, tmp_path / name)
+    back = ibl.load_track(tmp_path / name)
+    assert back.cuts == track.cuts
+    for field in ("direction", "raw_direction", "irradiance", "half_angle_rad", "confidence", "times_s", "exposure"):
+        np.testing.assert_allclose(getattr(back, field), getattr(track, field), atol=1e3 * FLOAT64**0.75)
+    with pytest.raises(ParameterError, match="not a name"):
+        ibl.save_track(track, tmp_path / "track.txt")
+    (tmp_path / name).write_text("nonsense")
+    with pytest.raises(ParameterError, match="not a readable"):
+        ibl.load_track(tmp_path / name)
+
+
+def test_the_page_is_one_file(rng: np.random.Generator) -> None:
+    _, suns = clip(rng)
+    plate = clipped(sky(unit([0.2, 0.8, 0.1]), width=128))
+    shots = [Snapshot(0.5, plate, ibl.environment(plate))]
+    page = light_report("a <dive>", shots, ibl.track_suns(suns), [("Water", "<p>clear</p>")])
+    assert page.startswith("<!doctype html>")
+    assert "a &lt;dive&gt;" in page
+    assert page.count("data:image/png;base64,") == 4
+    assert page.count("<svg") == page.count("</svg>") == 5
+    assert "<p>clear</p>" in page
+    assert "http" not in page
+
+
+def test_level_matrix_and_its_inverse() -> None:
+    for roll, pitch in ((0.1, -0.3), (-0.4, 0.2), (0.0, 0.0)):
+        up = level_matrix(roll, pitch).T @ np.array([0.0, 1.0, 0.0])
+        np.testing.assert_allclose(roll_pitch(up), (roll, pitch), atol=FLOAT64)
+    nose_up = level_matrix(0.0, 0.2) @ np.array([0.0, 0.0, -1.0])
+    assert nose_up[1] > 0.0
+    right_down = level_matrix(0.2, 0.0) @ np.array([1.0, 0.0, 0.0])
+    assert right_down[1] < 0.0
+
+
+def test_keys_are_joined_by_lines() -> None:
+    track = keyed_level([(0.0, 0.0, 0.1), (2.0, 0.2, 0.3)])
+    np.testing.assert_allclose(track.at(1.0), level_matrix(0.1, 0.2), atol=FLOAT64)
+    np.testing.assert_allclose(track.at(9.0), level_matrix(0.2, 0.3), atol=FLOAT64)
+    with pytest.raises(ParameterError, match="ascending"):
+        keyed_level([(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+
+
+def test_the_tilt_shows_in_the_light(rng: np.random.Generator) -> None:
+    roll, pitch = 0.15, -0.2
+    up = level_matrix(roll, pitch).T @ np.array([0.0, 1.0, 0.0])
+    image = np.exp(2.0 * (directions(64, 32) @ up))[..., None] * rng.uniform(0.8, 1.2, (32, 64, 3))
+    found = estimate_level(image)
+    assert np.degrees(abs(found.roll_rad - roll)) < LEVEL_ESTIMATE_DEG
+    assert np.degrees(abs(found.pitch_rad - pitch)) < LEVEL_ESTIMATE_DEG
+    assert found.explained > 0.9
+
+
+def test_gravity_of_a_gopro_max(shared: Path) -> None:
+    data = (shared / "data/footage/fixtures/gopro_max_heromode.gpmf.bin").read_bytes()
+    gravity = np.concatenate(streams(data, "GRAV"))
+    assert gravity.shape == (316, 3)
+    reading = np.concatenate(streams(data, "ACCL")).mean(axis=0)  # stored as left, down, back; it points up
+    up = unit([-reading[0], -reading[1], reading[2]])
+    track = level_from_gpmf(data, 29.97)
+    mean = unit(level_matrix(np.median(track.roll_rad), np.median(track.pitch_rad)).T @ np.array([0.0, 1.0, 0.0]))
+    assert angle_deg(mean, up) < 2.0
+    with pytest.raises(ParameterError, match="cut off"):
+        parse_gpmf(data[:200])
+    with pytest.raises(ParameterError, match="no gravity"):
+        level_from_gpmf(b"", 30.0)
+
+
+def test_solar_position_of_the_published_example() -> None:
+    """NREL/TP-560-34302 (Reda & Andreas 2008), appendix A.5: azimuth 194.34024, zenith 50.11162 degrees."""
+    time = datetime(2003, 10, 17, 12, 30, 30, tzinfo=timezone(timedelta(hours=-7)))
+    azimuth, elevation = np.degrees(sun_angles(time, 39.742476, -105.1786))
+    assert azimuth == pytest.approx(194.34024, abs=SOLAR_DEG)
+    assert 90.0 - elevation == pytest.approx(50.11162, abs=SOLAR_DEG)
+    with pytest.raises(ParameterError, match="zone"):
+        parse_time("2026-06-21T12:00:00")
