@@ -163,12 +163,18 @@ def caustics(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    markdown: Annotated[bool, typer.Option("--markdown", help="print tables for people instead")] = False,
+) -> None:
     """Print the JSON schema of a scene file."""
     import json
 
+    from mr360uw.handbook import parameters_markdown
     from mr360uw.scene import scene_schema
 
+    if markdown:
+        typer.echo(parameters_markdown(), nl=False)
+        return
     typer.echo(json.dumps(scene_schema(), indent=2))
 
 
