@@ -38,6 +38,7 @@ DEFAULT_BANDS = 61
 """5 nm apart; a pixel costs the same for any number."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _TINY = 1e-30
+_LEAST_LIGHT = 1e-250
 
 
 class Medium:
@@ -244,10 +245,11 @@ class Medium:
 
     def _log(self, spectrum: Array) -> Array:
         rgb = self.display(spectrum)
-        return np.log(np.maximum(rgb, _TINY * rgb.max(axis=-1, keepdims=True)))
+        return np.log(np.maximum(rgb, _TINY * spectrum.max(axis=-1, keepdims=True)))
 
     @functools.cached_property
     def deepest_m(self) -> float:
-        """The depth [m] beyond which double precision holds no light; it stands for the bottomless."""
-        level = self.model.irradiance(np.array([0.0, self.camera_depth_m]), 1.0)
-        return 200.0 * self.camera_depth_m / float(np.min(np.log(level[0] / level[1])))
+        """The depth [m] beyond which double precision holds too little light; it stands for the bottomless."""
+        depth = np.geomspace(0.1, 1e6, 300)
+        light = self.model.irradiance(depth, 1.0)[:, np.argmin(self.model.extinction)]
+        return float(depth[light > _LEAST_LIGHT][-1])

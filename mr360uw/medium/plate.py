@@ -84,7 +84,7 @@ def _typical(m: Array) -> Array:
         middle = np.nanmedian(kept, axis=1, keepdims=True)
         spread = 1.4826 * np.nanmedian(np.abs(kept - middle), axis=1, keepdims=True)
         near = np.all(np.abs(x - middle) <= 3.0 * spread + 1e-9, axis=-1, keepdims=True)
-        kept = np.where(near, x, np.nan)
+        kept = np.where(near | ~near.any(axis=1, keepdims=True), x, np.nan)
     return np.where(m.max(axis=1) > 0.0, np.exp(np.nanmedian(kept, axis=1)), 0.0)
 
 

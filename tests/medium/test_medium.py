@@ -79,6 +79,19 @@ def test_every_mode_is_physical(rng: np.random.Generator, mode: str, name: str) 
     assert np.all(beam_ratio(table, DEPTH + 1.0, 0.9) < 1.0)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("depth", [0.05, 150.0])
+@pytest.mark.parametrize("name", ["I", "9C"])
+@pytest.mark.parametrize("bands_and_rule", [(61, "rectangle"), (2, "rectangle"), (8, "fitted")])
+def test_extremes_are_finite(depth: float, name: str, bands_and_rule: tuple[int, str]) -> None:
+    count, rule = bands_and_rule
+    for mode in ("kd", "table"):
+        table = Medium(Water.jerlov(name), None, mode, depth, band_count=count, rule=rule).table
+        for array in (table.veil, table.attenuation, table.diffuse, table.beam):
+            assert np.all(np.isfinite(array))
+        assert np.all(table.veil >= 0.0)
+
+
 def test_kd_mode_is_the_published_form() -> None:
     water, sensor = Water.jerlov("II"), SENSORS["camera"]
     medium = Medium(water, sensor, "kd", DEPTH, band_count=8)
