@@ -12,7 +12,7 @@ from mr360uw.errors import OutputExistsError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, environment, environment_from_yuv, load_track, measure_sun, track_suns
 from mr360uw.plate_map import plate_map
 from mr360uw.progress import Progress
-from mr360uw.scene import Scene, load_scene
+from mr360uw.scene import PlateSettings, Scene, load_scene
 from mr360uw.threads import prefetch
 from mr360uw.types import Environment
 from mr360uw.video import VideoFrame, VideoReader, open_video
@@ -73,7 +73,7 @@ def analyse_video(
     from mr360uw.medium.waterfit import fit_water
 
     source = Path(source)
-    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=source)
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source))
     page = Path(out) if out is not None else source.with_suffix(".html")
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     for path in (page, *tracks):
@@ -82,7 +82,7 @@ def analyse_video(
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
     with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
         track = sun_track(scene, video, progress)
-        shown = np.unique(np.linspace(0, video.frame_count - 1, _PICTURES).astype(int))
+        shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
         snapshots, maps = [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))

@@ -7,6 +7,7 @@ Exit codes: 0 done, 2 bad input (one line for each problem), 130 interrupted. A 
 from __future__ import annotations
 
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +33,13 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an o
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
+
+
+class ImageFormat(StrEnum):
+    """File formats of exported maps."""
+
+    png = "png"
+    exr = "exr"
 
 
 def main() -> None:
@@ -149,17 +157,24 @@ def caustics(
     folder: Annotated[Path, typer.Argument(help="folder for the images")],
     frames: Annotated[int, typer.Option(help="number of frames of the loop")] = 48,
     loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
-    image_format: Annotated[str, typer.Option("--format", help="png or exr")] = "png",
+    depth_m: Annotated[float | None, typer.Option(help="depth of the caustics; default: the receiver's")] = None,
+    image_format: Annotated[ImageFormat, typer.Option("--format", help="16-bit PNG or float EXR")] = ImageFormat.png,
+    backend: BackendOption = "auto",
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
     from mr360uw.pipeline import export_caustics
+    from mr360uw.progress import terminal_progress
     from mr360uw.scene import load_scene
 
     loaded = load_scene(scene, overrides or ())
-    written = export_caustics(loaded, folder, frames, loop_s, image_format=image_format, overwrite=overwrite)
-    typer.echo(f"wrote {written} images into {folder}")
+    with terminal_progress() as progress:
+        written = export_caustics(
+            loaded, folder, frames=frames, loop_s=loop_s, depth_m=depth_m, image_format=image_format.value,
+            backend=backend, overwrite=overwrite, progress=progress,
+        )  # fmt: skip
+    typer.echo(f"wrote {len(written)} files into {folder}")
 
 
 @app.command()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any, Literal, get_args, get_origin
+
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -10,13 +12,15 @@ from mr360uw.problems import bounds_text, models_of
 from mr360uw.scene import Scene
 from mr360uw.template import toml_value
 
+_HEAD = "| key | default | values, range, unit | meaning |"
+
 
 def parameters_markdown() -> str:
     """Return the page docs/parameters.md: one table for each table of a scene file."""
     lines = [
         "# Parameters of a scene",
         "",
-        "Written by `mr360uw schema --markdown`. Lengths in metres, times in seconds; a key without default must be given.",
+        "Written by `mr360uw schema --markdown`. A key without a default must be given.",
     ]
     for name, field in Scene.model_fields.items():
         key = field.alias or name
@@ -28,19 +32,33 @@ def parameters_markdown() -> str:
 
 def _section(header: str, model: type[BaseModel]) -> list[str]:
     summary = (model.__doc__ or "").strip().splitlines()[0]
-    lines = ["", f"## `{header}` {model.__name__}", "", summary, "", "| key | default | range, unit | meaning |"]
-    lines.append("| --- | --- | --- | --- |")
+    lines = [
+        "",
+        f"## `{header}` {model.__name__}",
+        "",
+        summary,
+        "",
+        "| key | default | values, range, unit | meaning |",
+    ]
     nested = []
     for name, field in model.model_fields.items():
         inner = models_of(field.annotation)
         if inner:
             nested += [(f"{header.strip('[]')}.{field.alias or name}", m) for m in inner]
             continue
-        cells = (f"`{field.alias or name}`", _default(field), bounds_text(field), field.description or "")
+        allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
+        cells = (f"`{field.alias or name}`", _default(field), allowed, field.description or "")
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     for path, inner_model in nested:
         lines += _section(f"[[{path}]]", inner_model)
     return lines
+
+
+def choices(annotation: Any) -> list[str]:
+    """Return the values that an annotation lists, in order."""
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    return [value for part in get_args(annotation) for value in choices(part)]
 
 
 def _default(field: FieldInfo) -> str:

@@ -43,7 +43,8 @@ class _Holdout:
         self._size = (width, height)
         self._reader: VideoReader = open_video(settings.path, transfer="linear", equirectangular=False)
         self._frames: Iterator[VideoFrame] | None = None
-        self._index, self._matte = -1, np.zeros((0, 0))
+        self._index = -1
+        self._matte: Floats = np.zeros((0, 0))
         shape = (self._reader.width, self._reader.height)
         if shape[0] * height != shape[1] * width:
             raise VideoError(

@@ -11,13 +11,14 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
-from mr360uw.analysis import sun_track
+from mr360uw.analysis import light_of_frame, sun_track
+from mr360uw.backends import make_backend
 from mr360uw.composite.over import over, over_tile
-from mr360uw.errors import ParameterError
+from mr360uw.errors import ParameterError, SceneError
 from mr360uw.plan import Plan
 from mr360uw.progress import Progress
 from mr360uw.renderer import FrameLight, SceneRenderer
@@ -201,12 +202,47 @@ def explain_plan(scene: Scene, backend: str = "auto") -> str:
 
 
 def export_caustics(
-    scene: Scene, folder: str | Path, frames: int, loop_s: float, *, image_format: str = "png", overwrite: bool = False
-) -> int:
-    """Write the scene's sea as tileable, looping caustic, height and normal maps; return the number of images."""
-    from mr360uw.caustics import export_tiles
+    scene: Scene,
+    folder: str | Path,
+    *,
+    frames: int = 48,
+    loop_s: float = 8.0,
+    depth_m: float | None = None,
+    image_format: Literal["png", "exr"] = "png",
+    backend: str = "auto",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Path, ...]:
+    """Write the scene's sea as tileable, looping caustic, height and normal maps; return their paths.
 
-    written: Any = export_tiles(
-        scene.sea, folder, frames, loop_s, settings=scene.caustics, image_format=image_format, overwrite=overwrite
+    The sun is the scene's: given, or found in the plate. depth_m: of the plane the caustics fall on, below the mean
+    surface; by default that of a receiver plane, else of the first object, else of the camera. Raises `SceneError`
+    where the plate shows no sun.
+    """
+    from mr360uw.caustics import export_tiles, refract_to_air
+
+    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+        track = sun_track(scene, video)
+        sun = track.at(0) if track is not None else light_of_frame(next(iter(video.frames(0, 1))), scene).sun
+    if sun is None or sun.direction[1] <= 0.0:
+        problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
+        raise SceneError(str(scene.plate.path), [problem])
+    if depth_m is None:
+        heights = [0.0, *(o.position_m[1] for o in scene.objects[:1])]
+        if scene.receiver is not None and scene.receiver.kind == "plane":
+            heights.append(scene.receiver.height_m)
+        depth_m = max(scene.camera.depth_m - heights[-1], 0.0)
+    renderer, _ = make_backend(backend)
+    return export_tiles(
+        scene.sea,
+        refract_to_air(sun.direction, scene.caustics.refractive_index),
+        depth_m,
+        folder,
+        frames,
+        loop_s,
+        scene.caustics,
+        image_format,
+        overwrite=overwrite,
+        stack=lambda *arguments: renderer.download(renderer.caustics(*arguments)),
+        progress=progress,
     )
-    return len(written)

@@ -23,6 +23,6 @@ def plate_map(plate: Floats | YuvImage) -> Floats:
 
     height, width = plate.y.shape
     size = min(width, _FINER * ENVIRONMENT_COLUMNS), min(height, _FINER * ENVIRONMENT_ROWS)
-    planes = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in (plate.y, plate.u, plate.v))
-    small = linear_from_planes(YuvImage(*planes, plate.spec))
+    y, u, v = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in (plate.y, plate.u, plate.v))
+    small = linear_from_planes(YuvImage(y, u, v, plate.spec))
     return reduce_map(small, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS)

@@ -123,7 +123,8 @@ class SceneRenderer:
 
     def shot(self, light: Environment, medium: MediumTable | None, time_s: float, index: int) -> Shot:
         """Return everything the layer of one instant depends on, but the caustics."""
-        position, rotation = np.zeros(3), np.eye(3)
+        position: Floats = np.zeros(3)
+        rotation: Floats = np.eye(3)
         if self._camera is not None:
             pose = self._camera.at(time_s)
             position, rotation = pose[:3, 3], pose[:3, :3]

@@ -40,7 +40,7 @@ def mip_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
     return atlas
 
 
-def _periodic_bilinear(level: Floats, plane: Floats, u: Floats, v: Floats) -> Floats:
+def _periodic_bilinear(level: Floats, plane: NDArray[np.int64], u: Floats, v: Floats) -> Floats:
     size = level.shape[1]
     x, y = u * size - 0.5, v * size - 0.5
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -51,7 +51,9 @@ def _periodic_bilinear(level: Floats, plane: Floats, u: Floats, v: Floats) -> Fl
     ) * fy
 
 
-def periodic_trilinear(levels: Sequence[Floats], plane: Floats, u: Floats, v: Floats, level: Floats) -> Floats:
+def periodic_trilinear(
+    levels: Sequence[Floats], plane: NDArray[np.int64], u: Floats, v: Floats, level: Floats
+) -> Floats:
     """Return values (..., 3) of mip levels (D, size, size, 3) at tile coordinates (u, v) and fractional `level`.
 
     All arguments (...,) have one shape; `plane` holds integers below D.
