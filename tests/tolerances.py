@@ -78,7 +78,7 @@ FLAT_SEA_GL = 2e-5
 """A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
 COVERAGE_TWIN = 5e-4
 """Light of a cell in single precision: coverage is rounded to 1e-7 and multiplied with intensities up to 1e3."""
-CAUSTICS_TRUTH = {"calm": 0.0202, "choppy": 0.05}
+CAUSTICS_TRUTH = {"calm": 0.02, "choppy": 0.05}
 """RMSE over standard deviation against 1e8 photons, grid 256 and map 512. A cell's light is even inside each of its two
 triangles, which a calm sea's smooth pattern shows most."""
 CAUSTICS_TRUTH_COARSE = 0.25
@@ -159,6 +159,22 @@ EDGE_PIXELS = 0.02
 """A place in a frame of 512 columns in single precision, and the arc functions near a pole."""
 FLOAT32 = 2e-6
 """A handful of operations in single precision on numbers near 1 (1e-7 each)."""
+FURNACE = 0.005
+"""A white body in white light vanishes to within half a per cent."""
+POLE_AREA = 0.005
+"""Area of a body: facets instead of a round sphere, and finitely many samples at its edge."""
+ROLL_CODES = 1.0
+"""A turn by whole columns moves every sample to another one exactly, but for roundings at edges."""
+PENUMBRA = 0.03
+"""Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
+OCCLUSION = 0.03
+"""32 surfels for a body, their facing averaged, against 4096 rays over the hemisphere."""
+MAP_RATIO = 0.05
+"""Receiver as a distance map: nearest texel, normals from differences across neighbours."""
+QUADRATURE = 0.002
+"""A midpoint sum of some hundred to some thousand terms."""
+TEXTURE_TWIN = 2e-3
+"""Half-float texels between which single precision mixes; coordinates of 3e-7 times 40 texels."""
 RENDERERS_PSNR_DB = 45.0
 """gl against the reference over a frame: what a compositor does not see in a difference picture."""
 RENDERERS_CODES = 2.0
