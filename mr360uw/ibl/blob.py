@@ -21,14 +21,18 @@ from mr360uw.types import Floats
 
 Mask = NDArray[np.bool_]
 
+CLIPPED = 0.95
+"""A spot of a display-referred plate whose peak reaches this is clipped: white, less what compression takes away."""
+
 _OPENING = 0.7
 _CLIPPED_LEVELS = (0.99, 0.95, 0.85)
 _UNCLIPPED_LEVEL = 0.5
 _LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
+_WHITE_DISC_RAD = np.radians(0.3)  # the same where display white may be the clip
 _SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
 _LOOKS = ((49, None), (49, 3.5), (81, 3.0))  # pixels across, radius of the patch in extents of the spot
 _HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
-_NARROWEST_RAD, _WIDEST_RAD = np.radians(2.0), np.radians(50.0)
+_FIRST_RAD, _NARROWEST_RAD, _WIDEST_RAD = np.radians(4.0), np.radians(2.0), np.radians(50.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,22 +63,25 @@ def brightness(linear: Floats) -> Floats:
     return value + 0.5 * np.minimum(np.minimum(red, green), blue)
 
 
-def examine(plate: Plate, seed: Floats, lowest_up: float, radius_rad: float = np.radians(12.0)) -> Blob | None:
-    """Return the spot nearest the brightest place about `seed` (3,), looking only at directions above `lowest_up`."""
+def examine(plate: Plate, seed: Floats, lowest_up: float, *, white: bool = True) -> Blob | None:
+    """Return the brightest spot about `seed` (3,), looking only at directions above `lowest_up`.
+
+    white: whether the plate is display-referred, clipped at 1.
+    """
     direction: Floats = unit(seed)
-    radius = radius_rad
+    radius = _FIRST_RAD
     blob: Blob | None = None
     for size, reach in _LOOKS:
         if blob is not None and reach is not None:
             direction = blob.direction
             radius = float(np.clip(reach * blob.extent_rad, _NARROWEST_RAD, _WIDEST_RAD))
-        blob = _spot(plate, direction, radius, size, lowest_up)
+        blob = _spot(plate, direction, radius, size, lowest_up, white)
         if blob is None:
             return None
     return blob
 
 
-def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: float) -> Blob | None:
+def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: float, white: bool) -> Blob | None:
     look = patch_directions(centre, radius, size)
     step = patch_step(radius, size)
     value = np.where(look[..., 1] > lowest_up, brightness(plate.look(look)), 0.0)
@@ -83,7 +90,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: flo
         return None
     top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
     half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
-    clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
+    widest = _WHITE_DISC_RAD if white and peak >= CLIPPED else _LARGEST_DISC_RAD
+    clipped = top > 0.25 * half or top > np.pi * widest**2
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:

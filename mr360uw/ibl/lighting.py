@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.blob import CLIPPED
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
@@ -18,7 +19,7 @@ from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.solar import given_direction
 from mr360uw.ibl.split import Split, close, split_sun, with_sun
-from mr360uw.ibl.sun import CLIPPED, DISPLAY_WHITE, find_disc, split_disc
+from mr360uw.ibl.sun import DISPLAY_WHITE, find_disc, split_disc
 from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats, Sun
 

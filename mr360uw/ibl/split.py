@@ -22,7 +22,7 @@ from mr360uw.ibl.plate import (
     coarse_directions,
     coarse_solid_angle,
 )
-from mr360uw.ibl.tangent import patch_directions, patch_step
+from mr360uw.ibl.tangent import patch_directions
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Sun
 
@@ -62,8 +62,10 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     value = np.maximum(luminance(colour), 1e-9)
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
     inside = look @ direction > np.cos(reach)
-    share = np.maximum(1.0 - bound / value, 0.0) * patch_step(reach, _PATCH) ** 2 * inside
-    taken = np.minimum(_scatter(look, colour * share[..., None]) / coarse_solid_angle()[..., None], plate.coarse)
+    share = np.maximum(1.0 - bound / value, 0.0) * inside
+    # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
+    fraction = _scatter(look, colour * share[..., None]) / np.maximum(_scatter(look, colour), 1e-12)
+    taken = fraction * plate.coarse
     energy = (taken * coarse_solid_angle()[..., None]).sum(axis=(0, 1))
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
     return Split((plate.coarse - taken).astype(np.float32), sun)

@@ -6,7 +6,7 @@ looked at closely (`blob`) and judged by what a sun has and clouds, sand, causti
 
     small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
     alone      most of what is as bright as it lies in it (a sky of clipped clouds is bright all over)
-    a halo     the surroundings are darker, two radii out already much darker
+    an edge    the surroundings are much darker, or the spot ends sharply; a bright sky has a smooth maximum
     above      over the horizon, or inside Snell's window for a camera under water
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.ibl.blob import Blob, brightness, examine
+from mr360uw.ibl.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle
 from mr360uw.ibl.split import Split, split_sun
@@ -28,9 +28,6 @@ from mr360uw.types import Floats, Sun
 
 DISPLAY_WHITE = 1.5
 """A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
-CLIPPED = 0.95
-"""A spot of a display-referred plate whose peak reaches this is clipped: white, less what compression takes away."""
-
 _CANDIDATES = 3
 _LONE_ANGLE_RAD = np.radians(4.0)
 
@@ -61,7 +58,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     weight = np.where(bright >= (0.3 if hdr else 0.9) * peak, value, 0.0) * coarse_solid_angle()
     best: Disc | None = None
     for seed in _seeds(weight):
-        blob = examine(plate, seed, floor)
+        blob = examine(plate, seed, floor, white=not hdr)
         if blob is None:
             continue
         near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, _LONE_ANGLE_RAD))
@@ -106,7 +103,8 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
         return _falling(radius, 0.5, 1.0) * _falling(np.log10(contrast), 3.6, 2.6) * _falling(lone, 0.7, 0.3)
     size = _falling(radius, 5.0, 15.0) if blob.clipped else _falling(radius, 1.0, 3.0)
     white = _falling(blob.peak, CLIPPED, CLIPPED - 0.1)
-    return size * white * _falling(lone, 0.5, 0.15) * _falling(blob.halo, 0.55, 0.8)
+    edge = max(_falling(blob.halo, 0.55, 0.8), _falling(blob.radius_rad / blob.extent_rad, 0.7, 0.4))
+    return size * white * _falling(lone, 0.5, 0.15) * edge
 
 
 def split_disc(plate: Plate, disc: Disc) -> Split:
