@@ -27,7 +27,7 @@ from mr360uw.types import CausticStack, Floats
 if TYPE_CHECKING:
     import moderngl
 
-SLOT_SIZE = 256
+SLOT_SIZE = 512
 _SLOT_COLUMNS = 8
 _MAXIMUM_SLOTS = 30
 _MAXIMUM_SUN_SAMPLES = 32

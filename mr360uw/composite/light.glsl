@@ -93,9 +93,10 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     float facing = dot(s.normal, view);
     float n_dot_v = clamp(facing, 1e-3, 1.0);
     float dielectric = dielectric_f0(s.refractive_index, OUTSIDE_INDEX);
-    vec3 f0 = mix(vec3(dielectric), s.base.rgb, s.metallic);
-    vec3 coat = reflectance(f0, split_sum(s.roughness, n_dot_v));
-    vec3 albedo = s.base.rgb * (1.0 - s.metallic) * (1.0 - coat);
+    vec2 split = split_sum(s.roughness, n_dot_v);
+    vec3 varnish = reflectance(vec3(dielectric), split);
+    vec3 coat = mix(varnish, reflectance(s.base.rgb, split), s.metallic);
+    vec3 albedo = s.base.rgb * (1.0 - s.metallic) * (1.0 - varnish);
     vec3 mirror = 2.0 * facing * s.normal - view;
 #if defined(GLOSSY)
     vec3 reflected = glossy_lookup(glossy, level, mirror);
@@ -112,6 +113,7 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     vec3 half_vector = view + lights.sun_direction;
     half_vector /= max(length(half_vector), 1e-9);
     float n_dot_h = clamp(dot(s.normal, half_vector), 0.0, 1.0), v_dot_h = clamp(dot(view, half_vector), 0.0, 1.0);
+    vec3 f0 = mix(vec3(dielectric), s.base.rgb, s.metallic);
     vec3 highlight = sun_highlight(f0, s.roughness * s.roughness, n_dot_v, n_dot_l, n_dot_h, v_dot_h, lights.half_angle);
     parts.sun_diffuse = albedo * INV_PI * irradiance * n_dot_l;
     parts.sun_glossy = highlight * irradiance;

@@ -120,9 +120,11 @@ class Light:
         n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
         index = 1.0 if shot.medium is None else REFRACTIVE_INDEX_SEA
         dielectric = np.vectorize(dielectric_f0, otypes=[float])(hits.refractive_index, index)[:, None]
-        f0 = dielectric * (1.0 - hits.metallic[:, None]) + hits.base * hits.metallic[:, None]
-        coat = reflectance(f0, np.stack(split_sum(hits.roughness, n_dot_v), axis=-1))
-        albedo = hits.base * (1.0 - hits.metallic[:, None]) * (1.0 - coat)
+        metal = hits.metallic[:, None]
+        split = np.stack(split_sum(hits.roughness, n_dot_v), axis=-1)
+        varnish = reflectance(np.broadcast_to(dielectric, hits.base.shape), split)
+        coat = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
+        albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
         ambient = self.ambient(hits.point, hits.normal)
         mirror = 2.0 * np.sum(hits.normal * view, -1, keepdims=True) * hits.normal - view
         environment = shot.environment
@@ -147,6 +149,7 @@ class Light:
         half = view + self.sun.direction
         half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
         n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, view))
+        f0 = dielectric * (1.0 - metal) + hits.base * metal
         highlight = sun_highlight(f0, hits.roughness**2, n_dot_v, n_dot_l, n_dot_h, v_dot_h, self.half_angle)
         sun_diffuse = albedo * INV_PI * irradiance * n_dot_l[:, None]
         sun_glossy = highlight * irradiance

@@ -92,7 +92,7 @@ class DrawSettings(Parameters):
 
     samples: Samples = parameter(17, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
-    sun_samples: int = parameter(16, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
+    sun_samples: int = parameter(24, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
     sun_spread_deg: float = parameter(
         0.0, "spread (standard deviation) of the sun's light by forward scattering", unit="deg", low=0.0, high=30.0
     )

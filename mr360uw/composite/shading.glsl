@@ -14,8 +14,12 @@ float smith_visibility(float n_dot_v, float n_dot_l, float alpha) {
     return 0.5 / max(v + s, 1e-6);
 }
 
+vec3 grazing_reflectance(vec3 f0) {
+    return min(pow(max(f0, 0.0) / 0.04, vec3(0.2)), 1.0);
+}
+
 vec3 reflectance(vec3 f0, vec2 split) {
-    vec3 single = f0 * split.x + split.y;
+    vec3 single = f0 * split.x + grazing_reflectance(f0) * split.y;
     return single * (1.0 + f0 * (1.0 / max(split.x + split.y, 1e-3) - 1.0));
 }
 
@@ -23,5 +27,5 @@ vec3 sun_highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_d
     float wide = min(max(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0);
     float lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l;
     float grazing = pow(clamp(1.0 - v_dot_h, 0.0, 1.0), 5.0);
-    return lobe * (f0 + (1.0 - f0) * grazing);
+    return lobe * (f0 + (grazing_reflectance(f0) - f0) * grazing);
 }

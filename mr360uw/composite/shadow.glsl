@@ -26,7 +26,7 @@ vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at) {
 
 // how far the ray from p, `slope` metres across for a metre along the sun's axis, is blocked by the body
 float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, int starts) {
-    float texel = 2.0 * caster.half_size / slot_size;
+    float texels = 4.0 * caster.half_size / slot_size;
     vec2 range = max(caster.reach - p.z, 0.0);
     float blocked = 0.0;
     int k = 0;
@@ -35,7 +35,7 @@ float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec
         vec3 column = sun_column(sun_map, caster, slot_size, p.xy + slope * h);
         float meets = min(max(h, column.z - p.z), column.y - p.z);
         vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * meets);
-        bool met = there.y > p.z + meets - texel && there.z < p.z + meets + texel && there.y > p.z;
+        bool met = there.y > p.z + meets - texels && there.z < p.z + meets + texels && there.y > p.z;
         if (column.x > 0.0 && meets > 0.0 && met) blocked = max(blocked, there.x);
         ++k;
     } while (k < starts);
@@ -63,7 +63,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
             float above = caster.reach.y - max(caster.reach.x, p.z);
             float travel = spread * above * slot_size / caster.half_size;
-            int starts = clamp(int(travel * 0.25) + 1, 1, 4);
+            int starts = clamp(int(travel * 0.25) + 1, 1, 8);
             float one = sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], starts);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;

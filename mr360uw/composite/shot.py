@@ -82,5 +82,5 @@ class Shot:
     holdout_distance_m: Floats | None = None
     samples: int = 17
     shading: Literal["pixel", "sample"] = "pixel"
-    sun_samples: int = 16
+    sun_samples: int = 24
     sun_spread_rad: float = 0.0

@@ -8,17 +8,21 @@ from mr360uw.composite.aovs import SUMS
 from mr360uw.composite.gl import LayerRenderer
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
-from mr360uw.sphere import yaw_matrix
 from tests import tolerances as tol
 from tests.composite.scenes import box, codes, eight_shots, placed, plate, quad, shot, sphere
 
 pytestmark = pytest.mark.usefixtures("gl")
 
 
+@pytest.fixture(scope="module")
+def renderer() -> LayerRenderer:
+    return LayerRenderer()
+
+
 @pytest.mark.parametrize("name", ["materials", "alpha", "seam", "zenith", "nadir", "deep", "shadow", "holdout"])
-def test_agrees_with_the_reference(name: str, rng: np.random.Generator) -> None:
+def test_agrees_with_the_reference(name: str, renderer: LayerRenderer, rng: np.random.Generator) -> None:
     scene = eight_shots(rng)[name]
-    expected, got = render_layer(scene), LayerRenderer().render(scene)
+    expected, got = render_layer(scene), renderer.render(scene)
     assert expected.alpha.max() > 0.5
     ground = plate(scene.width)
     difference = np.abs(codes(over(ground, got)) - codes(over(ground, expected)))
@@ -30,10 +34,10 @@ def test_agrees_with_the_reference(name: str, rng: np.random.Generator) -> None:
     ]
 
 
-def test_output_variables_agree_and_sum_to_the_beauty(rng: np.random.Generator) -> None:
+def test_output_variables_agree_and_sum_to_the_beauty(renderer: LayerRenderer, rng: np.random.Generator) -> None:
     scene = eight_shots(rng)["shadow"]
     expected_layer, expected = render_aovs(scene)
-    layer, got = LayerRenderer().render_aovs(scene)
+    layer, got = renderer.render_aovs(scene)
     for variables, of in ((expected, expected_layer), (got, layer)):
         total = variables.diffuse + variables.glossy + variables.sun + variables.emission + variables.veil
         np.testing.assert_allclose(total, of.radiance, atol=tol.HALF_FLOAT)
@@ -43,14 +47,12 @@ def test_output_variables_agree_and_sum_to_the_beauty(rng: np.random.Generator) 
         assert np.mean(wrong) <= 1.0 - tol.RENDERERS_FRACTION, name
 
 
-def test_nothing_visible_is_an_empty_layer() -> None:
-    renderer = LayerRenderer()
+def test_nothing_visible_is_an_empty_layer(renderer: LayerRenderer) -> None:
     assert renderer.render(shot()).tiles == ()
     assert render_layer(shot()).tiles == ()
 
 
-def test_a_still_scene_is_the_same_in_the_next_frame_and_a_moved_one_is_not() -> None:
-    renderer = LayerRenderer()
+def test_a_still_scene_is_the_same_in_the_next_frame_and_a_moved_one_is_not(renderer: LayerRenderer) -> None:
     cube = box((0.5, 0.5, 0.5))
     first = renderer.render(shot(placed(cube, (0.0, 0.0, -1.5))))
     again = renderer.render(shot(placed(cube, (0.0, 0.0, -1.5))))
@@ -61,17 +63,13 @@ def test_a_still_scene_is_the_same_in_the_next_frame_and_a_moved_one_is_not() ->
     assert not np.array_equal(first.alpha, moved.alpha)
 
 
-def test_a_body_around_the_camera_covers_everything() -> None:
-    layer = LayerRenderer().render(
-        shot(placed(sphere(12, quad().materials[0], radius=2.0), (0.2, 0.1, -0.1)), sun=None)
-    )
+def test_a_body_around_the_camera_covers_everything(renderer: LayerRenderer) -> None:
+    layer = renderer.render(shot(placed(sphere(12, quad().materials[0], radius=2.0), (0.2, 0.1, -0.1)), sun=None))
     assert layer.alpha.min() > 1.0 - tol.PIXEL_HOLES
 
 
-def test_a_frame_larger_than_one_raster(rng: np.random.Generator) -> None:
-    scene = eight_shots(rng, 1024)["materials"]
-    near = shot(*(placed(o.mesh, o.world_from_object[:3, 3] * 0.6) for o in scene.objects), width=1024)
-    turned = yaw_matrix(0.4)
-    expected, got = (r(near) for r in (render_layer, LayerRenderer().render))
+def test_a_frame_larger_than_one_raster(renderer: LayerRenderer, rng: np.random.Generator) -> None:
+    scene = eight_shots(rng, 640)["materials"]
+    near = shot(*(placed(o.mesh, o.world_from_object[:3, 3] * 0.55) for o in scene.objects), width=640, sun=None)
+    expected, got = (r(near) for r in (render_layer, renderer.render))
     assert np.mean(np.abs(got.alpha - expected.alpha) > tol.ALPHA) <= 1.0 - tol.RENDERERS_FRACTION
-    assert turned.shape == (3, 3)

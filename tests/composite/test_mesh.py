@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from mr360uw.composite import load_mesh
+from mr360uw.composite.mesh import make_mesh
+from mr360uw.composite.mesh_file import Part
+from mr360uw.composite.objects import load_object
+from mr360uw.composite.settings import ObjectSettings
+from mr360uw.errors import MeshError
+from tests import tolerances as tol
+from tests.composite.scenes import box, quad, sphere
+
+
+def written(path: Path, mesh: trimesh.Trimesh) -> Path:
+    mesh.export(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply", ".stl"])
+def test_formats_and_units(tmp_path: Path, suffix: str) -> None:
+    path = written(tmp_path / f"box{suffix}", trimesh.creation.box((2.0, 1.0, 0.5)))
+    mesh = load_mesh(path)
+    np.testing.assert_allclose(mesh.extent_m, [2.0, 1.0, 0.5], atol=tol.FLOAT32)
+    np.testing.assert_allclose(load_mesh(path, "cm").extent_m, [0.02, 0.01, 0.005], atol=tol.FLOAT32)
+    facing = np.sum(mesh.normals.mean(axis=1) * mesh.positions.mean(axis=1), -1)
+    assert np.all(facing > 0.0)
+
+
+def test_odd_sizes_are_noted(tmp_path: Path) -> None:
+    path = written(tmp_path / "big.glb", trimesh.creation.box((40.0, 1.0, 1.0)))
+    assert "40 m long" in load_mesh(path).notes[0]
+    assert load_mesh(path, "m").notes == ()
+    small = written(tmp_path / "small.glb", trimesh.creation.box((0.01, 0.01, 0.01)))
+    assert "10 mm" in load_mesh(small).notes[0]
+
+
+def test_what_cannot_be_used_says_why(tmp_path: Path) -> None:
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    faces = np.array([[0, 1, 2]])
+    bad = triangle.copy()
+    bad[1, 1] = np.nan
+    with pytest.raises(MeshError, match="no triangles"):
+        make_mesh([Part("none", triangle, faces[:0])], [])
+    with pytest.raises(MeshError, match="not finite"):
+        make_mesh([Part("nan", bad, faces)], [])
+    with pytest.raises(MeshError, match="no extent"):
+        make_mesh([Part("point", 0 * triangle, faces)], [])
+    with pytest.raises(MeshError, match="no such file"):
+        load_mesh(tmp_path / "absent.glb")
+    with pytest.raises(MeshError, match="not a mesh format"):
+        load_mesh(tmp_path / "mesh.fbx")
+    (tmp_path / "text.glb").write_text("this is not a mesh")
+    with pytest.raises(MeshError, match="not glTF"):
+        load_mesh(tmp_path / "text.glb")
+    (tmp_path / "draco.gltf").write_text(
+        json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": ["EXT_meshopt_compression"]})
+    )
+    with pytest.raises(MeshError, match="compressed"):
+        load_mesh(tmp_path / "draco.gltf")
+
+
+def test_missing_textures_are_named(tmp_path: Path) -> None:
+    obj = tmp_path / "one.obj"
+    obj.write_text("mtllib one.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    (tmp_path / "one.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd not there.png\n")
+    with pytest.raises(MeshError, match=r"texture is missing .*not there\.png"):
+        load_mesh(obj)
+    (tmp_path / "one.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "images": [{"uri": "gone.png"}]}))
+    with pytest.raises(MeshError, match="gone"):
+        load_mesh(tmp_path / "one.gltf")
+
+
+def test_gltf_without_material_keeps_coordinates_and_colours(tmp_path: Path) -> None:
+    box_mesh = trimesh.creation.box()
+    uv = np.random.default_rng(1).uniform(size=(len(box_mesh.vertices), 2))
+    box_mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=trimesh.visual.material.PBRMaterial())
+    data = box_mesh.export(file_type="glb")
+    length = int.from_bytes(data[12:16], "little")
+    tree = json.loads(data[20 : 20 + length])
+    tree.pop("materials")
+    del tree["meshes"][0]["primitives"][0]["material"]
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    total = 20 + len(text) + len(rest)
+    header = data[:8] + total.to_bytes(4, "little") + len(text).to_bytes(4, "little") + b"JSON"
+    (tmp_path / "bare.glb").write_bytes(header + text + rest)
+    mesh = load_mesh(tmp_path / "bare.glb")
+    assert np.ptp(mesh.uv) > 0.5
+    assert mesh.materials[0].base_color == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_creases_stay_sharp_and_round_bodies_smooth() -> None:
+    cube = box()
+    face = np.cross(cube.positions[:, 1] - cube.positions[:, 0], cube.positions[:, 2] - cube.positions[:, 0])
+    face /= np.linalg.norm(face, axis=-1, keepdims=True)
+    np.testing.assert_allclose(cube.normals, np.repeat(face[:, None], 3, axis=1), atol=tol.FLOAT64)
+    assert cube.patch.max() + 1 == 6
+    ball = sphere()
+    bare = make_mesh(
+        [Part("ball", ball.positions.reshape(-1, 3), np.arange(ball.positions.size // 3).reshape(-1, 3))],
+        list(ball.materials),
+    )
+    angle = np.sum(bare.normals * ball.normals, -1)
+    assert angle.min() > 1.0 - tol.SMOOTH_NORMALS
+    assert bare.patch.max() == 0
+
+
+def test_surfels_hold_the_area() -> None:
+    ball = sphere(32, radius=0.5)
+    # a closed body counts half: a line through it crosses its surface twice
+    np.testing.assert_allclose(np.linalg.norm(ball.surfel_area, axis=-1).sum(), 0.5 * np.pi, rtol=tol.POLYGON_AREA)
+    np.testing.assert_allclose(np.linalg.norm(quad().surfel_area, axis=-1).sum(), 1.0, rtol=tol.FLOAT64)
+
+
+def test_scene_objects_override_materials_and_follow_sequences(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 8), (255, 0, 0)).save(tmp_path / "red.png")
+    for k in range(1, 4):
+        written(tmp_path / f"fish_{k:03d}.glb", trimesh.creation.box((k, 1, 1)))
+    settings = ObjectSettings(
+        mesh=tmp_path / "fish_%03d.glb", texture=tmp_path / "red.png", roughness=0.25, metallic=0.5, attach="camera"
+    )
+    loaded = load_object(settings)
+    assert len(loaded.meshes) == 3
+    assert loaded.moves
+    material = loaded.meshes[0].materials[0]
+    assert (material.roughness, material.metallic) == (0.25, 0.5)
+    np.testing.assert_allclose(material.base_map.levels[-1][0, 0, :3], [1.0, 0.0, 0.0], atol=tol.HALF_FLOAT)
+    at = loaded.at(0.0, 4, np.array([1.0, 2.0, 3.0]), np.eye(3))
+    assert at.mesh is loaded.meshes[1]
+    np.testing.assert_allclose(at.world_from_object[:3, 3], [1.0, 2.0, 0.0], atol=tol.FLOAT64)
+    with pytest.raises(MeshError, match="no such files"):
+        load_object(ObjectSettings(mesh=tmp_path / "none_%03d.glb"))
+
+
+def test_found_meshes(shared: Path) -> None:
+    meshes = shared / "data/meshes"
+    snapper = load_mesh(meshes / "greySnapper_vertColor.glb")
+    assert "40.2 m long" in snapper.notes[0]
+    assert snapper.materials[0].normal_map is not None
+    truck = load_mesh(meshes / "CesiumMilkTruck.glb")
+    assert len(truck.positions) == 1744 + 56 + 288 + 2 * 768
+    modes = {m.alpha_mode for m in load_mesh(meshes / "AlphaBlendModeTest.glb").materials}
+    assert modes == {"OPAQUE", "MASK", "BLEND"}
+    ground = load_mesh(meshes / "babylon_underwater/underwaterGround.glb")
+    assert np.ptp(ground.uv) > 0.9
+    with pytest.raises(MeshError, match="Draco"):
+        load_mesh(meshes / "kenney_ship_wreck_draco.gltf")

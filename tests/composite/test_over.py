@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mr360uw.composite.over import empty_tile, mean_layer, merge, over, over_tile
+from mr360uw.errors import ParameterError
+from mr360uw.types import Layer, Tile
+from tests import tolerances as tol
+
+
+def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Tile:
+    tile = empty_tile(4, 2, height, width)
+    alpha = rng.uniform(0, 1, (height, width)).astype(np.float32)
+    return replace(
+        tile,
+        alpha=alpha,
+        radiance=(alpha[..., None] * rng.uniform(0, 1, (height, width, 3))).astype(np.float32),
+        ratio=rng.uniform(0.2, 1.2, (height, width, 3)).astype(np.float32),
+        veil=rng.uniform(0, 0.2, (height, width, 3)).astype(np.float32),
+    )
+
+
+def test_outside_the_tiles_and_under_empty_ones_the_plate_is_bit_identical(rng: np.random.Generator) -> None:
+    plate = rng.uniform(0, 1, (16, 32, 3)).astype(np.float32)
+    veiled = replace(empty_tile(20, 4, 6, 8), veil=rng.uniform(0, 1, (6, 8, 3)).astype(np.float32))
+    layer = Layer(16, 32, (random_tile(rng), veiled))
+    image = over(plate, layer)
+    outside = np.ones((16, 32), bool)
+    outside[layer.tiles[0].window] = False
+    assert np.array_equal(image[outside], plate[outside])
+    assert not np.array_equal(image, plate)
+
+
+def test_haze_is_not_shadowed(rng: np.random.Generator) -> None:
+    tile = replace(random_tile(rng), alpha=np.zeros((6, 8), np.float32), radiance=np.zeros((6, 8, 3), np.float32))
+    np.testing.assert_allclose(over_tile(tile.veil, tile), tile.veil, atol=tol.FLOAT32)
+    darker = 0.5 * tile.veil  # a plate below its veil has no surface part that could be shadowed
+    np.testing.assert_allclose(over_tile(darker, tile), darker, atol=tol.FLOAT32)
+
+
+def test_over_is_linear_in_the_layer_and_opaque_objects_hide_the_plate(rng: np.random.Generator) -> None:
+    tile = random_tile(rng)
+    opaque = replace(tile, alpha=np.ones_like(tile.alpha))
+    assert np.array_equal(over_tile(rng.uniform(0, 1, (6, 8, 3)).astype(np.float32), opaque), tile.radiance)
+
+
+def test_sizes_must_agree() -> None:
+    with pytest.raises(ParameterError, match="as large as the layer"):
+        over(np.zeros((8, 16, 3), np.float32), Layer(16, 32, ()))
+
+
+def test_rectangles_merge_until_disjoint(rng: np.random.Generator) -> None:
+    boxes = [tuple(int(v) for v in (*rng.integers(0, 40, 2), *rng.integers(1, 15, 2))) for _ in range(30)]
+    covered, claimed = np.zeros((60, 60), int), np.zeros((60, 60), int)
+    for c, r, w, h in boxes:
+        covered[r : r + h, c : c + w] = 1
+    for c, r, w, h in merge(boxes):
+        claimed[r : r + h, c : c + w] += 1
+    assert claimed.max() == 1
+    assert np.all(claimed >= covered)
+
+
+def test_the_mean_of_sub_frames_moves_energy_and_keeps_it(rng: np.random.Generator) -> None:
+    first = random_tile(rng)
+    second = replace(first, column=10)
+    blurred = mean_layer([Layer(16, 32, (first,)), Layer(16, 32, (second,))])
+    np.testing.assert_allclose(blurred.alpha.sum(), first.alpha.sum(), rtol=tol.FLOAT32)
+    np.testing.assert_allclose(blurred.radiance.sum(), first.radiance.sum(), rtol=tol.FLOAT32)
+    assert np.array_equal(mean_layer([Layer(16, 32, (first,))] * 2).alpha, Layer(16, 32, (first,)).alpha)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.composite.rays import barycentric
+from mr360uw.composite.sampling import frame_from_raster, pattern, raster_from_frame
+from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
+from mr360uw.errors import ParameterError
+from mr360uw.sphere import directions, frame_from_direction, unit
+from tests import tolerances as tol
+from tests.glsl import glsl_call
+
+COUNTS = (1, 5, 13, 17, 29, 41, 65)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_every_pixel_has_its_samples_in_different_rows_and_columns(count: int) -> None:
+    p = pattern(count)
+    assert p.count == count
+    for axis in range(2):
+        np.testing.assert_allclose(np.sort(p.positions[:, axis]), (np.arange(count) + 0.5) / count, atol=tol.FLOAT64)
+    np.testing.assert_allclose(p.positions[0], 0.5, atol=tol.FLOAT64)
+    # the cells of the neighbouring pixels are those of this one, moved: together they leave no cell out
+    cells = {
+        (x + p.a * i - p.b * j, y + p.b * i + p.a * j)
+        for x, y in p.offsets.tolist()
+        for i in range(9)
+        for j in range(9)
+    }
+    assert len(cells) == 81 * count
+
+
+def test_raster_and_frame_are_inverse(rng: np.random.Generator) -> None:
+    x, y = rng.uniform(0, 100, (2, 50))
+    np.testing.assert_allclose(frame_from_raster(*raster_from_frame(x, y, 4, 1), 4, 1), (x, y), rtol=tol.FLOAT64)
+
+
+def test_unknown_counts_are_refused() -> None:
+    with pytest.raises(ParameterError, match="take one of"):
+        pattern(16)
+
+
+def covered(corners: np.ndarray, width: int) -> np.ndarray:
+    """Return the pixels whose centre's ray meets a triangle (3, 3)."""
+    rays = directions(width, width // 2).reshape(-1, 3)
+    weights, distance = barycentric(np.broadcast_to(corners, (len(rays), 3, 3)), rays)
+    return (np.all(weights >= 0.0, axis=-1) & (distance > 0.0)).reshape(width // 2, width)
+
+
+def test_rectangles_hold_triangles_over_seam_and_poles(rng: np.random.Generator) -> None:
+    width, poles, slack = 128, 0, []
+    for _ in range(300):
+        corners = rng.normal(size=(3, 3)) + 1.5 * unit(rng.normal(size=3))
+        mask = covered(corners, width)
+        rectangle = rectangle_of_triangles(corners[None], width, width // 2)
+        assert rectangle is not None
+        column, row, columns, rows = rectangle
+        inside = np.zeros_like(mask)
+        inside[row : row + rows, (column + np.arange(columns)) % width] = True
+        assert not np.any(mask & ~inside)
+        tight = rectangle_of_mask(mask)
+        if tight is not None:
+            slack.append((columns - tight[2], rows - tight[3]))
+        poles += bool(mask[0].all() or mask[-1].all())
+    assert poles > 10
+    assert np.all(np.median(slack, axis=0) <= tol.RECTANGLE_PIXELS)  # slender corners fall between pixel centres
+
+
+def test_even_tiles_are_even_disjoint_and_inside(rng: np.random.Generator) -> None:
+    rectangles = [(int(rng.integers(0, 64)), int(rng.integers(0, 25)), int(rng.integers(1, 30)), 5) for _ in range(6)]
+    tiles = even_tiles(rectangles, 64, 32)
+    claimed = np.zeros((32, 64), int)
+    for column, row, width, height in tiles:
+        assert not np.any(np.array([column, row, width, height]) % 2)
+        assert column + width <= 64
+        claimed[row : row + height, column : column + width] += 1
+    assert claimed.max() == 1
+    for column, row, width, height in rectangles:
+        assert np.all(claimed[row : row + height][:, (column + np.arange(width)) % 64] == 1)
+
+
+def test_joined_rectangles_overlap_nowhere_around_the_seam() -> None:
+    assert joined([(60, 0, 10, 4), (2, 2, 6, 4), (20, 0, 3, 3)], 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
+
+
+@pytest.mark.usefixtures("gl")
+def test_twins(rng: np.random.Generator) -> None:
+    count = 2000
+    place = rng.uniform(0, 50, (count, 2))
+    got = glsl_call("composite/sampling.glsl", "frame_from_raster(p, vec2(4.0, 1.0))", 2, p=place)
+    np.testing.assert_allclose(got, np.stack(frame_from_raster(*place.T, 4, 1), -1), atol=tol.FLOAT32)
+    corners = (rng.normal(size=(count, 3, 3)) + 3.0 * unit(rng.normal(size=(count, 1, 3)))).astype(np.float32)
+    towards = unit(np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], count), corners)).astype(np.float32)
+    a, b, c = (corners[:, k] for k in range(3))
+    weights, distance = barycentric(corners.astype(float), towards.astype(float))
+    got = glsl_call("composite/rays.glsl", "barycentric(make_facet(a, b, c), d)", 4, a=a, b=b, c=c, d=towards)
+    volume = np.abs(np.sum(a * np.cross(b, c), -1))
+    fair = volume > np.quantile(volume, 0.05)  # slivers seen edge-on lose digits
+    np.testing.assert_allclose(got[fair, :3], weights[fair], atol=tol.FLOAT32_LOOKUP)
+    np.testing.assert_allclose(got[fair, 3], distance[fair], rtol=tol.FLOAT32_LOOKUP)
+    size = np.array([512.0, 256.0])
+    got = glsl_call("composite/tiles.glsl", "rectangle_of_triangle(a, b, c, vec2(512.0, 256.0))", 4, a=a, b=b, c=c)
+    x, y = frame_from_direction(towards, *size)
+    turn = np.floor((got[:, 2] - x) / size[0]) * size[0]
+    over_pole = got[:, 2] - got[:, 0] >= size[0]
+    assert np.all((y > got[:, 1] - tol.EDGE_PIXELS) & (y < got[:, 3] + tol.EDGE_PIXELS))
+    assert np.all((x + turn > got[:, 0] - tol.EDGE_PIXELS) | over_pole)

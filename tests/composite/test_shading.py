@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.composite.gl_upload import list_texture, upload_mesh
+from mr360uw.composite.material import Material
+from mr360uw.composite.shading import dielectric_f0, ggx_distribution, reflectance, smith_visibility, sun_highlight
+from mr360uw.composite.shadow import ambient_blocked, basis, disc_directions, disc_offsets, effective_half_angle
+from mr360uw.composite.texture import Texture, make_texture, texture_level, texture_lookup
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.gl.context import texture_from_array
+from mr360uw.sphere import unit
+from tests import tolerances as tol
+from tests.composite.scenes import quad
+from tests.glsl import glsl_call
+
+COUNT = 2000
+
+
+def test_facets_cover_the_plane_once() -> None:
+    cosine = (np.arange(200_000) + 0.5) / 200_000
+    for alpha in (0.05, 0.3, 1.0):
+        total = 2.0 * np.pi * np.mean(ggx_distribution(cosine, np.float64(alpha)) * cosine)
+        np.testing.assert_allclose(total, 1.0, rtol=tol.QUADRATURE)
+
+
+def test_water_takes_most_of_a_coats_reflection() -> None:
+    in_air, in_water = dielectric_f0(1.5, 1.0), dielectric_f0(1.5, REFRACTIVE_INDEX_SEA)
+    assert in_air == pytest.approx(0.04)
+    assert 10.0 < in_air / in_water < 15.0
+
+
+def test_white_metal_reflects_everything() -> None:
+    split = np.array([[0.6, 0.1], [0.9, 0.05], [0.2, 0.3]])
+    np.testing.assert_allclose(reflectance(np.ones((3, 3)), split), 1.0, atol=tol.FLOAT64)
+    assert np.all(reflectance(np.zeros((3, 3)), split) == 0.0)  # a body of water in water
+
+
+def test_the_suns_disc_is_filled_evenly() -> None:
+    offsets = disc_offsets(256)
+    np.testing.assert_allclose(offsets.mean(axis=0), 0.0, atol=tol.ALPHA)
+    np.testing.assert_allclose(np.mean(offsets**2), 0.25, rtol=tol.QUADRATURE)
+    axis = unit([0.2, 0.9, 0.1])
+    angle = np.arccos(np.clip(disc_directions(axis, 0.05, 64) @ axis, -1, 1))
+    assert angle.max() <= 0.05
+    np.testing.assert_allclose(disc_directions(axis, 0.05, 1)[0], axis, atol=tol.FLOAT64)
+    for direction in ([0, 0, 1], [0, 0, -1], [0, 1, 0], axis):
+        np.testing.assert_allclose(basis(direction) @ basis(direction).T, np.eye(3), atol=tol.FLOAT64)
+    assert effective_half_angle(0.03, 0.02) == pytest.approx(0.05)
+
+
+def test_mips_keep_the_mean_and_clear_texels_do_not_bleed(rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (32, 64, 3), dtype=np.uint8)
+    texture = make_texture(image, srgb=True)
+    assert [level.shape[:2] for level in texture.levels] == [
+        (32, 64),
+        (16, 32),
+        (8, 16),
+        (4, 8),
+        (2, 4),
+        (1, 2),
+        (1, 1),
+    ]
+    for level in texture.levels:
+        np.testing.assert_allclose(level.mean(axis=(0, 1)), texture.levels[0].mean(axis=(0, 1)), atol=tol.HALF_FLOAT)
+    clear = np.zeros((8, 8, 4), np.uint8)
+    clear[:, ::2] = (255, 255, 255, 255)
+    small = make_texture(clear, srgb=True).levels[1]
+    np.testing.assert_allclose(small[..., :3], 1.0, atol=tol.HALF_FLOAT)
+    np.testing.assert_allclose(small[..., 3], 0.5, atol=tol.HALF_FLOAT)
+
+
+def test_lookups_at_texel_centres_and_wraps() -> None:
+    image = np.zeros((4, 4, 3), np.uint8)
+    image[1, 2] = 255
+    uv = np.array([[2.5, 1.5]]) / 4
+    for wrap, away in (("repeat", uv + np.array([1, -2])), ("clamp", uv), ("mirror", 2.0 - uv)):
+        texture = make_texture(image, srgb=False, wrap=(wrap, wrap))
+        np.testing.assert_allclose(texture_lookup(texture, away, np.zeros(1))[0, :3], 1.0, atol=tol.HALF_FLOAT)
+    assert texture_level(texture, np.array([[0.25, 0]]), np.array([[0, 1.0]]))[0] == pytest.approx(2.0)
+
+
+@pytest.mark.usefixtures("gl")
+def test_shading_twins(rng: np.random.Generator) -> None:
+    a, b, c, d = (rng.uniform(0.05, 1.0, COUNT).astype(np.float32) for _ in range(4))
+    f0 = rng.uniform(0, 1, (COUNT, 3)).astype(np.float32)
+    split = rng.uniform(0.05, 0.5, (COUNT, 2)).astype(np.float32)
+    double = [x.astype(np.float64) for x in (a, b, c, d, f0, split)]
+    cases = {
+        "ggx_distribution(a, b)": ggx_distribution(double[0], double[1]),
+        "smith_visibility(a, b, c)": smith_visibility(*double[:3]),
+    }
+    for expression, expected in cases.items():
+        got = glsl_call("composite/shading.glsl", expression, a=a, b=b, c=c)
+        np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP, err_msg=expression)
+    got = glsl_call("composite/shading.glsl", "reflectance(f, s)", 3, f=f0, s=split)
+    np.testing.assert_allclose(got, reflectance(double[4], double[5]), rtol=tol.FLOAT32_LOOKUP)
+    got = glsl_call("composite/shading.glsl", "sun_highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d)
+    expected = sun_highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
+    np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP)
+
+
+@pytest.mark.usefixtures("gl")
+def test_texture_twin(rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (16, 40, 4), dtype=np.uint8)
+    uv = rng.uniform(-2, 3, (COUNT, 2)).astype(np.float32)
+    change = rng.uniform(0, 0.2, (COUNT, 2)).astype(np.float32)
+    for wrap in (("repeat", "clamp"), ("mirror", "repeat")):
+        texture: Texture = make_texture(image, srgb=True, wrap=wrap)
+        buffers = upload_mesh(quad(Material(base_map=texture)))
+        got = glsl_call(
+            "composite/texture.glsl",
+            "texture_lookup(store, texelFetch(materials, ivec2(4, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
+            4, "uniform sampler2D store, materials;", {"store": buffers.store, "materials": buffers.materials},
+            uv=uv, c=change,
+        )  # fmt: skip
+        du, dv = np.zeros((COUNT, 2)), np.zeros((COUNT, 2))
+        du[:, 0], dv[:, 1] = change[:, 0], change[:, 1]
+        expected = texture_lookup(texture, uv, texture_level(texture, du, dv))
+        np.testing.assert_allclose(got, expected, atol=tol.TEXTURE_TWIN)
+
+
+@pytest.mark.usefixtures("gl")
+def test_occlusion_twin(rng: np.random.Generator) -> None:
+    place, vector = rng.normal(size=(8, 3)).astype(np.float32), 0.1 * rng.normal(size=(8, 3)).astype(np.float32)
+    table = np.zeros((8, 2, 4))
+    table[:, 0, :3], table[:, 1, :3], table[:, 1, 3] = place, vector, np.linalg.norm(vector, axis=-1)
+    point = (rng.normal(size=(COUNT, 3)) * 2).astype(np.float32)
+    normal = unit(rng.normal(size=(COUNT, 3))).astype(np.float32)
+    got = glsl_call(
+        "composite/shadow.glsl", "ambient_blocked(surfels, 0, 8, p, n)", 1, "uniform sampler2D surfels;",
+        {"surfels": texture_from_array(table)}, p=point, n=normal,
+    )  # fmt: skip
+    expected = ambient_blocked(point.astype(float), normal.astype(float), place.astype(float), vector.astype(float))
+    np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP, atol=tol.FLOAT32)
+
+
+@pytest.mark.usefixtures("gl")
+def test_lists_are_read_where_they_were_written(rng: np.random.Generator) -> None:
+    values = rng.uniform(size=(5000, 4)).astype(np.float32)
+    index = rng.integers(0, 5000, COUNT)
+    got = glsl_call(
+        "composite/geometry.glsl", "listed(list, int(i))", 4, "uniform sampler2D list;", {"list": list_texture(values)},
+        i=index.astype(np.float32),
+    )  # fmt: skip
+    assert np.array_equal(got, values[index])
