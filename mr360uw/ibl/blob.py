@@ -30,7 +30,7 @@ _UNCLIPPED_LEVEL = 0.5
 _LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
 _WHITE_DISC_RAD = np.radians(0.3)  # the same where display white may be the clip
 _SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
-_LOOKS = ((49, None), (49, 3.5), (81, 3.0))  # pixels across, radius of the patch in extents of the spot
+_LOOKS = ((41, None), (41, 3.5), (73, 3.0))  # pixels across, radius of the patch in extents of the spot
 _HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
 _FIRST_RAD, _NARROWEST_RAD, _WIDEST_RAD = np.radians(4.0), np.radians(2.0), np.radians(50.0)
 
@@ -85,6 +85,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: flo
     look = patch_directions(centre, radius, size)
     step = patch_step(radius, size)
     value = np.where(look[..., 1] > lowest_up, brightness(plate.look(look)), 0.0)
+    if white:
+        value = np.minimum(value, 1.0)  # codes above white are noise of the encoder, not a brighter sun
     peak = float(value.max())
     if peak <= 0.0:
         return None
