@@ -32,6 +32,10 @@ from mr360uw.types import Environment, Floats, Layer, MediumTable, Sun, YuvImage
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
+_NEAREST_PLANE_M = 0.1
+"""Depth of the first plane of caustics under objects that break the surface."""
+_PLANE_SPACING_M = 0.75
+"""Depth that one plane of caustics serves well, followed along the beam; a scene's `planes` is the most it gets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +186,8 @@ class SceneRenderer:
             depths += [depth - radius, depth + radius]
         if shot.receiver is not None and shot.receiver.caustics and shot.receiver.plane_y is not None:
             depths.append(shot.camera_depth_m - shot.receiver.plane_y)
-        near = max(min(depths), 0.1)
-        planes = stack_depths(near, max(*depths, near * 1.001), self.scene.caustics.planes)
+        near = max(min(depths), _NEAREST_PLANE_M)
+        far = max(*depths, near)
+        count = min(self.scene.caustics.planes, 1 + int((far - near) / _PLANE_SPACING_M))
+        planes = stack_depths(near, far, count)
         return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, self.scene.caustics)
