@@ -49,7 +49,8 @@ class ZonalFilter:
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)
         self.scale = scale
-        self._spectrum = np.conj(self._transform(matrix)).astype(np.complex64)  # (frequency, result row, source)
+        spectrum = np.conj(self._transform(matrix)).astype(np.complex64)
+        self._spectrum = np.ascontiguousarray(np.moveaxis(spectrum, 1, 2))  # (frequency, source, result row)
 
     def _transform(self, maps: np.ndarray) -> np.ndarray:
         """Return (33, ..., H * scale) spectra along the longitude of maps (..., H, W), one for each column phase."""
@@ -61,9 +62,9 @@ class ZonalFilter:
     def __call__(self, radiance: ArrayLike) -> Floats:
         """Return the filtered map (32, 64, 3) of a radiance map (32 scale, 64 scale, 3)."""
         source = np.moveaxis(np.asarray(radiance, np.float32), -1, 0)
-        spectrum = np.moveaxis(self._transform(source), 1, 2).astype(np.complex64)  # (frequency, source, channel)
-        filtered = np.fft.irfft(self._spectrum @ spectrum, n=COLUMNS, axis=0)
-        return np.ascontiguousarray(np.moveaxis(filtered, 0, 1), np.float32)
+        spectrum = self._transform(source).astype(np.complex64)  # (frequency, channel, source)
+        filtered = np.fft.irfft(spectrum @ self._spectrum, n=COLUMNS, axis=0)  # (column, channel, row)
+        return np.ascontiguousarray(np.moveaxis(filtered, (0, 1, 2), (1, 2, 0)), np.float32)
 
 
 def filter_scale(radiance: ArrayLike) -> int:

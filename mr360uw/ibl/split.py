@@ -26,7 +26,7 @@ from mr360uw.ibl.tangent import patch_directions
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Sun
 
-_PATCH = 81
+_PATCH = 61
 _REACH = 2.0  # how far out, in radii of the spot, its light is gathered
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
 _LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
