@@ -39,9 +39,8 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     source_height, source_width, channels = image.shape
     if source_height % height == 0 and source_width % width == 0 and image.size <= _SMALL:
         weight = np.stack([share for _, share in _shares(height, source_height, True)]) / (source_width // width)
-        columns = image.reshape(source_height, width, source_width // width, channels).sum(axis=2)
-        blocks = columns.reshape(height, source_height // height, width * channels)
-        return np.einsum("jsk,js->jk", blocks, weight.astype(image.dtype)).reshape(height, width, channels)
+        blocks = image.reshape(height, source_height // height, width, source_width // width, channels)
+        return np.einsum("jsiuc,js->jic", blocks, weight.astype(image.dtype))
     rows = np.empty((height, source_width * channels), image.dtype)
     flat = image.reshape(source_height, -1)
     for j, (first, weight) in enumerate(_shares(height, source_height, True)):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, code_range, decode, rgb_from_ycbcr
+from mr360uw.color import ColorSpec, Transfer, code_range, decode, rgb_from_ycbcr
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
@@ -45,8 +45,9 @@ class YuvPlate:
             ],
             axis=-1,
         )
-        encoded = np.maximum(ycc @ rgb_from_ycbcr(self.yuv.spec.matrix).T.astype(np.float32), 0.0)
-        return decode(encoded, self.yuv.spec.transfer)
+        encoded = ycc @ rgb_from_ycbcr(self.yuv.spec.matrix).T.astype(np.float32)
+        table = _decode_table(self.yuv.spec.transfer)
+        return table[np.clip(encoded * _TABLE_STEPS + 0.5, 0.0, len(table) - 1).astype(np.int32)]
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
@@ -54,6 +55,15 @@ class YuvPlate:
         if self.enhancement is not None:
             gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
         return expand_samples(self.look(direction), direction[..., 1], self.settings, gains)
+
+
+_TABLE_STEPS = 8192
+
+
+@functools.cache
+def _decode_table(transfer: Transfer) -> NDArray[np.float32]:
+    """Return linear light at code values k/8192, a fraction of a 10 bit step, up to video's headroom."""
+    return decode(np.arange(int(1.2 * _TABLE_STEPS)) / _TABLE_STEPS, transfer).astype(np.float32)
 
 
 def environment_from_yuv(
