@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mr360uw.composite.mesh import Mesh, load_mesh
     from mr360uw.composite.motion import Motion, read_camera_track
     from mr360uw.composite.objects import SceneObject, load_object, load_receiver
-    from mr360uw.composite.over import over, over_tile
+    from mr360uw.composite.over import over_tile
     from mr360uw.composite.reference import render_layer
     from mr360uw.composite.settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
     from mr360uw.composite.shot import PlacedObject, Receiver, Shot
@@ -32,7 +32,6 @@ _MODULES = {
     "load_mesh": "mesh",
     "load_object": "objects",
     "load_receiver": "objects",
-    "over": "over",
     "over_tile": "over",
     "read_camera_track": "motion",
     "render_layer": "reference",
@@ -52,7 +51,6 @@ __all__ = [
     "load_mesh",
     "load_object",
     "load_receiver",
-    "over",
     "over_tile",
     "read_camera_track",
     "render_layer",

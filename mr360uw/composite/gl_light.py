@@ -27,7 +27,9 @@ from mr360uw.types import CausticStack, Floats
 if TYPE_CHECKING:
     import moderngl
 
-SLOT_SIZE = 512
+SLOT_SIZES = (512, 256)
+"""Texels across a body's sun map, for a narrow disc and for a wide one, which blurs the texels anyway."""
+_WIDE_RAD = 0.012
 _SLOT_COLUMNS = 8
 _MAXIMUM_SLOTS = 30
 _MAXIMUM_SUN_SAMPLES = 32
@@ -59,7 +61,6 @@ class LightTextures:
             "lights__camera_depth_m": shot.camera_depth_m,
             "lights__glossy_levels": min(levels, _MAXIMUM_GLOSSY),
             "lights__sun_direction": (0.0, 1.0, 0.0),
-            "lights__slot_size": float(SLOT_SIZE),
             "lights__casters": 0,
         }
         has = {
@@ -80,20 +81,22 @@ class LightTextures:
             return
         half_angle = effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)
         axes = basis(sun.direction)
+        slot_size = SLOT_SIZES[half_angle >= _WIDE_RAD]
         self._uniforms |= {
             "lights__sun_irradiance": sun.irradiance,
             "lights__sun_direction": sun.direction,
             "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
             "lights__half_angle": half_angle,
+            "lights__slot_size": float(slot_size),
             "lights__sun_axes": axes.T,
             "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
             "lights__casters": min(len(casters), _MAXIMUM_SLOTS),
         }
         count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
-        key = (axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
+        key = (slot_size, axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
         if self._keys.get("sun_map") != key:
-            self._draw_sun_maps(casters, axes, buffers)
+            self._draw_sun_maps(casters, axes, slot_size, buffers)
             self._keys["sun_map"] = key
 
     def set(self, shader: moderngl.Program, bias_m: float) -> None:
@@ -160,14 +163,16 @@ class LightTextures:
         self.surfels = len(table) - 1
         self.textures["surfels"] = texture_from_array(table)
 
-    def _draw_sun_maps(self, casters: list[PlacedObject], axes: Floats, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+    def _draw_sun_maps(
+        self, casters: list[PlacedObject], axes: Floats, slot_size: int, buffers: Callable[[Mesh], MeshBuffers]
+    ) -> None:
         """Draw the columns that each body fills along the sun into its slot; the last slot takes all the rest."""
         context = gl_context()
         groups = [[placed] for placed in casters[: _MAXIMUM_SLOTS - 1]]
         if len(casters) >= _MAXIMUM_SLOTS:
             groups.append(casters[_MAXIMUM_SLOTS - 1 :])
         columns, rows = min(max(len(groups), 1), _SLOT_COLUMNS), max(-(-len(groups) // _SLOT_COLUMNS), 1)
-        size = (columns * SLOT_SIZE, rows * SLOT_SIZE)
+        size = (columns * slot_size, rows * slot_size)
         if self._slots is None or self._slots.size != size:
             self._slots = context.framebuffer([context.texture(size, 2, dtype="f4")])
             self._columns = context.framebuffer([context.texture(size, 4, dtype="f4")])
@@ -181,17 +186,22 @@ class LightTextures:
         table = np.zeros((max(len(groups), 1), 2, 4))
         for number, group in enumerate(groups):
             slot = number % _SLOT_COLUMNS, number // _SLOT_COLUMNS
-            table[number] = self._draw_slot(group, slot, axes, buffers)
+            table[number] = self._draw_slot(group, slot, axes, slot_size, buffers)
         self.textures["casters"] = texture_from_array(table)
         self._slots.color_attachments[0].use(0)
         self.textures["casters"].use(1)
-        set_uniforms(self._column_program, drawn=0, casters=1, slot_size=SLOT_SIZE, slot_columns=columns)
+        set_uniforms(self._column_program, drawn=0, casters=1, slot_size=slot_size, slot_columns=columns)
         context.disable(context.DEPTH_TEST | context.BLEND)
         draw_fullscreen(self._columns, self._column_program)
         self.textures["sun_map"] = self._columns.color_attachments[0]
 
     def _draw_slot(
-        self, group: list[PlacedObject], slot: tuple[int, int], axes: Floats, buffers: Callable[[Mesh], MeshBuffers]
+        self,
+        group: list[PlacedObject],
+        slot: tuple[int, int],
+        axes: Floats,
+        slot_size: int,
+        buffers: Callable[[Mesh], MeshBuffers],
     ) -> Floats:
         """Draw bodies into one slot: the largest of (top, -bottom). Returns the slot's entry (2, 4) for shadow.glsl."""
         context = gl_context()
@@ -203,7 +213,7 @@ class LightTextures:
         )
         low, high = points.min(axis=0), points.max(axis=0)
         center, half = 0.5 * (low + high)[:2], 0.51 * float(max(high[:2] - low[:2]))
-        self._slots.viewport = (slot[0] * SLOT_SIZE, slot[1] * SLOT_SIZE, SLOT_SIZE, SLOT_SIZE)
+        self._slots.viewport = (slot[0] * slot_size, slot[1] * slot_size, slot_size, slot_size)
         for placed, matrix in zip(group, matrices, strict=True):
             mesh = buffers(placed.mesh)
             opaque = mesh.ranges["BLEND"][0]

@@ -18,10 +18,12 @@ from mr360uw.composite.light import MINIMUM_SUN_UP, UNNOTICED
 from mr360uw.composite.rays import RayScene, barycentric
 from mr360uw.composite.shadow import ambient_blocked, effective_half_angle
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.composite.tiles import Rectangle, rectangle_of_mask
+from mr360uw.composite.tiles import Rectangle, rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats
 
+RECTANGLE_COST_PX = 16384
+"""Pixels that take as long as what every further rectangle costs by itself."""
 NEGLIGIBLE = 0.004
 """Changes of linear light below this are less than half a code value of an 8-bit video at white."""
 _COLUMNS = 128
@@ -132,16 +134,14 @@ def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
     touched = [_touched(shot, receiver, placed, grid) for placed in shot.objects if placed.casts_shadow]
     if receiver.caustics and shot.caustics is not None and shot.sun is not None:
         touched.append(np.ones(len(grid.index), bool))
-    found = []
-    for cells in touched:
-        mask = np.zeros(grid.shape, bool)
-        mask.flat[grid.index[cells]] = True
-        rectangle = rectangle_of_mask(mask)
-        if rectangle is not None:
-            (width, height), (column, row, columns, rows) = grid.cell, rectangle
-            c0, r0 = column * width, row * height
-            found.append((c0, r0, min(columns * width, shot.width), min(rows * height, shot.height - r0)))
-    return found
+    mask = np.zeros(grid.shape, bool)
+    if touched:
+        mask.flat[grid.index[np.any(touched, axis=0)]] = True
+    width, height = grid.cell
+    return [
+        (c * width, r * height, min(columns * width, shot.width), min(rows * height, shot.height - r * height))
+        for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
+    ]
 
 
 def _touched(shot: Shot, receiver: Receiver, placed: PlacedObject, grid: CoarseGrid) -> NDArray[np.bool_]:

@@ -48,7 +48,8 @@ def grazing_reflectance(f0: Floats) -> Floats:
     """Return Schlick's reflectance F90 (..., 3) towards grazing: 1, less for surfaces that barely differ from water.
 
     (F0/.04)^(1/5), capped: least squares to Fresnel's equations, weighted by the cosine, give .35, .60, .76 for index
-    ratios of 1.05, 1.12 and 1.2; this gives .43, .60, .73. Without it a body of water's own index would shine at its rim.
+    ratios of 1.05, 1.12 and 1.2; this gives .43, .60, .73. Without it, a body of the water's index would shine at
+    its rim.
     """
     return np.minimum(np.power(np.maximum(f0, 0.0) / 0.04, 0.2), 1.0)
 

@@ -63,9 +63,10 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
             float above = caster.reach.y - max(caster.reach.x, p.z);
             float travel = spread * above * slot_size / caster.half_size;
-            int starts = clamp(int(travel * 0.25) + 1, 1, 8);
+            bool asked = lowest != 0 && k < count;
+            int starts = asked ? clamp(int(travel * 0.25) + 1, 1, 6) : 1;
             float one = sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], starts);
-            if (lowest != 0 && k < count) most = max(most, one);
+            if (asked) most = max(most, one);
             left &= ~lowest;
         } while (left != 0 && most < 1.0);
         blocked += most;

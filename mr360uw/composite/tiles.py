@@ -11,9 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.over import merge
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
+
+_TILE_COST_PX = 4096
+"""Pixels that take as long as what every further tile costs by itself."""
 
 Rectangle = tuple[int, int, int, int]
 """(column, row, width, height) in pixels; column in [0, W)."""
@@ -55,6 +57,54 @@ def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
     return column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1)
 
 
+def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
+    """Return disjoint rectangles that cover the set pixels (h, w) of a frame and pass the seam where that is shorter.
+
+    It starts from the one around all, and cuts in two wherever that leaves out more than `spare` pixels.
+    """
+    whole = rectangle_of_mask(mask)
+    if whole is None:
+        return []
+    column, row, columns, rows = whole
+    window = np.roll(mask, -column, axis=1)[row : row + rows, :columns]
+    return [((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in _cut(window, spare)]
+
+
+def _cut(window: NDArray[np.bool_], spare: int) -> list[Rectangle]:
+    """Return rectangles that cover a window (h, w) whose border rows and columns hold set pixels."""
+    best = min((*_best_cut(window), 0), (*_best_cut(window.T), 1))
+    if best[0] > window.size - spare:
+        return [(0, 0, window.shape[1], window.shape[0])]
+    pieces = []
+    first, second = (
+        (window[:, : best[1]], window[:, best[1] :]) if best[2] == 0 else (window[: best[1]], window[best[1] :])
+    )
+    for start, part in ((0, first), (best[1], second)):
+        rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+        r0, c0 = int(rows[0]), int(columns[0])
+        inner = part[r0 : int(rows[-1]) + 1, c0 : int(columns[-1]) + 1]
+        shift = (start, 0) if best[2] == 0 else (0, start)
+        pieces += [(c + c0 + shift[0], r + r0 + shift[1], w, h) for c, r, w, h in _cut(inner, spare)]
+    return pieces
+
+
+def _best_cut(window: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return (area, column): what two rectangles cover together if the window (h, w) is cut before that column."""
+    height, width = window.shape
+    if width < 2:
+        return window.size, 0
+    filled = window.any(axis=0)
+    top = np.where(filled, np.argmax(window, axis=0), height)
+    bottom = np.where(filled, height - np.argmax(window[::-1], axis=0), 0)
+    at = np.arange(width)
+    last = np.maximum.accumulate(np.where(filled, at + 1, 0))[:-1]
+    first = np.minimum.accumulate(np.where(filled, at, width)[::-1])[::-1][1:]
+    left = (np.maximum.accumulate(bottom) - np.minimum.accumulate(top))[:-1] * last
+    right = (np.maximum.accumulate(bottom[::-1]) - np.minimum.accumulate(top[::-1]))[::-1][1:] * (width - first)
+    column = int(np.argmin(left + right))
+    return int(left[column] + right[column]), column + 1
+
+
 def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
     """Return the rectangle cut at the seam."""
     column, row, columns, rows = rectangle
@@ -86,15 +136,18 @@ def joined(rectangles: list[Rectangle], width: int) -> list[Rectangle]:
 
 
 def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rectangle]:
-    """Return disjoint rectangles within the frame that cover the given ones, with even origins and sizes where the
-    frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.
+    """Return disjoint rectangles within the frame that cover the given ones and little more.
+
+    Origins and sizes are even where the frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.
     """
-    grown = []
+    blocks = np.zeros((-(-height // 2), -(-width // 2)), bool)
     for column, row, columns, rows in (part for r in rectangles for part in split(r, width)):
-        c0, r0 = column - column % 2, row - row % 2
-        c1, r1 = column + columns, row + rows
-        grown.append((c0, r0, min(c1 + c1 % 2, width) - c0, min(r1 + r1 % 2, height) - r0))
-    return merge(grown)
+        blocks[row // 2 : -(-(row + rows) // 2), column // 2 : -(-(column + columns) // 2)] = True
+    tiles = []
+    for c, r, w, h in rectangles_of_mask(blocks, _TILE_COST_PX // 4):
+        for column, row, columns, rows in split((2 * c, 2 * r, 2 * w, 2 * h), 2 * blocks.shape[1]):
+            tiles.append((column, row, min(columns, width - column), min(rows, height - row)))
+    return tiles
 
 
 def _interval(touched: NDArray[np.bool_]) -> tuple[int, int]:

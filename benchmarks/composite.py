@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects in a plate: agreement of the renderers, energy, seam and poles, shadows, edges, speed, pictures.
+
+    python benchmarks/composite.py [agreement | furnace | turn | shadow | edges | speed | pictures FOLDER]
+
+`edges`, `speed` and `pictures` use meshes beside the checkout, in shared/data/meshes.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
+from mr360uw.composite import light as light_module  # noqa: E402
+from mr360uw.composite.gl import LayerRenderer  # noqa: E402
+from mr360uw.composite.material import Material  # noqa: E402
+from mr360uw.composite.over import over  # noqa: E402
+from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
+from tests.composite import scenes  # noqa: E402
+from tests.composite.scenes import codes, environment, medium, placed, plate, shot, sphere  # noqa: E402
+
+MESHES = ROOT.parent / "shared" / "data" / "meshes"
+
+
+def found(**settings: object) -> SceneObject:
+    """Return an object with a mesh of the shared folder."""
+    if not MESHES.is_dir():
+        sys.exit(f"{MESHES} is not there; this section needs its meshes")
+    paths = {
+        k: MESHES / str(settings.pop(k)) for k in ("mesh", "texture", "normal_texture", "orm_texture") if k in settings
+    }
+    return load_object(ObjectSettings(**paths, **settings))
+
+
+def at_origin(thing: SceneObject) -> object:
+    """Return the object as it is at time 0."""
+    return thing.at(0.0, 0, np.zeros(3), np.eye(3))
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+    """Return PSNR [dB], part of the pixels within 2 codes, largest difference [codes] of encoded pictures."""
+    d = np.abs(codes(a) - codes(b))
+    return 20 * np.log10(255 / max(np.sqrt(np.mean(d**2)), 1e-6)), float(np.mean(d.max(axis=-1) <= 2)), float(d.max())
+
+
+def agreement() -> None:
+    """Compare gl with the reference on eight scenes."""
+    renderer = LayerRenderer()
+    print(f"{'scene':10} {'PSNR dB':>8} {'within 2/255':>13} {'largest':>8}   (target 45 dB, 0.999)")
+    for name, scene in scenes.eight_shots(np.random.default_rng(360), 256).items():
+        ground = plate(scene.width)
+        result = difference(over(ground, renderer.render(scene)), over(ground, render_layer(scene)))
+        print(f"{name:10} {result[0]:8.1f} {result[1]:13.5f} {result[2]:8.1f}")
+
+
+def furnace() -> None:
+    """White bodies in white light, and a body of the water's own radiance in water."""
+    print("largest relative difference from the background (target 0.005)")
+    white = environment(0.5)
+    for name, metallic, roughness in (
+        ("diffuse", 0.0, 1.0),
+        ("glossy", 0.0, 0.2),
+        ("metal", 1.0, 0.4),
+        ("mixed", 0.5, 0.7),
+    ):
+        material = Material(base_color=(1.0, 1.0, 1.0, 1.0), metallic=metallic, roughness=roughness)
+        scene = shot(placed(sphere(material=material), (0.2, 0.3, -1.2)), environment=white, sun=None, width=256)
+        for renderer, render in (("reference", render_layer), ("gl", LayerRenderer().render)):
+            image = over(np.full((128, 256, 3), 0.5, np.float32), render(scene))
+            print(f"  {name:8} {renderer:10} {np.abs(image / 0.5 - 1).max():.6f}")
+    far = np.float32([0.02, 0.12, 0.2])
+    water = Material(base_color=(0.0, 0.0, 0.0, 1.0), emission=tuple(map(float, far)), refractive_index=1.34)
+    scene = shot(placed(sphere(material=water), (0.0, -0.5, -2.0)), sun=None, medium=medium(), width=256)
+    image = over(np.broadcast_to(far, (128, 256, 3)).copy(), LayerRenderer().render(scene))
+    print(f"  water    gl         {np.abs(image / far - 1).max():.6f}")
+
+
+def turn() -> None:
+    """A yaw rolls the picture; a body over a pole has its area; the seam is like any other column."""
+    renderer, width = LayerRenderer(), 512
+    scene = replace(scenes.eight_shots(np.random.default_rng(360), width)["shadow"], caustics=None, medium=None)
+    scene = replace(scene, receiver=Receiver(plane_y=-1.2))
+    ground = plate(width)
+    still = codes(over(ground, renderer.render(scene)))
+    for columns in (195, 256, 511):
+        turned = replace(scene, world_from_camera=yaw_matrix(2 * np.pi * columns / width))
+        rolled = codes(over(np.roll(ground, -columns, axis=1), renderer.render(turned)))
+        close = np.abs(rolled - np.roll(still, -columns, axis=1)).max(axis=-1) <= 1.0
+        print(f"yaw of {360 * columns / width:6.1f} degrees: {close.mean():.5f} within 1/255 (target 0.999)")
+    ball = sphere(96)
+    for height in (1.5, -1.5):
+        layer = renderer.render(shot(placed(ball, (0.1, height, -0.05)), width=width, sun=None))
+        area = np.sum(layer.alpha.sum(axis=1) * row_solid_angle(width, width // 2))
+        sine = 0.5 / np.linalg.norm([0.1, height, 0.05])
+        print(
+            f"body over the pole at {height:+}: area {area / (2 * np.pi * (1 - np.sqrt(1 - sine**2))) - 1:+.4%} (target 0.5 %)"
+        )
+    seam = codes(over(ground, renderer.render(shot(placed(sphere(), (0.05, 0.1, 1.4)), width=width))))
+    across = np.abs(np.diff(np.concatenate([seam[:, -3:], seam[:, :3]], axis=1), axis=1)).max(axis=-1)
+    print(f"largest step across the seam {across[:, 2].max():.2f} codes, beside it {across[:, [1, 3]].max():.2f}")
+
+
+def shadow() -> None:
+    """Ratio in the penumbra against 1024 directions over the disc."""
+    renderer = LayerRenderer()
+    dark = replace(environment(), ambient=np.full((32, 64, 3), 1e-9))
+    bodies = {
+        "ball": placed(sphere(), (0.0, -0.3, -1.2)),
+        "box on floor": placed(scenes.box((0.6, 0.5, 0.4)), (0.0, -0.95, -1.2), (30, 0, 0)),
+        "sheet": placed(scenes.quad(size=0.8), (0.0, -0.2, -1.2), (0, -70, 0)),
+    }
+    light_module.REFERENCE_SUN_FACTOR = 1
+    print(f"{'disc rad':>8} {'body':14} {'pixels':>7} {'gl RMSE':>9} {'rays RMSE':>10}   (target 0.03)")
+    for half in (0.00465, 0.03, 0.1):
+        for name, body in bodies.items():
+            sun = replace(scenes.SUN, half_angle_rad=half)
+            receiver = Receiver(plane_y=-1.2, occlusion=False)
+            scene = shot(body, width=512, environment=dark, receiver=receiver, sun=sun)
+            truth = render_layer(replace(scene, sun_samples=1024)).ratio[..., 0]
+            penumbra = (truth > 0.005) & (truth < 0.995)
+            errors = [
+                np.sqrt(np.mean((layer.ratio[..., 0] - truth)[penumbra] ** 2))
+                for layer in (renderer.render(scene), render_layer(replace(scene, sun_samples=96)))
+            ]
+            print(f"{half:8} {name:14} {penumbra.sum():7} {errors[0]:9.4f} {errors[1]:10.4f}")
+
+
+def two_meshes(width: int, shift: float = 0.0, *, receiver: bool = True) -> Shot:
+    """Return the snapper and spot, about one per cent of the frame."""
+    fish, cow = _TWO or _load_two()
+    objects = (
+        replace(
+            at_origin(fish),
+            world_from_object=scenes.rigid((-0.6 + shift, -0.8, -2.6), scenes.rotation_matrix((70, 0, 0)), 4.0),
+        ),
+        replace(
+            at_origin(cow),
+            world_from_object=scenes.rigid((1.6 + shift, -1.15, -4.5), scenes.rotation_matrix((-30, 0, 0)), 1.0),
+        ),
+    )
+    return Shot(width, width // 2, objects, _LIGHT, scenes.SUN, receiver=_FLOOR if receiver else None, medium=_WATER)
+
+
+_TWO: list[SceneObject] = []
+_LIGHT, _FLOOR, _WATER = environment(), Receiver(plane_y=-2.0), medium()
+
+
+def _load_two() -> list[SceneObject]:
+    _TWO.extend([
+        found(mesh="greySnapper_vertColor.glb", unit="cm"),
+        found(mesh="spot/spot_triangulated.obj", texture="spot/spot_texture.png"),
+    ])  # fmt: skip
+    return _TWO
+
+
+def edges() -> None:
+    """Edge pixels against 65 samples, each lit by itself."""
+    renderer, width = LayerRenderer(), 1024
+    ground = plate(width)
+    base = two_meshes(width, receiver=False)
+    near = replace(
+        base, objects=tuple(replace(o, world_from_object=_nearer(o.world_from_object)) for o in base.objects)
+    )
+    print(
+        f"{'body':8} {'samples':>7} {'shading':8} {'RMSE on edges':>14} {'inside':>7} {'alpha RMSE':>11}   (codes; target 2)"
+    )
+    for name, body in zip(("snapper", "spot"), near.objects, strict=True):
+        scene = replace(near, objects=(body,))
+        truth = render_layer(replace(scene, samples=65, shading="sample"))
+        partly, fully = (truth.alpha > 0.004) & (truth.alpha < 0.996), truth.alpha >= 0.996
+        expected = codes(over(ground, truth))
+        for samples, shading in ((5, "pixel"), (17, "pixel"), (29, "pixel"), (29, "sample"), (41, "pixel")):
+            layer = renderer.render(replace(scene, samples=samples, shading=shading))
+            d = codes(over(ground, layer)) - expected
+            a = 255 * np.sqrt(np.mean((layer.alpha - truth.alpha)[partly] ** 2))
+            rmse = [np.sqrt(np.mean(d[where] ** 2)) for where in (partly, fully)]
+            print(f"{name:8} {samples:7} {shading:8} {rmse[0]:14.2f} {rmse[1]:7.2f} {a:11.2f}")
+
+
+def _nearer(matrix: np.ndarray) -> np.ndarray:
+    moved = matrix.copy()
+    moved[:3, 3] *= 0.6
+    return moved
+
+
+def speed() -> None:
+    """Processor and wall time of a layer at 2048 x 1024; light new in every frame, as in a video."""
+    renderer = LayerRenderer()
+    print(f"{'receiver':8} {'moving':6} {'samples':>7} {'processor ms':>13} {'wall ms':>8} {'covered':>8}  tiles")
+    for receiver in (False, True):
+        for moving in (False, True):
+            for samples in (17, 29):
+                spent = []
+                for k in range(12):
+                    scene = two_meshes(2048, 0.01 * k if moving else 0.0, receiver=receiver)
+                    scene = replace(scene, samples=samples, environment=replace(_LIGHT))
+                    start = time.process_time(), time.perf_counter()
+                    layer = renderer.render(scene)
+                    spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
+                cpu, wall = 1e3 * np.median(spent[3:], axis=0)
+                sizes = ", ".join(f"{t.alpha.shape[1]}x{t.alpha.shape[0]}" for t in layer.tiles)
+                print(
+                    f"{receiver!s:8} {moving!s:6} {samples:7} {cpu:13.1f} {wall:8.1f} {layer.alpha.mean():8.2%}  {sizes}"
+                )
+
+
+def pictures(folder: str) -> None:
+    """Write pictures of found meshes by both renderers, side by side, and their difference times twenty."""
+    import cv2
+
+    water = medium(6.0, (0.25, 0.05, 0.04))
+    rocks = "babylon_underwater/rocks_rockMat1_"
+    maps = {
+        "texture": f"{rocks}baseColor.jpg",
+        "normal_texture": f"{rocks}normal.jpg",
+        "orm_texture": f"{rocks}orm.jpg",
+    }
+    scene_file, cow = "babylon_underwater/underwaterScene.glb", "spot/spot_triangulated.obj"
+    fish = {"unit": "cm", "scale": 4.0, "position_m": (0, -0.6, -1.5), "rotation_deg": (70, 0, 0)}
+    turned = {"position_m": (0, -0.5, -2.0), "rotation_deg": (150, 0, 0)}
+    stages = {
+        "alpha": found(mesh="AlphaBlendModeTest.glb", scale=0.5, position_m=(0, -0.4, -2.4)),
+        "snapper": found(mesh="greySnapper_vertColor.glb", **fish),
+        "spot": found(mesh=cow, texture="spot/spot_texture.png", **turned),
+        "rocks": found(mesh=scene_file, scale=0.35, position_m=(0, -1.3, -3.2), part="moreRocks", **maps),
+        "truck": found(mesh="CesiumMilkTruck.glb", scale=0.5, position_m=(0, -1.25, -2.4), rotation_deg=(40, 0, 0)),
+    }
+    renderer, width = LayerRenderer(), 1024
+    for name, thing in stages.items():
+        objects = (at_origin(thing),)
+        scene = Shot(
+            width,
+            width // 2,
+            objects,
+            environment(),
+            scenes.SUN,
+            camera_depth_m=6.0,
+            medium=water,
+            receiver=Receiver(plane_y=-1.3),
+        )
+        ground = plate(width)
+        both = [over(ground, render(scene)) for render in (renderer.render, render_layer)]
+        psnr, close, largest = difference(*both)
+        print(f"{name:8} gl against reference: {psnr:.1f} dB, {close:.5f} within 2/255, largest {largest:.1f}")
+        shown = [codes(image)[150:450, 262:762] for image in both]
+        picture = np.concatenate([*shown, 20 * np.abs(shown[0] - shown[1])], axis=1)
+        cv2.imwrite(str(Path(folder) / f"{name}.png"), np.clip(picture, 0, 255).astype(np.uint8)[..., ::-1])
+
+
+SECTIONS = {f.__name__: f for f in (agreement, furnace, turn, shadow, edges, speed)}
+
+if __name__ == "__main__":
+    if len(sys.argv) > 2 and sys.argv[1] == "pictures":
+        pictures(sys.argv[2])
+    else:
+        for section in sys.argv[1:] or SECTIONS:
+            print(f"\n{section}: {SECTIONS[section].__doc__}")
+            SECTIONS[section]()
