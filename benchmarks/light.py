@@ -46,6 +46,7 @@ BRIGHTER = (-2, -1, 0)  # for the record: 1 % to 40 % of the sphere is clipped
 
 
 def table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
+    """Print a table."""
     cells = [head, *((f"{c:.3g}" if isinstance(c, float) else str(c) for c in row) for row in rows)]
     text = [list(row) for row in cells]
     width = [max(len(row[k]) for row in text) for k in range(len(head))]
@@ -73,10 +74,7 @@ def hdr(name: str) -> np.ndarray:
 def picture(name: str) -> np.ndarray:
     """Return a display-referred picture as linear floats; of a stereo pair the upper half."""
     path = FOOTAGE / name
-    if path.suffix == ".mp4":
-        image = cv2.VideoCapture(str(path)).read()[1]
-    else:
-        image = cv2.imread(str(path))
+    image = cv2.VideoCapture(str(path)).read()[1] if path.suffix == ".mp4" else cv2.imread(str(path))
     if "_tb" in name:
         image = image[: len(image) // 2]
     return decode(image[..., ::-1] / np.float32(255.0), "srgb")
@@ -118,6 +116,7 @@ def brute_force(name: str, kernel: Callable[[np.ndarray], np.ndarray], *, mean: 
 
 @cache
 def irradiance_truth(name: str) -> np.ndarray:
+    """Return the true irradiance of a map at `test_directions`."""
     return brute_force(name, lambda c: np.maximum(c, 0.0), mean=False)
 
 
@@ -168,6 +167,7 @@ def irradiance() -> None:
 
 
 def truth_direction(name: str) -> np.ndarray:
+    """Return where the sun of a map is."""
     entry = json.loads((FOOTAGE / "hdr" / "sun_truth.json").read_text("utf-8"))["maps"][name]
     return direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
 
@@ -196,6 +196,7 @@ def rotations(name: str, count: int, seed: int = 360) -> Iterator[tuple[np.ndarr
 
 
 def angle(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the angle between unit vectors in degrees."""
     return float(np.degrees(np.arccos(np.clip(np.dot(a, b), -1.0, 1.0))))
 
 
@@ -227,9 +228,8 @@ def sun(count: int = 200) -> None:
                 judged += list(np.nan_to_num(e, nan=99.0))
     table(("stops", "map", "median deg", "% within 1 deg", "% found"), rows)
     all_errors = np.array(judged)
-    print(
-        f"  HDR and {STOPS} stops: median {np.median(all_errors):.2f} deg, {100 * np.mean(all_errors <= 1):.1f} % within 1 deg\n"
-    )
+    median, within = np.median(all_errors), 100.0 * np.mean(all_errors <= 1.0)
+    print(f"  HDR and {STOPS} stops: median {median:.2f} deg, {within:.1f} % within 1 deg\n")
 
     print("Pictures with a sun (tolerance 20 pixels)")
     truths = json.loads((FOOTAGE / "360" / "sun_truth_ldr.json").read_text("utf-8"))["images"]
@@ -295,36 +295,43 @@ def expansion() -> None:
 
 
 def synthetic_clip(
-    seed: int, frames: int = 600, cut: int = 290, noise_deg: float = 2.0, dropout: float = 0.1
-) -> tuple[np.ndarray, list[Sun | None]]:
-    """Return (true directions, measured suns) of a camera that turns slowly, with one cut."""
+    seed: int, turn_deg: float, frames: int = 600, cut: int = 290, noise_deg: float = 2.0, dropout: float = 0.1
+) -> tuple[np.ndarray, list[ibl.SunMeasurement]]:
+    """Return (true directions, measurements) of a camera that turns to and fro, with one cut."""
     rng = np.random.default_rng(seed)
     t = np.arange(frames) / 30.0
-    azimuth = np.radians(12.0 * np.sin(2 * np.pi * t / 18.0) + np.where(np.arange(frames) >= cut, 50.0, 0.0))
-    elevation = np.radians(48.0 + 4.0 * np.sin(2 * np.pi * t / 14.0))
+    second = np.arange(frames) >= cut
+    azimuth = np.radians(turn_deg * np.sin(2 * np.pi * t / 18.0) + np.where(second, 50.0, 0.0))
+    elevation = np.radians(48.0 + turn_deg / 3.0 * np.sin(2 * np.pi * t / 14.0))
     true = np.stack([direction_from_angles(a, e) for a, e in zip(azimuth, elevation, strict=True)])
     step = rng.normal(size=(frames, 3)) * np.radians(noise_deg) / np.sqrt(2.0)
     seen = unit(true + step - np.sum(step * true, axis=1, keepdims=True) * true)
     light = np.exp(rng.normal(size=(frames, 1)) * 0.2) * np.ones(3)
     lost = rng.random(frames) < dropout
-    return true, [None if lost[k] else Sun(seen[k], light[k], 0.01, 0.9) for k in range(frames)]
+    shots = rng.normal(size=(2, 8, 16))
+    pictures = shots[second.astype(int)] + 0.05 * rng.normal(size=(frames, 8, 16))
+    suns = [None if lost[k] else Sun(seen[k], light[k], 0.01, 0.9) for k in range(frames)]
+    return true, [ibl.SunMeasurement(t[k], suns[k], 1.0, pictures[k]) for k in range(frames)]
 
 
 def track() -> None:
     """Print the errors of smoothed tracks."""
     print("Track: 600 frames, 2 degrees of noise (rms angle), 10 % dropouts, one cut (target .3 deg rms, no lag)")
     rows = []
-    for seed in range(8):
-        true, suns = synthetic_clip(seed)
-        got = ibl.track_suns(suns)
-        error = np.degrees(np.arccos(np.clip(np.sum(got.direction * true, axis=1), -1.0, 1.0)))
-        window = slice(20, 270)
-        shifts = {
-            s: float(np.mean(np.sum(got.direction[window] * np.roll(true, s, 0)[window], 1))) for s in range(-8, 9)
-        }
-        rows.append((seed, float(np.sqrt((error**2).mean())), max(shifts, key=lambda s: shifts[s]), got.cuts))
-    table(("seed", "rms deg", "lag frames", "cut (true: 290)"), rows)
-    print(f"  mean rms {np.mean([row[1] for row in rows]):.2f} deg\n")
+    for turn_deg in (0.0, 4.0, 12.0):
+        for seed in range(4):
+            true, frames = synthetic_clip(seed, turn_deg)
+            got = ibl.track_suns(frames)
+            alone = ibl.track_suns([frame.sun for frame in frames]).cuts
+            error = np.degrees(np.arccos(np.clip(np.sum(got.direction * true, axis=1), -1.0, 1.0)))
+            window = slice(20, 270)
+            shifts = {
+                s: float(np.mean(np.sum(got.direction[window] * np.roll(true, s, 0)[window], 1))) for s in range(-8, 9)
+            }
+            lag = max(shifts, key=lambda s: shifts[s]) if turn_deg else "-"
+            rows.append((turn_deg, seed, float(np.sqrt((error**2).mean())), lag, got.cuts, alone))
+    table(("turn deg", "seed", "rms deg", "lag frames", "cut (true: 290)", "from directions alone"), rows)
+    print(f"  mean rms {np.mean([row[2] for row in rows]):.2f} deg\n")
 
 
 def yuv_of(image_encoded: np.ndarray, bits: int = 8) -> YuvImage:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.ibl.plate import (
@@ -63,22 +64,27 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
     inside = look @ direction > np.cos(reach)
     share = np.maximum(1.0 - bound / value, 0.0) * inside
+    cell, (taken, seen) = _gather(look, colour * share[..., None], colour)
     # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
-    fraction = _scatter(look, colour * share[..., None]) / np.maximum(_scatter(look, colour), 1e-12)
-    taken = fraction * plate.coarse
-    energy = (taken * coarse_solid_angle()[..., None]).sum(axis=(0, 1))
+    removed = taken / np.maximum(seen, 1e-12) * plate.coarse[cell]
+    residual = plate.coarse.copy()
+    residual[cell] -= removed
+    energy = (removed * coarse_solid_angle()[cell[0]]).sum(axis=0)
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
-    return Split((plate.coarse - taken).astype(np.float32), sun)
+    return Split(residual, sun)
 
 
-def _scatter(look: Floats, light: Floats) -> Floats:
-    """Return the sum of light (h, w, 3) over the coarse pixels its directions fall into, (128, 256, 3)."""
+def _gather(look: Floats, *lights: Floats) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
+    """Return the coarse pixels (rows, columns) that directions fall into, and the sums (n, 3) of each light there."""
     x, y = frame_from_direction(look, COARSE_COLUMNS, COARSE_ROWS)
     row = np.clip(y.astype(np.int64), 0, COARSE_ROWS - 1)
     index = (row * COARSE_COLUMNS + x.astype(np.int64) % COARSE_COLUMNS).ravel()
-    cells = COARSE_COLUMNS * COARSE_ROWS
-    sums = [np.bincount(index, light[..., c].ravel(), cells) for c in range(3)]
-    return np.stack(sums, axis=-1, dtype=np.float64).reshape(COARSE_ROWS, COARSE_COLUMNS, 3)
+    cell = np.flatnonzero(np.bincount(index))
+    sums = [
+        np.stack([np.bincount(index, light[..., c].ravel())[cell] for c in range(3)], -1, dtype=np.float64)
+        for light in lights
+    ]
+    return np.divmod(cell, COARSE_COLUMNS), sums
 
 
 def with_sun(residual: Floats, sun: Sun) -> Floats:
@@ -86,8 +92,10 @@ def with_sun(residual: Floats, sun: Sun) -> Floats:
     radius = max(sun.half_angle_rad, np.radians(0.2))
     look = patch_directions(sun.direction, radius, 33)
     weight = 1.0 * (look @ sun.direction >= np.cos(min(radius, np.pi)))
-    light = (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64)
-    return (residual + _scatter(look, light) / coarse_solid_angle()[..., None]).astype(np.float32)
+    cell, (light,) = _gather(look, (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64))
+    out = residual.copy()
+    out[cell] += light / coarse_solid_angle()[cell[0]]
+    return out
 
 
 def sky_irradiance(residual: Floats) -> Floats:
