@@ -21,9 +21,8 @@ def main(path: str, index: int = 0) -> None:
         return
     in_air = uw.caustics.refract_to_air(light.sun.direction)
     elevation = np.degrees(np.arcsin([light.sun.direction[1], in_air[1]]))
-    print(
-        f"sun at {elevation[0]:.1f} deg in the water, {elevation[1]:.1f} deg above it, sure by {light.sun.confidence:.2f}"
-    )
+    print(f"sun at {elevation[0]:.1f} deg in the water, {elevation[1]:.1f} deg above it")
+    print(f"confidence {light.sun.confidence:.2f}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What compositing costs beside plain decoding and encoding, and how much memory it takes.
+
+    python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W]
+
+rate: composite / plain transcode of one clip with the same settings, taken in turns; medians. memory: peak of a whole
+process over 120 and over 1200 frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import mr360uw as uw
+from mr360uw.scene import Scene, scene_from_dict
+from mr360uw.video import transcode
+
+_OBJECTS = [
+    {"mesh": "whale.glb", "position_m": [0.4, -0.6, -4.2], "rotation_deg": [-60.0, 4.0, 0.0]},
+    {"mesh": "whale.glb", "scale": 0.4, "position_m": [-1.6, -1.6, -3.2], "rotation_deg": [70.0, -5.0, 0.0]},
+]
+
+
+def scene_of(folder: Path, receiver: bool = True) -> Scene:
+    """Return the scene that is measured: two meshes, water, caustics, shadows on a plane."""
+    return scene_from_dict(
+        {
+            "plate": "dive.mp4",
+            "camera": {"depth_m": 4.0},
+            "water": {"type": "II"},
+            "object": _OBJECTS,
+            **({"receiver": {"height_m": -3.5}} if receiver else {}),
+        },
+        folder,
+    )
+
+
+def rate(folder: Path, width: int, runs: int) -> None:
+    """Print frames per second of both, and their ratio, run by run."""
+    dive = uw.sample_dive(folder, width=width, frames=48, overwrite=True)
+    scene = scene_of(folder)
+    uw.composite_video(scene, folder / "warm.mp4", frames=(0, 4), overwrite=True)
+    ratios, plain_fps, composite_fps = [], [], []
+    for _ in range(runs):
+        began = time.perf_counter()
+        count = transcode(dive.plate, folder / "plain.mp4", scene.output, overwrite=True)
+        plain_fps.append(count / (time.perf_counter() - began))
+        report = uw.composite_video(scene, folder / "composite.mp4", overwrite=True)
+        composite_fps.append(report.frames / report.seconds)
+        ratios.append(composite_fps[-1] / plain_fps[-1])
+    covered = uw.render_frame(_first(dive.plate), scene).layer
+    print(f"{width}x{width // 2}, 48 frames, {len(_OBJECTS)} meshes, on {report.backend} ({report.device})")
+    print(f"  pixels touched {100 * sum(t.alpha.size for t in covered.tiles) / (width * width / 2):.1f} %")
+    print(f"  plain      {statistics.median(plain_fps):6.2f} frames/s")
+    print(f"  composite  {statistics.median(composite_fps):6.2f} frames/s")
+    print(f"  ratio      {statistics.median(ratios):6.3f}   (runs: {', '.join(f'{r:.3f}' for r in ratios)})")
+    print("  " + ", ".join(f"{name} {1e3 * s / report.frames:.1f} ms" for name, s in report.stage_s.items()))
+
+
+def _first(path: Path) -> object:
+    with uw.open_video(path) as video:
+        return next(iter(video.frames(0, 1))).image_linear
+
+
+_CHILD = """
+import resource, sys
+from pathlib import Path
+sys.path.insert(0, {here!r})
+import mr360uw as uw
+from pipeline import scene_of
+folder, count = Path({folder!r}), {count}
+report = uw.composite_video(scene_of(folder), folder / "memory.mp4", frames=(0, count), overwrite=True)
+print(report.frames, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def memory(folder: Path) -> None:
+    """Print the peak memory of compositing 120 and 1200 frames of one clip."""
+    dive = uw.sample_dive(folder, width=512, frames=48, overwrite=True)
+    _repeat(dive.plate, folder / "long.mp4", 1200)
+    shutil.move(folder / "long.mp4", dive.plate)
+    peaks = {}
+    for count in (120, 1200):
+        code = _CHILD.format(here=str(Path(__file__).parent), folder=str(folder), count=count)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        frames, kilobytes = map(int, done.stdout.split())
+        peaks[frames] = kilobytes / 1024.0
+        print(f"  {frames:5d} frames: peak {peaks[frames]:.0f} MiB")
+    print(f"  difference {100 * (peaks[1200] / peaks[120] - 1):+.1f} %")
+
+
+def _repeat(source: Path, target: Path, frames: int) -> None:
+    """Write a clip again and again, up to a number of frames, without sound."""
+    import av
+
+    with av.open(str(source)) as given:
+        pictures = list(given.decode(video=0))
+        rate = given.streams.video[0].average_rate
+    with av.open(str(target), "w") as made:
+        stream = made.add_stream("libx264", rate=rate, options={"preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = pictures[0].width, pictures[0].height, "yuv420p"
+        for k in range(frames):
+            picture = pictures[k % len(pictures)]
+            picture.pts, picture.pict_type = k, 0
+            picture.time_base = 1 / rate
+            made.mux(stream.encode(picture))
+        made.mux(stream.encode(None))
+
+
+def main() -> None:
+    """Run the sections named on the command line, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sections", nargs="*", choices=["rate", "memory", []], default=[])
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--width", type=int, default=2048)
+    given = parser.parse_args()
+    for section in given.sections or ["rate", "memory"]:
+        print(f"== {section}")
+        with tempfile.TemporaryDirectory() as folder:
+            if section == "rate":
+                rate(Path(folder), given.width, given.runs)
+            else:
+                memory(Path(folder))
+
+
+if __name__ == "__main__":
+    main()
