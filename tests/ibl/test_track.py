@@ -92,7 +92,7 @@ def test_files_hold_the_track(tmp_path: Path, rng: np.random.Generator, name: st
     with pytest.raises(ParameterError, match="not a name"):
         ibl.save_track(track, tmp_path / "track.txt")
     (tmp_path / name).write_text("nonsense")
-    with pytest.raises(ParameterError, match="sun track|columns"):
+    with pytest.raises(ParameterError, match=r"sun track|columns"):
         ibl.load_track(tmp_path / name)
 
 
