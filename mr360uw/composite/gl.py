@@ -24,7 +24,13 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.material import AlphaMode
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.over import empty_tile
-from mr360uw.composite.receiver import CoarseGrid, ReceiverShape, coarse_grid, receiver_rectangles
+from mr360uw.composite.receiver import (
+    CoarseGrid,
+    ReceiverShape,
+    coarse_grid,
+    receiver_rectangles,
+    shadow_rectangles,
+)
 from mr360uw.composite.sampling import Pattern, pattern, raster_from_frame
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, joined
@@ -101,9 +107,10 @@ class LayerRenderer:
                 shot, visible, object_parts, samples, window, index, keep=len(windows) <= _KEPT_WINDOWS, frame=frame
             )
             _paste(drawn, window.rectangle, shot.width, radiance=image[0], alpha=image[1], distance_m=image[2])
+        shadow_parts = shadow_rectangles(shot, self._coarse_grid(shot, shape)) if shape is not None else []
         for rectangle in joined(receiver_parts, shot.width):
             assert shape is not None
-            ratio, veil = self._draw_receiver(shot, shape, rectangle)
+            ratio, veil = self._draw_receiver(shot, shape, rectangle, shadow_parts)
             _paste(drawn, rectangle, shot.width, ratio=ratio, veil=veil)
         return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
 
@@ -272,7 +279,8 @@ class LayerRenderer:
             blended=blended,
         )
         channels = {0: (4, 1), 1: (4,) * 5, 2: (4,) * 4}[aovs]
-        images = self._run(shader, f"layer {aovs}", common[2], common[3], channels)
+        self._draw(shader, f"layer {aovs}", common[2], common[3], channels)
+        images = self._read(f"layer {aovs}", common[2], common[3])
         if aovs == 0:
             images[1] = np.where(images[0][..., 3] > 0.0, images[1][..., 0], np.float32(np.inf))
         return images
@@ -294,8 +302,10 @@ class LayerRenderer:
             self._grid = key, coarse_grid(shot, shape)
         return self._grid[1]
 
-    def _draw_receiver(self, shot: Shot, shape: ReceiverShape, rectangle: Rectangle) -> tuple[Floats, Floats]:
-        """Return ratio and veil of a rectangle of the frame."""
+    def _draw_receiver(
+        self, shot: Shot, shape: ReceiverShape, rectangle: Rectangle, shadow_parts: Sequence[Rectangle]
+    ) -> tuple[Floats, Floats]:
+        """Return ratio and veil of a rectangle of the frame; the sun's shadow is looked for in `shadow_parts` only."""
         assert shot.receiver is not None
         column, row, width, height = rectangle
         key = (rectangle, shot.width, shot.height, shot.world_from_camera.tobytes())
@@ -306,26 +316,29 @@ class LayerRenderer:
             distance, normal = shape.meet(shot, x, y)
             place = np.where(np.isfinite(distance), distance, 0.0)[..., None]
             self._receiver_maps[key] = texture_from_array(np.concatenate([normal, place], axis=-1))
-        defines = dict(self._light.defines)
-        for name, wanted in (("SHADOW", shot.receiver.shadow), ("CAUSTICS", shot.receiver.caustics)):
-            if not wanted:
-                defines.pop(name, None)
+        unwanted = {"SHADOW": not shot.receiver.shadow, "CAUSTICS": not shot.receiver.caustics}
+        defines = {name for name in self._light.defines if not unwanted.get(name)}
         view = {
             "world_from_camera": shot.world_from_camera.T, "frame_size": (shot.width, shot.height),
             "window": (column, row), "surfel_count": self._light.surfels,
         }  # fmt: skip
         textures = {"shape": self._receiver_maps[key], **self._light.textures}
         if shot.receiver.occlusion and self._light.surfels:
-            defines["OCCLUSION"] = 1
+            defines.add("OCCLUSION")
             coarse = self._program("occlusion", {"STRIDE": _STRIDE})
             _bind(coarse, textures)
             set_uniforms(coarse, last=(width - 1, height - 1), **view)
             textures["occlusion"] = self._draw(coarse, "occlusion", width // _STRIDE + 2, height // _STRIDE + 2, (1,))
-        shader = self._program("receiver", defines | {"STRIDE": _STRIDE})
-        _bind(shader, textures)
-        self._light.set(shader, 0.0)
-        set_uniforms(shader, **view)
-        ratio, veil = self._run(shader, "receiver", width, height, (4, 4))
+        shadowed = [part for p in shadow_parts if (part := _common(p, rectangle, shot.width)) is not None]
+        areas = [(defines - {"SHADOW"}, (0, 0, width, height))]
+        areas += [(defines, part) for part in shadowed if "SHADOW" in defines]
+        for wanted, part in areas:
+            shader = self._program("receiver", dict.fromkeys(wanted, 1) | {"STRIDE": _STRIDE})
+            _bind(shader, textures)
+            self._light.set(shader, 0.0)
+            set_uniforms(shader, **view)
+            self._draw(shader, "receiver", width, height, (4, 4), part)
+        ratio, veil = self._read("receiver", width, height)
         return ratio[..., :3], veil[..., :3]
 
     # --- what is kept ----------------------------------------------------------------------------------------------
@@ -357,31 +370,39 @@ class LayerRenderer:
         return kept
 
     def _draw(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
+        self,
+        shader: moderngl.Program,
+        name: str,
+        width: int,
+        height: int,
+        channels: tuple[int, ...],
+        part: Rectangle | None = None,
     ) -> moderngl.Texture:
-        """Run a full-screen program on width x height pixels of a kept target; what it discards is zero.
+        """Run a full-screen program on width x height pixels of a kept target, or a part of them.
 
-        Returns the first of the target's textures, which may be larger.
+        What it discards is zero. Returns the first of the target's textures, which may be larger.
         """
         target = self._targets.get(name)
         if target is None or target.width < width or target.height < height:
             w, h = (width, height) if target is None else (max(width, target.width), max(height, target.height))
             target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype="f4") for c in channels])
             self._targets[name] = target
+        part = part or (0, 0, width, height)
         target.viewport = (0, 0, width, height)
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        target.clear(viewport=(0, 0, width, height))
+        target.clear(viewport=part)
+        target.scissor = part
         draw_fullscreen(target, shader)
+        target.scissor = None
         return target.color_attachments[0]
 
-    def _run(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
-    ) -> list[Floats]:
-        """Run a full-screen program and return its outputs, (h, w, c) float32 each."""
-        self._draw(shader, name, width, height, channels)
+    def _read(self, name: str, width: int, height: int) -> list[Floats]:
+        """Return the images (h, w, c), float32, of a kept target."""
+        target = self._targets[name]
         images = []
-        for attachment, c in enumerate(channels):
-            data = self._targets[name].read(
+        for attachment, texture in enumerate(target.color_attachments):
+            c = texture.components
+            data = target.read(
                 viewport=(0, 0, width, height), components=c, attachment=attachment, dtype="f4", alignment=1
             )
             images.append(np.frombuffer(data, np.float32).reshape(height, width, c))

@@ -8,7 +8,7 @@ than `UNNOTICED` of its ambient light.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,19 @@ def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
     touched = [_touched(shot, receiver, placed, grid) for placed in shot.objects if placed.casts_shadow]
     if receiver.caustics and shot.caustics is not None and shot.sun is not None:
         touched.append(np.ones(len(grid.index), bool))
+    return _rectangles(shot, grid, touched)
+
+
+def shadow_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
+    """Return the rectangles of the frame in which the sun's shadow can fall on the receiver."""
+    assert shot.receiver is not None
+    only = replace(shot.receiver, occlusion=False)
+    casters = [placed for placed in shot.objects if placed.casts_shadow]
+    return _rectangles(shot, grid, [_touched(shot, only, placed, grid) for placed in casters])
+
+
+def _rectangles(shot: Shot, grid: CoarseGrid, touched: list[NDArray[np.bool_]]) -> list[Rectangle]:
+    """Return rectangles of the frame around the cells of the grid that one of the sets (n,) holds."""
     mask = np.zeros(grid.shape, bool)
     if touched:
         mask.flat[grid.index[np.any(touched, axis=0)]] = True
