@@ -29,12 +29,12 @@ def effective_half_angle(half_angle_rad: float, spread_rad: float) -> float:
 
 
 def basis(axis: ArrayLike) -> Floats:
-    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; any u (Duff et al. 2017)."""
-    x, y, z = unit(axis)
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y], [x, y, z]])
+    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; u is level, so that all turn with a yaw."""
+    w = unit(axis)
+    level = np.array([w[2], 0.0, -w[0]])
+    length = float(np.hypot(w[0], w[2]))
+    u = level / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
+    return np.stack([u, np.cross(w, u), w])
 
 
 def disc_offsets(count: int) -> Floats:
