@@ -9,24 +9,28 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.errors import OutputExistsError, SceneError
-from mr360uw.ibl import SunMeasurement, SunTrack, environment, environment_from_yuv, load_track, measure_sun, track_suns
+from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.plate_map import plate_map
 from mr360uw.progress import Progress
 from mr360uw.scene import PlateSettings, Scene, load_scene
+from mr360uw.scene_light import SceneLight
 from mr360uw.threads import prefetch
-from mr360uw.types import Environment
+from mr360uw.types import Floats, YuvImage
 from mr360uw.video import VideoFrame, VideoReader, open_video
 
 _PICTURES = 6
 _PICTURE_WIDTH = 640
 
 
-def light_of_frame(frame: VideoFrame, scene: Scene) -> Environment:
-    """Return the light of one frame as the scene's `[light]` reads it, without glossy levels."""
-    underwater = scene.water.type != "none"
-    if frame.yuv is not None:
-        return environment_from_yuv(frame.yuv, scene.light, underwater=underwater)
-    return environment(frame.image_linear, scene.light, underwater=underwater)
+def scene_light(scene: Scene) -> SceneLight:
+    """Return the reader of a scene's light."""
+    medium = scene.water.medium(scene.camera.depth_m)
+    return SceneLight(scene, medium.table if medium is not None else None)
+
+
+def picture(frame: VideoFrame) -> Floats | YuvImage:
+    """Return a frame's planes, or its linear picture where it has none."""
+    return frame.yuv if frame.yuv is not None else frame.image_linear
 
 
 def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None) -> SunTrack | None:
@@ -47,9 +51,11 @@ def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None
     if not light.smooth:
         return None
 
+    reader = scene_light(scene)
+
     def measured() -> Iterator[SunMeasurement]:
         for frame in prefetch(video.frames()):
-            yield measure_sun(light_of_frame(frame, scene), frame.time_s)
+            yield measure_sun(reader.of(picture(frame)), frame.time_s)
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
 
@@ -83,11 +89,11 @@ def analyse_video(
     with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
         track = sun_track(scene, video, progress)
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
-        snapshots, maps = [], []
+        reader, snapshots, maps = scene_light(scene), [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
-            snapshots.append(Snapshot(frame.time_s, _small(frame), light_of_frame(frame, scene)))
-            maps.append(plate_map(frame.yuv if frame.yuv is not None else frame.image_linear))
+            snapshots.append(Snapshot(frame.time_s, _small(frame), reader.of(picture(frame))))
+            maps.append(plate_map(picture(frame)))
     sections = []
     if scene.water.type != "none":
         fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m)

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.analysis import light_of_frame, sun_track
+from mr360uw.analysis import picture, scene_light, sun_track
 from mr360uw.backends import make_backend
 from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import ParameterError, SceneError
@@ -144,8 +144,7 @@ def composite_video(
                 since = clock.add("decode", since)
                 light = None
                 if needs_light:
-                    plate = frame.yuv if frame.yuv is not None else frame.image_linear
-                    light = renderer.light(plate, "detect" if track is None else track.at(frame.index))
+                    light = renderer.light(picture(frame), "scene" if track is None else track.at(frame.index))
                 since = clock.add("light", since)
                 yield frame, light
                 since = time.perf_counter()
@@ -223,7 +222,7 @@ def export_caustics(
 
     with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
         track = sun_track(scene, video)
-        sun = track.at(0) if track is not None else light_of_frame(next(iter(video.frames(0, 1))), scene).sun
+        sun = track.at(0) if track is not None else scene_light(scene).of(picture(next(iter(video.frames(0, 1))))).sun
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])

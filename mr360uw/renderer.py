@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from mr360uw.caustics import refract_to_air, stack_depths
 from mr360uw.composite import SceneObject, Shot, load_object, load_receiver, read_camera_track
 from mr360uw.composite.over import mean_layer
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
-from mr360uw.ibl import environment, environment_from_yuv
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.mattes import Mattes
 from mr360uw.medium import fit_gain
 from mr360uw.plan import ObjectFacts, Plan, make_plan
 from mr360uw.plate_map import plate_map
 from mr360uw.scene import Scene
+from mr360uw.scene_light import SceneLight
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Layer, MediumTable, Sun, YuvImage
 
@@ -87,25 +87,18 @@ class SceneRenderer:
         self._mattes = Mattes(scene, width, height)
         self._medium = scene.water.medium(scene.camera.depth_m)
         self._table = self._medium.table if self._medium is not None else None
+        self._light = SceneLight(scene, self._table)
         self.plan: Plan = make_plan(scene, tuple(self._facts(o) for o in self.objects), self._table)
         self.backend: Backend
         self.backend, fallback = make_backend(backend)
         self.notes = tuple(note for o in self.objects for note in o.notes) + ((fallback,) if fallback else ())
 
-    def light(self, plate: Floats | YuvImage, sun: Sun | str | None = "settings") -> FrameLight:
+    def light(self, plate: Floats | YuvImage, sun: Sun | Literal["scene"] | None = "scene") -> FrameLight:
         """Return the light of a plate's frame: linear RGB (H, W, 3) or decoded planes.
 
-        sun: a smoothed track's; "detect" looks for one in this frame; None, or `light.sun = "none"`: there is none.
+        sun: a smoothed track's, or None for none; "scene" does what the scene says, frame by frame.
         """
-        settings = self.scene.light
-        options: dict[str, Any] = {
-            "sun": sun if settings.sun != "none" else None,
-            "underwater": self._medium is not None,
-            "glossy": self.plan.runs("glossy"),
-        }
-        if isinstance(plate, YuvImage):
-            return FrameLight(environment_from_yuv(plate, settings, **options), plate_map(plate))
-        return FrameLight(environment(plate, settings, **options), plate_map(plate))
+        return FrameLight(self._light.of(plate, sun, glossy=self.plan.runs("glossy")), plate_map(plate))
 
     def render(self, light: FrameLight | None, time_s: float, index: int, shutter_s: float = 0.0) -> Rendered:
         """Return the layer of the frame `index` at a time. light: None where the plan runs no environment.

@@ -20,6 +20,7 @@ from tests.tolerances import (
     AGREEMENT_PSNR_DB,
     ROLL_CODE,
     ROLL_FRACTION,
+    SUN_PLACE,
 )
 
 
@@ -157,3 +158,69 @@ def test_a_frame_rate_is_kept(dive: SampleDive, tmp_path: Path) -> None:
     uw.composite_video(load_scene(dive.scene), tmp_path / "out.mkv", frames=(0, 4), backend="reference")
     with uw.open_video(tmp_path / "out.mkv") as video:
         assert abs(video.frame_rate - Fraction(24)) < Fraction(1, 10)
+
+
+@pytest.mark.parametrize(
+    ("light", "expected"),
+    [
+        ({"sun": "none"}, None),
+        ({"sun": "given", "sun_azimuth_deg": 90.0, "sun_elevation_deg": 60.0}, [0.5, 0.866, 0.0]),
+        # noon at the spring equinox on the equator: the sun stands at the zenith, above the water and below
+        ({"sun": "date", "sun_time": "2026-03-20T12:07:00+00:00"}, [0.0, 1.0, 0.0]),
+    ],
+    ids=["none", "given", "date"],
+)
+def test_the_sun_is_where_the_scene_says(
+    light: dict, expected: list[float] | None, whale: Path, tmp_path: Path
+) -> None:
+    frame = uw.render_frame(gradient_plate(128, 64), scene_with(tmp_path, whale, light=light), 0.0, "reference")
+    assert frame.environment is not None
+    if expected is None:
+        assert frame.environment.sun is None
+        assert frame.caustics is None
+        return
+    assert frame.environment.sun is not None
+    np.testing.assert_allclose(frame.environment.sun.direction, expected, atol=SUN_PLACE)
+    assert frame.caustics is not None
+
+
+def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -> None:
+    from mr360uw.analysis import analyse_video
+    from mr360uw.ibl import load_track
+
+    page, table, sheet = analyse_video(dive.scene, tmp_path / "page.html")
+    assert "<svg" in page.read_text("utf-8")
+    assert "https://" not in page.read_text("utf-8").replace("https://www.w3.org", "")
+    track = load_track(table)
+    assert len(track) == 8
+    text = sheet.read_text("utf-8")
+    edited = tmp_path / "edited.csv"
+    rows = [row.split(",") for row in text.splitlines()]
+    column = rows[0].index("azimuth_deg")
+    edited.write_text(
+        "\n".join([",".join(rows[0]), *(",".join([*r[:column], "100.0", *r[column + 1 :]]) for r in rows[1:])])
+    )
+    scene = load_scene(dive.scene, [f'light.track="{edited}"'])
+    uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1), backend="reference")
+    assert np.degrees(np.arctan2(*load_track(edited).at(0).direction[[0, 2]] * [1, -1])) == pytest.approx(100.0)
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(text.splitlines()[:5]) + "\n")
+    with pytest.raises(uw.SceneError, match="another clip"):
+        uw.composite_video(load_scene(dive.scene, [f'light.track="{short}"']), tmp_path / "no.mp4")
+
+
+def test_a_camera_that_turns_sees_the_same_world(whale: Path, tmp_path: Path, backend: str) -> None:
+    """A camera turned to the left sees the same as a plate rolled to the right, waves and shadows included."""
+    width, yaw = 720, 137.0
+    shift = round(width * yaw / 360.0)
+    c, s = np.cos(np.radians(yaw / 2)), np.sin(np.radians(yaw / 2))
+    (tmp_path / "track.csv").write_text(f"time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,{s},0,{c}\n")
+    plate = gradient_plate(width, width // 2)
+    still = scene_with(tmp_path, whale, receiver={"height_m": -1.5})
+    turning = scene_with(
+        tmp_path, whale, receiver={"height_m": -1.5}, camera={"track": str(tmp_path / "track.csv"), "depth_m": 5.0}
+    )
+    a = uw.render_frame(plate, still, 0.0, backend)
+    b = uw.render_frame(np.roll(plate, shift, axis=1), turning, 0.0, backend)
+    difference = np.abs(codes(b.image_linear) - codes(np.roll(a.image_linear, shift, axis=1)))
+    assert np.mean(difference <= ROLL_CODE) >= ROLL_FRACTION

@@ -224,3 +224,5 @@ ROLL_CODE = 1.0
 """8-bit code values after a yaw: the environment map is sampled between other pixels."""
 ROLL_FRACTION = 0.999
 """Part of the samples within ROLL_CODE."""
+SUN_PLACE = 2e-3
+"""Direction of a given sun: the example's rounded digits, and the minute of the equinox' noon."""
