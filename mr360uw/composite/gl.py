@@ -19,7 +19,7 @@ import numpy as np
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.geometry import object_rectangles
 from mr360uw.composite.gl_light import LightTextures
-from mr360uw.composite.gl_upload import MeshBuffers, upload_mesh
+from mr360uw.composite.gl_upload import MeshBuffers, upload_mesh, write_uniform
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.material import AlphaMode
 from mr360uw.composite.mesh import Mesh
@@ -265,7 +265,7 @@ class LayerRenderer:
             },
         )
         self._light.set(shader, placed.bias_m)
-        shader["offsets"].write(np.ascontiguousarray(samples.offsets, np.int32).tobytes())
+        write_uniform(shader, "offsets", samples.offsets.astype(np.int32))
         set_uniforms(
             shader,
             placed_world=_camera_centred(placed, shot).T,
@@ -360,9 +360,8 @@ class LayerRenderer:
         """Return a raster of at least a size, made anew where the one there is too small."""
         kept = self._rasters.get((index, layer))
         if kept is None or kept.seen.width < size[0] or kept.seen.height < size[1]:
-            whole = tuple(-(-n // 128) * 128 for n in size)
-            if kept is not None:
-                whole = tuple(max(a, b) for a, b in zip(whole, kept.seen.size, strict=True))
+            had = (0, 0) if kept is None else kept.seen.size
+            whole = max(-(-size[0] // 128) * 128, had[0]), max(-(-size[1] // 128) * 128, had[1])
             seen = gl_context().texture(whole, 2, dtype="f4")
             depth = gl_context().depth_renderbuffer(whole)
             kept = _Raster(gl_context().framebuffer([seen], depth), seen)
@@ -388,13 +387,15 @@ class LayerRenderer:
             target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype="f4") for c in channels])
             self._targets[name] = target
         part = part or (0, 0, width, height)
+        target.use()
         target.viewport = (0, 0, width, height)
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         target.clear(viewport=part)
         target.scissor = part
         draw_fullscreen(target, shader)
-        target.scissor = None
-        return target.color_attachments[0]
+        target.scissor = None  # type: ignore[assignment]
+        image: Any = target.color_attachments[0]
+        return image
 
     def _read(self, name: str, width: int, height: int) -> list[Floats]:
         """Return the images (h, w, c), float32, of a kept target."""

@@ -3,21 +3,20 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mr360uw.caustics.lookup import mip_atlas, mip_levels
-from mr360uw.composite.gl_upload import MeshBuffers
+from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps
+from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
 from mr360uw.composite.light import MINIMUM_SUN_UP
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.shadow import basis, disc_offsets, effective_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import (
-    draw_fullscreen,
-    gl_context,
-    program,
     set_uniforms,
     texture_array_from_array,
     texture_from_array,
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 SLOT_SIZES = (512, 256)
 """Texels across a body's sun map, for a narrow disc and for a wide one, which blurs the texels anyway."""
 _WIDE_RAD = 0.012
-_SLOT_COLUMNS = 8
-_MAXIMUM_SLOTS = 30
 _MAXIMUM_SUN_SAMPLES = 32
 _MAXIMUM_GLOSSY = 8
 
@@ -46,10 +43,7 @@ class LightTextures:
         self._keys: dict[str, object] = {}
         self._uniforms: dict[str, Any] = {}
         self._arrays: dict[str, Floats] = {}
-        self._slots: moderngl.Framebuffer | None = None
-        self._columns: moderngl.Framebuffer | None = None
-        self._column_program: moderngl.Program | None = None
-        self._slot_program: moderngl.Program | None = None
+        self._sun_maps = SunMaps()
 
     def update(self, shot: Shot, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         """Bring everything to the state of a shot; what it shares with the one before is kept."""
@@ -90,21 +84,21 @@ class LightTextures:
             "lights__slot_size": float(slot_size),
             "lights__sun_axes": axes.T,
             "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
-            "lights__casters": min(len(casters), _MAXIMUM_SLOTS),
+            "lights__casters": min(len(casters), MAXIMUM_SLOTS),
         }
         count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
         key = (slot_size, axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
         if self._keys.get("sun_map") != key:
-            self._draw_sun_maps(casters, axes, slot_size, buffers)
+            maps = self._sun_maps.draw(casters, axes, slot_size, buffers)
+            self.textures["sun_map"], self.textures["casters"] = maps
             self._keys["sun_map"] = key
 
     def set(self, shader: moderngl.Program, bias_m: float) -> None:
         """Give a program the numbers of the light; `bias_m`: how far off a body its shadow rays start."""
         set_uniforms(shader, **self._uniforms, lights__bias_m=bias_m)
         for name, values in self._arrays.items():
-            if name in shader:
-                shader[name].write(np.ascontiguousarray(values, np.float32).tobytes())
+            write_uniform(shader, name, np.asarray(values, np.float32))
 
     def _hold(self, name: str, key: object, make: Callable[[], Any]) -> None:
         """Make a texture where its key has changed."""
@@ -130,7 +124,7 @@ class LightTextures:
             "beam": blank if medium is None else medium.beam[None],
         }
         for name, table in tables.items():
-            self._hold(name, id(medium), lambda table=table: texture_from_array(table))
+            self._hold(name, id(medium), functools.partial(texture_from_array, table))
         if medium is not None:
             self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
 
@@ -162,69 +156,3 @@ class LightTextures:
         table = np.concatenate(rows[1:] + rows[:1])
         self.surfels = len(table) - 1
         self.textures["surfels"] = texture_from_array(table)
-
-    def _draw_sun_maps(
-        self, casters: list[PlacedObject], axes: Floats, slot_size: int, buffers: Callable[[Mesh], MeshBuffers]
-    ) -> None:
-        """Draw the columns that each body fills along the sun into its slot; the last slot takes all the rest."""
-        context = gl_context()
-        groups = [[placed] for placed in casters[: _MAXIMUM_SLOTS - 1]]
-        if len(casters) >= _MAXIMUM_SLOTS:
-            groups.append(casters[_MAXIMUM_SLOTS - 1 :])
-        columns, rows = min(max(len(groups), 1), _SLOT_COLUMNS), max(-(-len(groups) // _SLOT_COLUMNS), 1)
-        size = (columns * slot_size, rows * slot_size)
-        if self._slots is None or self._slots.size != size:
-            self._slots = context.framebuffer([context.texture(size, 2, dtype="f4")])
-            self._columns = context.framebuffer([context.texture(size, 4, dtype="f4")])
-            self._columns.color_attachments[0].filter = (context.LINEAR, context.LINEAR)
-            self._columns.color_attachments[0].repeat_x = self._columns.color_attachments[0].repeat_y = False
-        if self._slot_program is None:
-            self._slot_program = program(vertex="composite/sun_map.vert", fragment="composite/sun_map.frag")
-            self._column_program = program(fragment="composite/sun_columns.frag")
-        self._slots.viewport = (0, 0, *size)
-        self._slots.clear(-1e9, -1e9, 0.0, 0.0)
-        table = np.zeros((max(len(groups), 1), 2, 4))
-        for number, group in enumerate(groups):
-            slot = number % _SLOT_COLUMNS, number // _SLOT_COLUMNS
-            table[number] = self._draw_slot(group, slot, axes, slot_size, buffers)
-        self.textures["casters"] = texture_from_array(table)
-        self._slots.color_attachments[0].use(0)
-        self.textures["casters"].use(1)
-        set_uniforms(self._column_program, drawn=0, casters=1, slot_size=slot_size, slot_columns=columns)
-        context.disable(context.DEPTH_TEST | context.BLEND)
-        draw_fullscreen(self._columns, self._column_program)
-        self.textures["sun_map"] = self._columns.color_attachments[0]
-
-    def _draw_slot(
-        self,
-        group: list[PlacedObject],
-        slot: tuple[int, int],
-        axes: Floats,
-        slot_size: int,
-        buffers: Callable[[Mesh], MeshBuffers],
-    ) -> Floats:
-        """Draw bodies into one slot: the largest of (top, -bottom). Returns the slot's entry (2, 4) for shadow.glsl."""
-        context = gl_context()
-        assert self._slots is not None
-        assert self._slot_program is not None
-        matrices = [axes @ placed.world_from_object[:3] for placed in group]
-        points = np.concatenate(
-            [p.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for p, m in zip(group, matrices, strict=True)]
-        )
-        low, high = points.min(axis=0), points.max(axis=0)
-        center, half = 0.5 * (low + high)[:2], 0.51 * float(max(high[:2] - low[:2]))
-        self._slots.viewport = (slot[0] * slot_size, slot[1] * slot_size, slot_size, slot_size)
-        for placed, matrix in zip(group, matrices, strict=True):
-            mesh = buffers(placed.mesh)
-            opaque = mesh.ranges["BLEND"][0]
-            if opaque == 0:
-                continue
-            sun_from_object = np.concatenate([matrix, [[0.0, 0.0, 0.0, 1.0]]])
-            set_uniforms(self._slot_program, sun_from_object=sun_from_object.T, slot=(*center, 1.0 / half, 1.0 / half))
-            vertex_array = context.vertex_array(self._slot_program, [(mesh.corners, "3f 4x", "corner")])
-            with context.scope(self._slots, context.BLEND):
-                context.blend_func = context.ONE, context.ONE
-                context.blend_equation = context.MAX
-                vertex_array.render(context.TRIANGLES, vertices=3 * opaque)
-                context.blend_equation = context.FUNC_ADD
-        return np.array([(*center, half, 0.0), (low[2], high[2], *slot)])

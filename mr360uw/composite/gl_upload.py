@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.material import AlphaMode, Material
 from mr360uw.composite.mesh import Mesh
@@ -124,3 +125,12 @@ def _material_texels(m: Material, address: dict[int, int]) -> Floats:
         ],
         np.float32,
     )
+
+
+def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
+    """Set an array of numbers or vectors, float32 or int32; a name the compiler removed is passed over."""
+    import moderngl
+
+    uniform = shader.get(name, None)
+    if isinstance(uniform, moderngl.Uniform):
+        uniform.write(np.ascontiguousarray(values).tobytes())

@@ -37,7 +37,7 @@ struct Left {
 #if defined(BY_SAMPLE)
 const float WIDTH = inversesqrt(float(SAMPLES));
 #else
-const float WIDTH = 1.0;
+const float WIDTH = 0.5;
 #endif
 
 vec3 world_direction(vec2 place) {

@@ -163,7 +163,8 @@ class Light:
         ambient, beam = self.ambient(point, normal), self.beam(point)
         if self.sun is not None:
             beam = beam * np.maximum(normal @ self.sun.direction, 0.0)[:, None]
-        blocked, waves = np.zeros(len(point)), np.ones((len(point), 3))
+        blocked: Floats = np.zeros(len(point))
+        waves: Floats = np.ones((len(point), 3))
         if receiver.occlusion:
             for placed in shot.objects:
                 if placed.casts_shadow:

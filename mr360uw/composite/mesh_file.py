@@ -295,8 +295,9 @@ def _simple_material(source: Any) -> Material:
         texture = make_texture(_pixels(image), srgb=True)
         return Material(base_color=(1.0, 1.0, 1.0, 1.0), base_map=texture, double_sided=True)
     diffuse = getattr(source, "diffuse", None)
-    named = diffuse is not None and getattr(source, "kwargs", {}).get("kd") is not None
-    r, g, b = decode(np.asarray(diffuse[:3], np.float64) / 255.0, "srgb") if named else (0.5, 0.5, 0.5)
+    r, g, b = 0.5, 0.5, 0.5
+    if diffuse is not None and getattr(source, "kwargs", {}).get("kd") is not None:
+        r, g, b = decode(np.asarray(diffuse[:3], np.float64) / 255.0, "srgb")
     return Material(base_color=(float(r), float(g), float(b), 1.0), double_sided=True)
 
 

@@ -114,7 +114,7 @@ def read_camera_track(path: str | Path) -> Motion:
     missing = [name for name in names if name not in found]
     if missing:
         raise ParameterError(f"{path} - columns are missing (got no {', '.join(missing)}) - give {', '.join(names)}")
-    rows = np.atleast_1d(table)
+    rows: Any = np.atleast_1d(table)
     columns = np.stack([rows[name] for name in names], axis=-1)
     if not np.all(np.isfinite(columns)) or not np.all(np.linalg.norm(columns[:, 4:], axis=-1) > 0.0):
         raise ParameterError(f"{path} - has entries that are no numbers, or quaternions of zero - correct the rows")

@@ -117,21 +117,23 @@ def load_receiver(settings: ReceiverSettings) -> Receiver:
     For `kind = "distance"` the caller puts the frame's map into `Receiver.distance_m` with `map_range`.
     Raises `MeshError`.
     """
-    common = {
-        "shadow": settings.shadow, "occlusion": settings.occlusion, "caustics": settings.caustics,
-        "extent_m": settings.extent_m,
-    }  # fmt: skip
+    plain = Receiver(
+        shadow=settings.shadow,
+        occlusion=settings.occlusion,
+        caustics=settings.caustics,
+        extent_m=settings.extent_m,
+    )
     if settings.kind == "plane":
-        return Receiver(plane_y=settings.height_m, **common)
+        return replace(plain, plane_y=settings.height_m)
     if settings.path is None:
         raise MeshError(f"receiver - kind {settings.kind!r} needs a file (got no path) - set receiver.path")
     if settings.kind == "mesh":
         transform = rigid(settings.position_m, rotation_matrix(settings.rotation_deg), settings.scale)
         placed = PlacedObject(load_mesh(settings.path), transform)
-        return Receiver(mesh=placed.to_world(placed.mesh.positions), **common)
+        return replace(plain, mesh=placed.to_world(placed.mesh.positions))
     if settings.kind == "height_map":
-        return Receiver(mesh=height_map_triangles(_grey(settings.path), settings), **common)
-    return Receiver(distance_m=map_range(_grey(settings.path), settings.range_m), **common)
+        return replace(plain, mesh=height_map_triangles(_grey(settings.path), settings))
+    return replace(plain, distance_m=map_range(_grey(settings.path), settings.range_m))
 
 
 def map_range(grey: Floats, range_m: tuple[float, float]) -> Floats:
@@ -161,4 +163,5 @@ def _grey(path: Path) -> Floats:
     if image is None:
         raise MeshError(f"{path} - cannot be read as an image - give a PNG or TIFF of one channel")
     image = image if image.ndim == 2 else image[..., 0]
-    return image / float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else np.float64(image)
+    whole = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
+    return np.asarray(image, np.float64) / whole

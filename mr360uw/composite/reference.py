@@ -41,6 +41,8 @@ BLEND_LAYERS = 4
 """Transparent surfaces in front of each other that are told apart."""
 PLANE_TOLERANCE = 1.0
 """Samples lit together lie within so many pixel widths of one plane."""
+PIXEL_FILTER = 0.5
+"""Width in pixels that textures are filtered over where a pixel is lit once: nearest to the mean of many samples."""
 _MAXIMUM_HITS = 64
 _RAYS_AT_ONCE = 200_000
 
@@ -222,7 +224,7 @@ def light_up(
         opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
         alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
         sent = light.surface(hits)
-        values = {"radiance": through * sent.total + veil}
+        values: dict[str, Floats] = {"radiance": through * sent.total + veil}
         if parts:
             values |= {
                 "diffuse": through * sent.diffuse, "glossy": through * sent.glossy,
@@ -245,7 +247,7 @@ def groups(
     """Yield (pixels, part of their samples, surface at the sample that stands for them) until no sample is left."""
     left = triangle >= 0
     by_sample = shot.shading == "sample"
-    width = 1.0 / np.sqrt(samples.count) if by_sample else 1.0
+    width = 1.0 / np.sqrt(samples.count) if by_sample else PIXEL_FILTER
     for _ in range(samples.count):
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:

@@ -42,7 +42,7 @@ def rectangle_of_triangles(corners: Floats, width: int, height: int, margin: int
     edges = np.zeros(2 * width + 1, np.int64)
     np.add.at(edges, first % width, 1)
     np.add.at(edges, first % width + (last - first), -1)
-    running = np.cumsum(edges[:-1]) > 0
+    running: NDArray[np.bool_] = np.cumsum(edges[:-1]) > 0
     touched = running[:width] | running[width:]
     column, columns = _interval(touched)
     return column, row, columns, end - row
@@ -53,7 +53,7 @@ def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
     rows = np.flatnonzero(mask.any(axis=1))
     if len(rows) == 0:
         return None
-    column, columns = _interval(mask.any(axis=0))
+    column, columns = _interval(np.asarray(mask.any(axis=0)))
     return column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1)
 
 
