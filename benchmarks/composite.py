@@ -100,9 +100,8 @@ def turn() -> None:
         layer = renderer.render(shot(placed(ball, (0.1, height, -0.05)), width=width, sun=None))
         area = np.sum(layer.alpha.sum(axis=1) * row_solid_angle(width, width // 2))
         sine = 0.5 / np.linalg.norm([0.1, height, 0.05])
-        print(
-            f"body over the pole at {height:+}: area {area / (2 * np.pi * (1 - np.sqrt(1 - sine**2))) - 1:+.4%} (target 0.5 %)"
-        )
+        expected = 2 * np.pi * (1 - np.sqrt(1 - sine**2))
+        print(f"body over the pole at {height:+}: area {area / expected - 1:+.4%} (target 0.5 %)")
     seam = codes(over(ground, renderer.render(shot(placed(sphere(), (0.05, 0.1, 1.4)), width=width))))
     across = np.abs(np.diff(np.concatenate([seam[:, -3:], seam[:, :3]], axis=1), axis=1)).max(axis=-1)
     print(f"largest step across the seam {across[:, 2].max():.2f} codes, beside it {across[:, [1, 3]].max():.2f}")
@@ -169,9 +168,7 @@ def edges() -> None:
     near = replace(
         base, objects=tuple(replace(o, world_from_object=_nearer(o.world_from_object)) for o in base.objects)
     )
-    print(
-        f"{'body':8} {'samples':>7} {'shading':8} {'RMSE on edges':>14} {'inside':>7} {'alpha RMSE':>11}   (codes; target 2)"
-    )
+    print(f"{'body':8} {'samples':>7} {'shading':8} {'edges':>14} {'inside':>7} {'alpha':>11}  RMSE, target 2")
     for name, body in zip(("snapper", "spot"), near.objects, strict=True):
         scene = replace(near, objects=(body,))
         truth = render_layer(replace(scene, samples=65, shading="sample"))
@@ -206,10 +203,9 @@ def speed() -> None:
                     layer = renderer.render(scene)
                     spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
                 cpu, wall = 1e3 * np.median(spent[3:], axis=0)
+                covered = layer.alpha.mean()
                 sizes = ", ".join(f"{t.alpha.shape[1]}x{t.alpha.shape[0]}" for t in layer.tiles)
-                print(
-                    f"{receiver!s:8} {moving!s:6} {samples:7} {cpu:13.1f} {wall:8.1f} {layer.alpha.mean():8.2%}  {sizes}"
-                )
+                print(f"{receiver!s:8} {moving!s:6} {samples:7} {cpu:13.1f} {wall:8.1f} {covered:8.2%}  {sizes}")
 
 
 def pictures(folder: str) -> None:

@@ -32,7 +32,9 @@ vec4 bilinear_level(sampler2D store, int address, ivec2 size, ivec2 wrap, vec2 u
 }
 
 float texture_level(vec2 size, vec2 du, vec2 dv) {
-    float extent = max(length(du * size), length(dv * size));
+    float a = length(du * size), b = length(dv * size);
+    float longer = max(a, b);
+    float extent = sqrt(longer * max(min(a, b), longer / 16.0));
     return clamp(log2(max(extent, 1e-6)), 0.0, floor(log2(max(size.x, size.y)) + 1e-4));
 }
 

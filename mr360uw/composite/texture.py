@@ -90,9 +90,15 @@ def bilinear_level(texture: Texture, level: int, uv: Floats) -> Floats:
 
 
 def texture_level(texture: Texture, du: ArrayLike, dv: ArrayLike) -> Floats:
-    """Return the fractional level (...,) for changes of (u, v), each (..., 2), from one pixel to the next."""
+    """Return the fractional level (...,) for changes of (u, v), each (..., 2), from one pixel to the next.
+
+    The geometric mean of both footprints, the shorter one counted as a sixteenth of the longer at least: the longer
+    alone would blur what is seen at a glance.
+    """
     size = np.asarray(texture.size, np.float64)
-    extent = np.maximum(np.linalg.norm(np.asarray(du) * size, axis=-1), np.linalg.norm(np.asarray(dv) * size, axis=-1))
+    a, b = (np.linalg.norm(np.asarray(change) * size, axis=-1) for change in (du, dv))
+    longer = np.maximum(a, b)
+    extent = np.sqrt(longer * np.maximum(np.minimum(a, b), longer / 16.0))
     return np.clip(np.log2(np.maximum(extent, 1e-6)), 0.0, len(texture.levels) - 1.0)
 
 
