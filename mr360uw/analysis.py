@@ -14,7 +14,7 @@ from mr360uw.plate_map import plate_map
 from mr360uw.progress import Progress
 from mr360uw.scene import PlateSettings, Scene, load_scene
 from mr360uw.scene_light import SceneLight
-from mr360uw.threads import prefetch
+from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, YuvImage
 from mr360uw.video import VideoFrame, VideoReader, open_video
 
@@ -59,7 +59,9 @@ def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
 
-    return track_suns(list(measured()), minimum_confidence=light.minimum_confidence)
+    with one_blas_thread():
+        measurements = list(measured())
+    return track_suns(measurements, minimum_confidence=light.minimum_confidence)
 
 
 def analyse_video(

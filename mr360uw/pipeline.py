@@ -23,7 +23,7 @@ from mr360uw.plan import Plan
 from mr360uw.progress import Progress
 from mr360uw.renderer import FrameLight, SceneRenderer
 from mr360uw.scene import Scene
-from mr360uw.threads import Behind, prefetch
+from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable
 from mr360uw.video import VideoFrame, create_video, open_video
 
@@ -149,7 +149,7 @@ def composite_video(
                 yield frame, light
                 since = time.perf_counter()
 
-        with create_video(out, video, scene.output, overwrite=overwrite) as writer:
+        with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
 
             def write(item: tuple[VideoFrame, Layer]) -> None:
                 since = time.perf_counter()

@@ -34,16 +34,19 @@ _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
 _NEAREST_PLANE_M = 0.1
 """Depth of the first plane of caustics under objects that break the surface."""
-_PLANE_SPACING_M = 0.75
+_PLANE_SPACING_M = 1.5
 """Depth that one plane of caustics serves well, followed along the beam; a scene's `planes` is the most it gets."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameLight:
-    """What a plate's frame says about the light. plate_map: (32, 64, 3) of the plate as it is, not expanded."""
+    """What a plate's frame says about the light.
+
+    plate_map: (32, 64, 3) of the plate as it is, not expanded; None where the water does not follow the plate.
+    """
 
     environment: Environment
-    plate_map: Floats
+    plate_map: Floats | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,8 @@ class SceneRenderer:
         self._mattes = Mattes(scene, width, height)
         self._medium = scene.water.medium(scene.camera.depth_m)
         self._table = self._medium.table if self._medium is not None else None
+        water = scene.water
+        self._follows_plate = self._medium is not None and (water.gain == "auto" or water.mode == "plate")
         self._light = SceneLight(scene, self._table)
         self.plan: Plan = make_plan(scene, tuple(self._facts(o) for o in self.objects), self._table)
         self.backend: Backend
@@ -98,7 +103,8 @@ class SceneRenderer:
 
         sun: a smoothed track's, or None for none; "scene" does what the scene says, frame by frame.
         """
-        return FrameLight(self._light.of(plate, sun, glossy=self.plan.runs("glossy")), plate_map(plate))
+        found = self._light.of(plate, sun, glossy=self.plan.runs("glossy"))
+        return FrameLight(found, plate_map(plate) if self._follows_plate else None)
 
     def render(self, light: FrameLight | None, time_s: float, index: int, shutter_s: float = 0.0) -> Rendered:
         """Return the layer of the frame `index` at a time. light: None where the plan runs no environment.
@@ -154,13 +160,10 @@ class SceneRenderer:
 
     def _water(self, light: FrameLight) -> MediumTable | None:
         """Return the water's table in the exposure of this frame."""
-        if self._medium is None or self._table is None:
-            return None
-        water = self.scene.water
-        if water.mode == "plate":
-            return self._medium.with_map(light.plate_map).table
-        if water.gain != "auto":
+        if self._medium is None or self._table is None or light.plate_map is None:
             return self._table
+        if self.scene.water.mode == "plate":
+            return self._medium.with_map(light.plate_map).table
         black = not np.all(light.plate_map.max(axis=(0, 1)) > 0.0)
         gain = np.zeros(3) if black else fit_gain(self._medium, light.plate_map)[0]
         return dataclasses.replace(self._table, veil=(self._table.veil * gain).astype(np.float32))
@@ -174,9 +177,8 @@ class SceneRenderer:
             return None
         depths = []
         for placed in shot.objects:
-            radius = placed.scale * placed.mesh.radius_m
-            depth = shot.camera_depth_m - float(placed.to_world(placed.mesh.center_m)[1])
-            depths += [depth - radius, depth + radius]
+            height = placed.to_world(placed.mesh.hull)[..., 1]
+            depths += [shot.camera_depth_m - float(height.max()), shot.camera_depth_m - float(height.min())]
         if shot.receiver is not None and shot.receiver.caustics and shot.receiver.plane_y is not None:
             depths.append(shot.camera_depth_m - shot.receiver.plane_y)
         near = max(min(depths), _NEAREST_PLANE_M)

@@ -10,10 +10,22 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterable
+from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Return a block in which NumPy's matrix products keep to the thread that asks for them.
+
+    They are small here; threads of their own would only wait, spinning, for cores that decode and encode.
+    """
+    from threadpoolctl import threadpool_limits
+
+    limits: AbstractContextManager[Any] = threadpool_limits(1, "blas")
+    return limits
 
 
 class _End:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 BLEND_LAYERS = 4
 _RASTER_SIDE = 2048
 _STRIDE = 4
-"""The ambient light that bodies block is found at every so many pixels of a receiver, and between where it varies."""
+"""What bodies keep off a receiver is found at every so many pixels, and between where it varies."""
 _KEPT_WINDOWS = 8
 _KEPT_MESHES = 64
 
@@ -325,10 +325,12 @@ class LayerRenderer:
         textures = {"shape": self._receiver_maps[key], **self._light.textures}
         if shot.receiver.occlusion and self._light.surfels:
             defines.add("OCCLUSION")
-            coarse = self._program("occlusion", {"STRIDE": _STRIDE})
-            _bind(coarse, textures)
-            set_uniforms(coarse, last=(width - 1, height - 1), **view)
-            textures["occlusion"] = self._draw(coarse, "occlusion", width // _STRIDE + 2, height // _STRIDE + 2, (1,))
+        wide = width // _STRIDE + 2, height // _STRIDE + 2
+        coarse = self._program("coarse", dict.fromkeys(defines & {"OCCLUSION", "SHADOW", "SUN"}, 1) | {"STRIDE": _STRIDE})
+        _bind(coarse, textures)
+        self._light.set(coarse, 0.0)
+        set_uniforms(coarse, last=(width - 1, height - 1), **view)
+        textures["coarse"] = self._draw(coarse, "coarse", *wide, (2,))
         shadowed = [part for p in shadow_parts if (part := _common(p, rectangle, shot.width)) is not None]
         areas = [(defines - {"SHADOW"}, (0, 0, width, height))]
         areas += [(defines, part) for part in shadowed if "SHADOW" in defines]

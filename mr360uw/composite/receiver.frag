@@ -1,6 +1,6 @@
 // what objects and waves change on the receiver in one pixel (light.py: receiver_ratio)
 #include "composite/light.glsl"
-uniform sampler2D shape, surfels, occlusion, diffuse, beam, veil, sun_map, casters, plane_depth;
+uniform sampler2D shape, surfels, coarse, diffuse, beam, veil, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
@@ -10,21 +10,30 @@ uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
 uniform Lights lights;
 uniform MediumTable medium;
 uniform CausticStack stack;
-const float SMOOTH = 0.02;
+const float SMOOTH = 0.02;  // change of what is blocked between places that is followed by a straight line
+const float WIDE = 4.0;     // a penumbra as wide as this many places, likewise
 layout(location = 0) out vec4 ratio;
 layout(location = 1) out vec4 haze;
 
-// between the places of occlusion.frag where those agree, from the surfels where they do not
-float blocked_at(vec3 point, vec3 normal) {
+// (part of the ambient light blocked, part of the sun seen): between the places of coarse.frag where those follow the
+// ground smoothly, from the bodies themselves where they do not
+vec2 kept_at(vec3 point, vec3 normal, float footprint_m) {
     vec2 p = (gl_FragCoord.xy - 0.5) / float(STRIDE);
     ivec2 i = ivec2(p);
-    vec4 c = vec4(texelFetch(occlusion, i, 0).r, texelFetch(occlusion, i + ivec2(1, 0), 0).r,
-                  texelFetch(occlusion, i + ivec2(0, 1), 0).r, texelFetch(occlusion, i + ivec2(1, 1), 0).r);
-    float spread = max(max(c.x, c.y), max(c.z, c.w)) - min(min(c.x, c.y), min(c.z, c.w));
-    vec2 f = fract(p);
-    int count = spread > SMOOTH ? surfel_count : 1;
-    float exact = ambient_blocked(surfels, 0, count, point, normal);
-    return spread > SMOOTH ? exact : mix(mix(c.x, c.y, f.x), mix(c.z, c.w, f.x), f.y);
+    vec2 a = texelFetch(coarse, i, 0).rg, b = texelFetch(coarse, i + ivec2(1, 0), 0).rg;
+    vec2 c = texelFetch(coarse, i + ivec2(0, 1), 0).rg, d = texelFetch(coarse, i + ivec2(1, 1), 0).rg;
+    vec2 f = fract(p), kept = mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+#if defined(OCCLUSION)
+    bool rough = max(max(a.x, b.x), max(c.x, d.x)) - min(min(a.x, b.x), min(c.x, d.x)) > SMOOTH;
+    float blocked = ambient_blocked(surfels, 0, rough ? surfel_count : 1, point, normal);
+    kept.x = rough ? blocked : kept.x;
+#endif
+#if defined(SHADOW)
+    bool sharp = narrowest_penumbra(lights, casters, point) < WIDE * float(STRIDE) * footprint_m;
+    float seen = visibility(lights, sun_map, casters, slopes, point, sharp);
+    kept.y = sharp ? seen : kept.y;
+#endif
+    return kept;
 }
 
 void main() {
@@ -36,16 +45,13 @@ void main() {
     vec3 point = place.w * direction, waves = vec3(1.0);
     vec3 arrives = environment_lookup(ambient, 0, place.xyz) * ambient_factor(lights, medium, diffuse, point);
     vec3 sun = beam_at(lights, medium, beam, point) * max(dot(place.xyz, lights.sun_direction), 0.0);
-    float blocked = 0.0;
-#if defined(OCCLUSION)
-    blocked = blocked_at(point, place.xyz);
+    float footprint_m = place.w * PI / frame_size.y;
+    vec2 kept = vec2(0.0, 1.0);
+#if defined(OCCLUSION) || defined(SHADOW)
+    kept = kept_at(point, place.xyz, footprint_m / max(-dot(direction, place.xyz), 0.1));
 #endif
-    float free = 1.0;
-#if defined(SHADOW)
-    free = visibility(lights, sun_map, casters, slopes, point);
-#endif
-    waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, point, place.w * PI / frame_size.y);
-    ratio.rgb = lit_ratio(arrives, sun, blocked, free, waves);
+    waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, point, footprint_m);
+    ratio.rgb = lit_ratio(arrives, sun, kept.x, kept.y, waves);
     if (all(lessThanEqual(abs(ratio.rgb - 1.0), vec3(1e-4)))) ratio.rgb = vec3(1.0);
 #if defined(MEDIUM)
     else haze.rgb = veil_lookup(medium, veil, place.w, direction.y);

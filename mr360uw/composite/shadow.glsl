@@ -44,13 +44,13 @@ float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec
 
 // p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
-                     vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread) {
+                     vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread, bool wanted) {
     int reached = 0, number = 0;
     do {
         Caster caster = fetch_caster(casters, number);
         float above = caster.reach.y - p.z;
         vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        if (above > 0.0 && max(across.x, across.y) <= spread * above) reached |= 1 << number;
+        if (wanted && above > 0.0 && max(across.x, across.y) <= spread * above) reached |= 1 << number;
         ++number;
     } while (number < caster_count);
     float blocked = 0.0;

@@ -80,7 +80,7 @@ class Shot:
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
-    samples: int = 29
+    samples: int = 17
     shading: Literal["pixel", "sample"] = "pixel"
     sun_samples: int = 24
     sun_spread_rad: float = 0.0

@@ -28,6 +28,7 @@ from mr360uw.types import Floats, Sun
 
 DISPLAY_WHITE = 1.5
 """A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
+_MOST_SEEDS = 600
 _CANDIDATES = 3
 _LONE_ANGLE_RAD = np.radians(4.0)
 
@@ -76,8 +77,8 @@ def _seeds(weight: Floats) -> Iterator[Floats]:
     """Yield directions (3,) about which most weight lies, within 4 degrees, each 15 degrees from those before."""
     chosen = weight > 0.0
     d, w = coarse_directions()[chosen], weight[chosen]
-    if len(d) > 1500:  # a sky that is bright all over: any few of its pixels will do
-        d, w = d[:: len(d) // 1500 + 1], w[:: len(w) // 1500 + 1]
+    step = len(d) // _MOST_SEEDS + 1  # of a sky that is bright all over any few pixels will do
+    d, w = d[::step], w[::step]
     gathered = np.exp((d @ d.T - 1.0) / _LONE_ANGLE_RAD**2) @ w
     for _ in range(_CANDIDATES):
         k = int(gathered.argmax())
