@@ -22,16 +22,16 @@ vec2 kept_at(vec3 point, vec3 normal, float footprint_m) {
     ivec2 i = ivec2(p);
     vec2 a = texelFetch(coarse, i, 0).rg, b = texelFetch(coarse, i + ivec2(1, 0), 0).rg;
     vec2 c = texelFetch(coarse, i + ivec2(0, 1), 0).rg, d = texelFetch(coarse, i + ivec2(1, 1), 0).rg;
-    vec2 f = fract(p), kept = mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+    vec2 f = fract(p), between = mix(mix(a, b, f.x), mix(c, d, f.x), f.y), kept = vec2(0.0, 1.0);
 #if defined(OCCLUSION)
     bool rough = max(max(a.x, b.x), max(c.x, d.x)) - min(min(a.x, b.x), min(c.x, d.x)) > SMOOTH;
     float blocked = ambient_blocked(surfels, 0, rough ? surfel_count : 1, point, normal);
-    kept.x = rough ? blocked : kept.x;
+    kept.x = rough ? blocked : between.x;
 #endif
 #if defined(SHADOW)
     bool sharp = narrowest_penumbra(lights, casters, point) < WIDE * float(STRIDE) * footprint_m;
     float seen = visibility(lights, sun_map, casters, slopes, point, sharp);
-    kept.y = sharp ? seen : kept.y;
+    kept.y = sharp ? seen : between.y;
 #endif
     return kept;
 }
