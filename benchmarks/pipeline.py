@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What compositing costs beside plain decoding and encoding, and how much memory it takes.
 
-    python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W]
+    python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W] [--scene FILE]
 
-rate: composite / plain transcode of one clip with the same settings, taken in turns; medians. memory: peak of a whole
-process over 120 and over 1200 frames.
+rate: composite / plain transcode of one clip with the same settings, taken in turns; medians; with and without a
+receiver. The clip is a sample dive of two whales, or that of a scene file. memory: peak of a whole process over 120 and
+over 1200 frames.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import time
 from pathlib import Path
 
 import mr360uw as uw
-from mr360uw.scene import Scene, scene_from_dict
+from mr360uw.scene import Scene, load_scene, scene_from_dict
+from mr360uw.types import Floats
 from mr360uw.video import transcode
 
 _OBJECTS = [
@@ -42,29 +44,31 @@ def scene_of(folder: Path, receiver: bool = True) -> Scene:
     )
 
 
-def rate(folder: Path, width: int, runs: int) -> None:
-    """Print frames per second of both, and their ratio, run by run."""
-    dive = uw.sample_dive(folder, width=width, frames=48, overwrite=True)
-    scene = scene_of(folder)
+def rate(scene: Scene, folder: Path, runs: int) -> None:
+    """Print frames per second of plain transcoding and of compositing, and their ratio, run by run."""
+    plate = scene.plate.path
     uw.composite_video(scene, folder / "warm.mp4", frames=(0, 4), overwrite=True)
     ratios, plain_fps, composite_fps = [], [], []
     for _ in range(runs):
         began = time.perf_counter()
-        count = transcode(dive.plate, folder / "plain.mp4", scene.output, overwrite=True)
+        count = transcode(plate, folder / "plain.mp4", scene.output, overwrite=True)
         plain_fps.append(count / (time.perf_counter() - began))
         report = uw.composite_video(scene, folder / "composite.mp4", overwrite=True)
         composite_fps.append(report.frames / report.seconds)
         ratios.append(composite_fps[-1] / plain_fps[-1])
-    covered = uw.render_frame(_first(dive.plate), scene).layer
-    print(f"{width}x{width // 2}, 48 frames, {len(_OBJECTS)} meshes, on {report.backend} ({report.device})")
-    print(f"  pixels touched {100 * sum(t.alpha.size for t in covered.tiles) / (width * width / 2):.1f} %")
+    image = _first(plate)
+    tiles = uw.render_frame(image, scene).layer.tiles
+    touched = sum(tile.alpha.size for tile in tiles) / image[..., 0].size
+    receiver = "with a receiver" if scene.receiver is not None else "no receiver"
+    print(f"{plate.name}, {report.frames} frames, {len(scene.objects)} meshes, {receiver}, on {report.device}")
+    print(f"  tiles      {100 * touched:6.2f} % of the pixels")
     print(f"  plain      {statistics.median(plain_fps):6.2f} frames/s")
     print(f"  composite  {statistics.median(composite_fps):6.2f} frames/s")
     print(f"  ratio      {statistics.median(ratios):6.3f}   (runs: {', '.join(f'{r:.3f}' for r in ratios)})")
     print("  " + ", ".join(f"{name} {1e3 * s / report.frames:.1f} ms" for name, s in report.stage_s.items()))
 
 
-def _first(path: Path) -> object:
+def _first(path: Path) -> Floats:
     with uw.open_video(path) as video:
         return next(iter(video.frames(0, 1))).image_linear
 
@@ -117,17 +121,23 @@ def _repeat(source: Path, target: Path, frames: int) -> None:
 def main() -> None:
     """Run the sections named on the command line, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sections", nargs="*", choices=["rate", "memory", []], default=[])
+    parser.add_argument("sections", nargs="*", default=[], metavar="rate|memory")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--width", type=int, default=2048)
+    parser.add_argument("--scene", type=Path)
     given = parser.parse_args()
     for section in given.sections or ["rate", "memory"]:
         print(f"== {section}")
         with tempfile.TemporaryDirectory() as folder:
-            if section == "rate":
-                rate(Path(folder), given.width, given.runs)
-            else:
+            if section == "memory":
                 memory(Path(folder))
+                continue
+            if given.scene is None:
+                uw.sample_dive(folder, width=given.width, frames=48)
+            scene = load_scene(given.scene) if given.scene else scene_of(Path(folder))
+            rate(scene.model_copy(update={"receiver": None}), Path(folder), given.runs)
+            if scene.receiver is not None:
+                rate(scene, Path(folder), given.runs)
 
 
 if __name__ == "__main__":
