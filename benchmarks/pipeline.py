@@ -76,12 +76,19 @@ def _first(path: Path) -> Floats:
 _CHILD = """
 import resource, sys
 from pathlib import Path
+
+def peak():  # ru_maxrss would count what the parent held before the child began
+    status = Path("/proc/self/status")
+    if status.exists():
+        return next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
 sys.path.insert(0, {here!r})
 import mr360uw as uw
 from pipeline import scene_of
 folder, count = Path({folder!r}), {count}
 report = uw.composite_video(scene_of(folder), folder / "memory.mp4", frames=(0, count), overwrite=True)
-print(report.frames, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(report.frames, peak())
 """
 
 
