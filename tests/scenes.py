@@ -30,7 +30,7 @@ def scene_with(folder: Path, mesh: Path | None, **tables: Any) -> Scene:
     plate = folder / "plate.png"
     if not plate.exists():
         plate.touch()
-    data: dict[str, Any] = {"plate": str(plate), **tables}
+    data: dict[str, Any] = {"plate": str(plate)} | tables
     if mesh is not None and "object" not in data:
         data["object"] = [{"mesh": str(mesh), "position_m": [0.3, -0.4, -3.0], "rotation_deg": [-60.0, 5.0, 0.0]}]
     return scene_from_dict(data, folder)

@@ -224,3 +224,28 @@ def test_a_camera_that_turns_sees_the_same_world(whale: Path, tmp_path: Path, ba
     b = uw.render_frame(np.roll(plate, shift, axis=1), turning, 0.0, backend)
     difference = np.abs(codes(b.image_linear) - codes(np.roll(a.image_linear, shift, axis=1)))
     assert np.mean(difference <= ROLL_CODE) >= ROLL_FRACTION
+
+
+def test_a_real_clip_keeps_sound_times_and_every_untouched_bit(
+    shared: Path, whale: Path, tmp_path: Path, backend: str
+) -> None:
+    clip = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
+    objects = [{"mesh": str(whale), "position_m": [0.6, 0.0, -2.4], "rotation_deg": [60.0, 0.0, 0.0]}]
+    scene = scene_with(
+        tmp_path, None, plate=str(clip), water={"type": "none"}, object=objects,
+        light={"smooth": False}, output={"lossless": True},
+    )  # fmt: skip
+    uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 3), backend=backend)
+    with uw.open_video(clip) as video:
+        plates = list(video.frames(0, 3))
+    made = frames_of(tmp_path / "out.mp4")
+    layer = uw.render_frame(plates[0].image_linear, scene, 0.0, backend).layer
+    touched = layer.alpha > 0
+    assert 0.001 < touched.mean() < 0.05
+    for plate, frame in zip(plates, made, strict=True):
+        assert frame.time_s == plate.time_s
+        np.testing.assert_array_equal(frame.yuv.y[~touched], plate.yuv.y[~touched])
+        assert np.any(frame.yuv.y[touched] != plate.yuv.y[touched])
+    copied = [data for _, data in audio_packets(tmp_path / "out.mp4")]
+    assert copied == [data for _, data in audio_packets(clip)][: len(copied)]
+    assert copied

@@ -326,7 +326,9 @@ class LayerRenderer:
         if shot.receiver.occlusion and self._light.surfels:
             defines.add("OCCLUSION")
         wide = width // _STRIDE + 2, height // _STRIDE + 2
-        coarse = self._program("coarse", dict.fromkeys(defines & {"OCCLUSION", "SHADOW", "SUN"}, 1) | {"STRIDE": _STRIDE})
+        coarse = self._program(
+            "coarse", dict.fromkeys(defines & {"OCCLUSION", "SHADOW", "SUN"}, 1) | {"STRIDE": _STRIDE}
+        )
         _bind(coarse, textures)
         self._light.set(coarse, 0.0)
         set_uniforms(coarse, last=(width - 1, height - 1), **view)
