@@ -20,6 +20,7 @@ from mr360uw.caustics import refract_to_air, stack_depths
 from mr360uw.composite import SceneObject, Shot, load_object, load_receiver, read_camera_track
 from mr360uw.composite.over import mean_layer
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.ibl.level import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.mattes import Mattes
 from mr360uw.medium import fit_gain
@@ -29,6 +30,7 @@ from mr360uw.scene import Scene
 from mr360uw.scene_light import SceneLight
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Layer, MediumTable, Sun, YuvImage
+from mr360uw.video import open_video
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
@@ -75,6 +77,24 @@ def turned(light: Environment, world_from_camera: Floats) -> Environment:
     return dataclasses.replace(light, **maps, glossy=glossy if len(glossy) else light.glossy, sun=sun)
 
 
+def level_track(scene: Scene) -> LevelTrack | None:
+    """Return how a plate is tilted over time: by a GoPro's gravity, by keys, or fixed; None where it is level.
+
+    A camera track holds the whole orientation and goes first.
+    """
+    camera = scene.camera
+    if camera.gravity is not None:
+        from mr360uw.video.gpmf import gpmf_payloads
+
+        with open_video(scene.plate.path, eye=scene.plate.eye) as video:
+            rate = float(video.frame_rate)
+        return level_from_gpmf(gpmf_payloads(camera.gravity), rate)
+    keys = [(t, np.radians(roll), np.radians(pitch)) for t, roll, pitch in camera.tilt_keys]
+    if not keys and (camera.roll_deg, camera.pitch_deg) != (0.0, 0.0):
+        keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]
+    return keyed_level(keys) if keys else None
+
+
 class SceneRenderer:
     """Renders the layers of a scene over frames of width x height.
 
@@ -87,6 +107,7 @@ class SceneRenderer:
         self.objects = tuple(load_object(settings) for settings in scene.objects)
         self._receiver = load_receiver(scene.receiver) if scene.receiver is not None else None
         self._camera = read_camera_track(scene.camera.track) if scene.camera.track is not None else None
+        self._level = level_track(scene)
         self._mattes = Mattes(scene, width, height)
         self._medium = scene.water.medium(scene.camera.depth_m)
         self._table = self._medium.table if self._medium is not None else None
@@ -131,7 +152,9 @@ class SceneRenderer:
         if self._camera is not None:
             pose = self._camera.at(time_s)
             position, rotation = pose[:3, 3], pose[:3, :3]
-            light = turned(light, rotation)
+        elif self._level is not None:
+            rotation = self._level.at(time_s)
+        light = turned(light, rotation)
         draw = self.scene.draw
         matte, matte_distance = self._mattes.at(index)
         return Shot(

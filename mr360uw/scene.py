@@ -39,6 +39,12 @@ class CameraSettings(Parameters):
 
     depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
     track: Path | None = parameter(None, "CSV of the camera's motion: time_s, x, y, z, qx, qy, qz, qw")
+    roll_deg: float = parameter(0.0, "roll of a plate that is not level, + = right side down", low=-180.0, high=180.0)
+    pitch_deg: float = parameter(0.0, "pitch of such a plate, + = its centre looks up", low=-90.0, high=90.0)
+    tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
+        (), "(time_s, roll_deg, pitch_deg), ascending, instead"
+    )
+    gravity: Path | None = parameter(None, "GoPro clip whose gravity track levels the plate, or its GPMF payloads")
 
 
 def _plate_from_path(value: Any) -> Any:

@@ -249,3 +249,37 @@ def test_a_real_clip_keeps_sound_times_and_every_untouched_bit(
     copied = [data for _, data in audio_packets(tmp_path / "out.mp4")]
     assert copied == [data for _, data in audio_packets(clip)][: len(copied)]
     assert copied
+
+
+def test_a_tilted_plate_is_levelled_like_a_camera_that_turned(whale: Path, tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    from mr360uw.ibl.level import level_matrix
+
+    q = Rotation.from_matrix(level_matrix(np.radians(12.0), np.radians(-7.0))).as_quat()
+    (tmp_path / "tilt.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0," + ",".join(map(str, q)) + "\n")
+    plate = gradient_plate(256, 128)
+    cameras = [
+        {"track": str(tmp_path / "tilt.csv")},
+        {"roll_deg": 12.0, "pitch_deg": -7.0},
+        {"tilt_keys": [[0.0, 12.0, -7.0], [1.0, 0.0, 0.0]]},
+    ]
+    first, *others = (
+        uw.render_frame(plate, scene_with(tmp_path, whale, camera=camera), 0.0, "reference") for camera in cameras
+    )
+    assert first.layer.alpha.max() > 0.99
+    for other in others:
+        assert np.mean(np.abs(codes(other.image_linear) - codes(first.image_linear)) <= ROLL_CODE) >= ROLL_FRACTION
+
+
+def test_a_gopro_clip_levels_the_plate(shared: Path, whale: Path, tmp_path: Path) -> None:
+    from mr360uw.renderer import level_track
+
+    clip = shared / "data" / "footage" / "underwater" / "reef_clip_gopro_hero10.mp4"
+    plate = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
+    track = level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(clip)}))
+    assert track is not None
+    assert len(track.time_s) == 210
+    assert np.all(np.abs(track.roll_rad) < 0.5)
+    with pytest.raises(uw.VideoError, match="GoPro"):
+        level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(plate)}))

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The metadata track of GoPro cameras, as it lies in the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mr360uw.errors import VideoError
+
+
+def gpmf_payloads(path: str | Path) -> bytes:
+    """Return the GPMF payloads of a video's metadata track one after the other, or a file that holds just these.
+
+    Raises `VideoError` where the video has no such track.
+    """
+    import av
+    import av.error
+
+    path = Path(path)
+    if path.suffix.lower() in (".bin", ".gpmf"):
+        return path.read_bytes()
+    try:
+        with av.open(str(path)) as container:
+            tracks = [s for s in container.streams if s.type == "data" and "GoPro MET" in str(s.metadata)]
+            if tracks:
+                return b"".join(bytes(packet) for packet in container.demux(tracks[0]) if packet.size)
+    except (av.error.FFmpegError, OSError) as error:
+        raise VideoError(f"{path} - cannot be read as a video (got {error}) - give the camera's own file") from error
+    raise VideoError(f"{path} - has no GoPro metadata track (got none named 'GoPro MET') - give the camera's own file")
