@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any, Literal, Protocol
 
 from mr360uw.caustics.settings import CausticSettings, Sea
+from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError, ParameterError
 from mr360uw.types import CausticStack, Floats, Layer
@@ -28,6 +29,9 @@ class Backend(Protocol):
 
     def layer(self, shot: Shot) -> Layer:
         """Return what one frame's objects and receiver lay over its plate."""
+
+    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
+        """Return the same layer and its output variables."""
 
     def download(self, stack: Any) -> CausticStack:
         """Return what `caustics` made as arrays."""
@@ -52,6 +56,12 @@ class Reference:
         from mr360uw.composite import render_layer
 
         return render_layer(shot)
+
+    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
+        """Return the layer and its output variables."""
+        from mr360uw.composite.reference import render_aovs
+
+        return render_aovs(shot)
 
     def download(self, stack: CausticStack) -> CausticStack:
         """Return the stack itself."""
@@ -79,6 +89,10 @@ class Gl:
     def layer(self, shot: Shot) -> Layer:
         """Return the layer, drawn in tiles and read back."""
         return self._layers.render(shot)
+
+    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
+        """Return the layer and its output variables, drawn and read back."""
+        return self._layers.render_aovs(shot)
 
     def download(self, stack: Any) -> CausticStack:
         """Return textures as arrays."""

@@ -78,6 +78,7 @@ def composite(
     backend: BackendOption = "auto",
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
+    layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT."""
@@ -91,8 +92,9 @@ def composite(
         return
     with terminal_progress() as progress:
         report = composite_video(
-            loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, progress=progress
-        )
+            loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
+            progress=progress,
+        )  # fmt: skip
     typer.echo(str(report))
 
 

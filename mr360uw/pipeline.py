@@ -18,10 +18,10 @@ import numpy as np
 from mr360uw.analysis import picture, scene_light, sun_track
 from mr360uw.backends import make_backend
 from mr360uw.composite.over import over, over_tile
-from mr360uw.errors import ParameterError, SceneError
+from mr360uw.errors import OutputExistsError, ParameterError, SceneError
 from mr360uw.plan import Plan
 from mr360uw.progress import Progress
-from mr360uw.renderer import FrameLight, SceneRenderer
+from mr360uw.renderer import FrameLight, Rendered, SceneRenderer
 from mr360uw.scene import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable
@@ -119,11 +119,13 @@ def composite_video(
     frames: tuple[int, int | None] = (0, None),
     backend: str = "auto",
     overwrite: bool = False,
+    layers: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Report:
     """Composite frames [a, b) of the scene's plate into `out`, and return what ran, what was skipped and the times.
 
-    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Raises
+    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. layers: a
+    pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur. Raises
     `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then nothing is left behind.
     """
     out, began, clock = Path(out), time.perf_counter(), _Clock()
@@ -151,23 +153,27 @@ def composite_video(
 
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
 
-            def write(item: tuple[VideoFrame, Layer]) -> None:
+            def write(item: tuple[VideoFrame, Rendered]) -> None:
                 since = time.perf_counter()
-                frame = item[0].over(item[1], over_tile) if item[1].tiles else item[0]
+                plate, done = item
+                if layers is not None and done.variables is not None:
+                    _write_layers(Path(layers), plate, done, overwrite=overwrite)
+                    since = clock.add("layers", since)
+                frame = plate.over(done.layer, over_tile) if done.layer.tiles else plate
                 since = clock.add("blend", since)
                 writer.write(frame)
                 clock.add("encode", since)
 
             with Behind(write) as sink:
-                for done, (frame, light) in enumerate(prefetch(lit()), 1):
+                for count, (frame, light) in enumerate(prefetch(lit()), 1):
                     since = time.perf_counter()
-                    layer = renderer.render(light, frame.time_s, frame.index, shutter_s).layer
+                    done = renderer.render(light, frame.time_s, frame.index, shutter_s, variables=layers is not None)
                     clock.add("render", since)
-                    empty += not layer.tiles
+                    empty += not done.layer.tiles
                     sunless += light is not None and light.environment.sun is None
-                    sink.put((frame, layer))
+                    sink.put((frame, done))
                     if progress is not None:
-                        progress(done, stop - start)
+                        progress(count, stop - start)
         notes = (*video.notes, *renderer.notes, *writer.notes)
     return Report(
         out=out,
@@ -181,6 +187,23 @@ def composite_video(
         empty_frames=empty if renderer.plan.runs("layer") else 0,
         sunless_frames=sunless if renderer.plan.runs("sun") else 0,
     )
+
+
+def _write_layers(pattern: Path, plate: VideoFrame, done: Rendered, *, overwrite: bool) -> None:
+    """Write one frame's output variables as a multi-part EXR, numbered by the frame."""
+    from mr360uw.composite.aovs import exr_parts
+    from mr360uw.video import write_exr
+
+    assert done.variables is not None
+    try:
+        path = pattern.with_name(pattern.name % plate.index)
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"{pattern} - is no pattern of numbered files - write for example layers_%04d.exr"
+        ) from None
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path} - is there already - name another pattern, or give --overwrite")
+    write_exr(path, exr_parts(done.layer, done.variables, plate.image_linear))
 
 
 def explain_plan(scene: Scene, backend: str = "auto") -> str:

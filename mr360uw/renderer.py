@@ -18,6 +18,7 @@ import numpy as np
 from mr360uw.backends import Backend, make_backend
 from mr360uw.caustics import refract_to_air, stack_depths
 from mr360uw.composite import SceneObject, Shot, load_object, load_receiver, read_camera_track
+from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.level import LevelTrack, keyed_level, level_from_gpmf
@@ -53,12 +54,16 @@ class FrameLight:
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """One frame's layer and what it was made with. caustics: in the backend's own form, or None."""
+    """One frame's layer and what it was made with.
+
+    caustics: in the backend's own form, or None. variables: the layer's output variables where they were asked for.
+    """
 
     layer: Layer
     light: FrameLight | None
     medium: MediumTable | None
     caustics: Any
+    variables: Aovs | None = None
 
 
 def turned(light: Environment, world_from_camera: Floats) -> Environment:
@@ -127,15 +132,29 @@ class SceneRenderer:
         found = self._light.of(plate, sun, glossy=self.plan.runs("glossy"))
         return FrameLight(found, plate_map(plate) if self._follows_plate else None)
 
-    def render(self, light: FrameLight | None, time_s: float, index: int, shutter_s: float = 0.0) -> Rendered:
+    def render(
+        self,
+        light: FrameLight | None,
+        time_s: float,
+        index: int,
+        shutter_s: float = 0.0,
+        *,
+        variables: bool = False,
+    ) -> Rendered:
         """Return the layer of the frame `index` at a time. light: None where the plan runs no environment.
 
-        shutter_s: how long the shutter is open, for motion blur where the scene asks for it.
+        shutter_s: how long the shutter is open, for motion blur where the scene asks for it. variables: also return
+        output variables, which have no motion blur.
         """
         if light is None or not self.plan.runs("layer"):
             return Rendered(Layer(self.height, self.width, ()), light, self._table, None)
         draw = self.scene.draw
         medium = self._water(light)
+        if variables:
+            shot = self.shot(light.environment, medium, time_s, index)
+            caustics = self._caustics(shot, time_s)
+            layer, found = self.backend.variables(dataclasses.replace(shot, caustics=caustics))
+            return Rendered(layer, light, medium, caustics, found)
         steps = draw.motion_samples if shutter_s > 0.0 and any(o.moves for o in self.objects) else 1
         layers, caustics = [], None
         for step in range(steps):

@@ -18,6 +18,7 @@ from tests.tolerances import (
     AGREEMENT_CODE,
     AGREEMENT_FRACTION,
     AGREEMENT_PSNR_DB,
+    HALF_FLOAT,
     ROLL_CODE,
     ROLL_FRACTION,
     SUN_PLACE,
@@ -283,3 +284,26 @@ def test_a_gopro_clip_levels_the_plate(shared: Path, whale: Path, tmp_path: Path
     assert np.all(np.abs(track.roll_rad) < 0.5)
     with pytest.raises(uw.VideoError, match="GoPro"):
         level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(plate)}))
+
+
+def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    from mr360uw.video import read_exr
+
+    scene = load_scene(dive.scene, ["light.smooth=false"])
+    pattern = tmp_path / "layers_%04d.exr"
+    uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 2), backend=backend, layers=pattern)
+    assert sorted(p.name for p in tmp_path.glob("*.exr")) == ["layers_0000.exr", "layers_0001.exr"]
+    parts = read_exr(tmp_path / "layers_0000.exr")
+    names = {"beauty", "alpha", "depth", "normal", "position", "id", "diffuse", "glossy", "sun", "caustics", "emission",
+             "veil", "transmittance", "shadow_ratio", "receiver_difference"}  # fmt: skip
+    assert names <= set(parts)
+    part = {name: np.asarray(next(iter(parts[name].values())), np.float64) for name in names}
+    plate = frames_of(dive.plate)[0].image_linear
+    alpha = part["alpha"].reshape(*plate.shape[:2], 1)
+    total = sum(part[name][..., :3] for name in ("diffuse", "glossy", "sun", "emission", "veil"))
+    np.testing.assert_allclose(total, part["beauty"][..., :3], atol=HALF_FLOAT)
+    composite = part["beauty"][..., :3] + (1.0 - alpha) * (plate + part["receiver_difference"][..., :3])
+    expected = codes(uw.render_frame(plate, scene, 0.0, backend).image_linear)
+    assert np.mean(np.abs(codes(composite) - expected) <= ROLL_CODE) >= ROLL_FRACTION
+    with pytest.raises(uw.OutputExistsError):
+        uw.composite_video(scene, tmp_path / "again.mp4", frames=(0, 2), backend=backend, layers=pattern)
