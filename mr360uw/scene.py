@@ -38,7 +38,9 @@ class CameraSettings(Parameters):
     """Where the camera is."""
 
     depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
-    track: Path | None = parameter(None, "CSV of the camera's motion: time_s, x, y, z, qx, qy, qz, qw")
+    track: Path | None = parameter(
+        None, "CSV of its motion: time_s, x, y, z, qx, qy, qz, qw; the water stays that of depth_m"
+    )
     roll_deg: float = parameter(0.0, "roll of a plate that is not level, + = right side down", low=-180.0, high=180.0)
     pitch_deg: float = parameter(0.0, "pitch of such a plate, + = its centre looks up", low=-90.0, high=90.0)
     tilt_keys: tuple[tuple[float, float, float], ...] = parameter(

@@ -263,11 +263,7 @@ def test_an_interrupted_run_leaves_nothing(scene: Path) -> None:
     assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
 
 
-def test_help_is_fast_and_complete() -> None:
-    began = time.perf_counter()
+def test_help_names_every_command() -> None:
     done = subprocess.run([sys.executable, "-m", "mr360uw", "--help"], capture_output=True, text=True, check=True)
-    elapsed = time.perf_counter() - began
     for command in ("composite", "new", "check", "sample", "analyse", "caustics", "schema", "info"):
         assert command in done.stdout
-    # a ceiling ten times what it takes, so that only a heavy import can break it
-    assert elapsed < 2.0

@@ -9,9 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from mr360uw.composite.mesh import Mesh
+from mr360uw.composite.settings import DrawSettings
 from mr360uw.types import Environment, Floats, MediumTable, Sun
 
 SHADOW_BIAS = 0.006
+
+_DRAW = DrawSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +83,7 @@ class Shot:
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
-    samples: int = 17
-    shading: Literal["pixel", "sample"] = "pixel"
-    sun_samples: int = 24
+    samples: int = _DRAW.samples
+    shading: Literal["pixel", "sample"] = _DRAW.shading
+    sun_samples: int = _DRAW.sun_samples
     sun_spread_rad: float = 0.0

@@ -38,9 +38,6 @@ class LightSettings(Parameters):
     piecewise_split: float = parameter(
         0.85, "luminance of diffuse white, above which the piecewise curve is steep", unit="1", low=0.01, high=0.99
     )
-    clip_level: float = parameter(
-        0.98, "code value from which a channel of the plate counts as clipped", unit="1", low=0.5, high=1.0
-    )
     direct_to_diffuse: float | None = parameter(
         None, "sun's horizontal irradiance over the sky's, for the closure; none = a middle value", unit="1",
         low=0.0, high=100.0,
