@@ -8,11 +8,13 @@ seam (column + width > W); `split` cuts them there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.sphere import frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Tile
 
 _TILE_COST_PX = 4096
 """Pixels that take as long as what every further tile costs by itself."""
@@ -113,7 +115,7 @@ def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
     return [(column, row, width - column, rows), (0, row, column + columns - width, rows)]
 
 
-def joined(rectangles: list[Rectangle], width: int) -> list[Rectangle]:
+def joined(rectangles: Sequence[Rectangle], width: int) -> list[Rectangle]:
     """Return rectangles that do not overlap and cover the given ones, counting around the seam; none is split."""
     left = [r for r in rectangles if r[2] > 0 and r[3] > 0]
     done: list[Rectangle] = []
@@ -185,3 +187,33 @@ def _latitudes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     north[north_pole] = np.pi / 2
     south[south_pole] = -np.pi / 2
     return np.concatenate([latitude, north, south], axis=1), north_pole | south_pole
+
+
+def common_part(part: Rectangle, window: Rectangle, frame_width: int) -> Rectangle | None:
+    """Return the part of a window that a rectangle covers, relative to the window; both may pass the seam."""
+    top, bottom = max(part[1], window[1]), min(part[1] + part[3], window[1] + window[3])
+    spans = [
+        (max(part[0] + k, window[0]), min(part[0] + k + part[2], window[0] + window[2]))
+        for k in (-frame_width, 0, frame_width)
+    ]
+    spans = [(a, b) for a, b in spans if a < b]
+    if not spans or top >= bottom:
+        return None
+    left, right = min(a for a, _ in spans), max(b for _, b in spans)
+    return left - window[0], top - window[1], right - left, bottom - top
+
+
+def paste(tiles: Sequence[Tile], rectangle: Rectangle, frame_width: int, **images: Floats) -> None:
+    """Write images of a rectangle, which may pass the seam, into the tiles that it touches."""
+    column, row, width, height = rectangle
+    for tile in tiles:
+        rows, columns = tile.alpha.shape
+        r0, r1 = max(row, tile.row), min(row + height, tile.row + rows)
+        for turn in (-frame_width, 0, frame_width):
+            c0, c1 = max(column + turn, tile.column), min(column + turn + width, tile.column + columns)
+            if r0 >= r1 or c0 >= c1:
+                continue
+            to = np.s_[r0 - tile.row : r1 - tile.row, c0 - tile.column : c1 - tile.column]
+            source = np.s_[r0 - row : r1 - row, c0 - column - turn : c1 - column - turn]
+            for name, image in images.items():
+                getattr(tile, name)[to] = image[source]
