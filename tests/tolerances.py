@@ -44,6 +44,12 @@ SOLAR_DEG = 0.02
 """Position of the sun against NREL's algorithm: the short series, and standard air in the refraction."""
 LEVEL_ESTIMATE_DEG = 1.5
 """Tilt found from the vertical symmetry of a synthetic noisy map."""
+TILT_LIGHT = 0.01
+"""Irradiance and ambient light of a tilted plate in level axes against the level plate's, as a share of the peak: the
+plate is resampled, and the cut between sun and sky falls between other samples of it."""
+TILT_MAP = 0.03
+"""A levelled map of 64 x 32 against a level plate's, mean difference over mean: pixels of 1.4 degrees are turned, which
+blurs the ripples of the sand and the edge of the window."""
 
 # --- sea and caustics ------------------------------------------------------------------------------------------
 SNELL_ROUND_TRIP = 1e-7
@@ -143,6 +149,10 @@ WHITE = 1e-12
 """White maps to (1, 1, 1): a normalised sum."""
 PLATE_LEVEL = 1e-6
 """The veil's end equals the plate's profile: radiance and in-scatter are the same sum, far away."""
+TABLE_BETWEEN_DEPTHS = 4e-3
+"""Tables mixed in a straight line from depths 6 % apart; the curve between is that of the light above the camera."""
+GAIN_STEP = 0.3
+"""Change of a gain over that of the plate's pixels: 1 where all change alike, less where few do."""
 GAIN = 0.02
 """A gain found again in a plate with 15 % of noise in every pixel, by medians over a hundred or two of them."""
 SERIES = 5e-3

@@ -120,13 +120,13 @@ class Medium:
     @functools.cached_property
     def table(self) -> MediumTable:
         """What shading reads for every pixel; made at first use, colours within the gamut."""
-        table = self._unit_table
+        table = self.unit_table
         factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
         return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
 
     @functools.cached_property
-    def _unit_table(self) -> MediumTable:
-        """The same without gain and plate, which come and go with every frame."""
+    def unit_table(self) -> MediumTable:
+        """The same without gain and plate, which change with every frame."""
         return medium_table(self, self.length_m)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -188,9 +188,23 @@ class Medium:
         """Return the same medium of mode plate with the colours of another radiance map (32, 64, 3)."""
         if self.mode != "plate":
             raise ParameterError(f"with_map - is for mode plate (got {self.mode!r}) - or use fit_gain and scaled")
-        _ = self._unit_table  # made once, shared by the maps of all frames
+        _ = self.unit_table  # made once, shared by the maps of all frames
         other = self._copy()
         other.profile = PlateProfile.from_map(radiance_map)
+        return other
+
+    def at_depth(self, camera_depth_m: float, unit_table: MediumTable | None = None) -> Medium:
+        """Return the same medium for a camera at another depth; its tables keep the length of this one's.
+
+        unit_table: a `unit_table` for that depth which is known already.
+        """
+        length_m = self.length_m
+        other = self._copy()
+        other.__dict__.pop("unit_table", None)
+        other.camera_depth_m = float(camera_depth_m)
+        other.length_m = length_m
+        if unit_table is not None:
+            other.unit_table = unit_table
         return other
 
     def _copy(self) -> Medium:

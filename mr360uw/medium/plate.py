@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_TINY = 1e-30
+_OPEN, _CLOSED = 0.3, 0.7
+"""Ranks in red between which an azimuth passes from open water to what stands in it."""
+_MIDDLE = 0.3
+"""Part of the values about the median that is averaged; as much on either side may be something else."""
 LEVEL_RAD = np.radians(12.0)
 """Rows this close to the horizon show water rather than surface or ground."""
 
@@ -56,12 +61,12 @@ class PlateProfile:
     def from_map(cls, radiance_map: Floats) -> PlateProfile:
         """Return the typical colour of each row where the view is open, smoothed over three rows.
 
-        Open is the half of the azimuths with the least red about the horizon: water takes red first. Typical is the
-        median over them after what lies more than three standard deviations off, by the median absolute deviation of
-        the logarithm, has been left out: bodies that cover less than half of it do not count.
+        Open are the azimuths with less red about the horizon than the others: water takes red first. Typical is the
+        trimmed mean of the logarithm over them: bodies that cover a third of it do not count. Nothing is chosen yes or
+        no, so that the profile of a film changes no faster than its picture.
         """
         m = check_map(radiance_map)
-        rows = _typical(m[:, _open_columns(m)])[::-1]
+        rows = _typical(m, _openness(m))[::-1]
         padded = np.pad(rows, ((1, 1), (0, 0)), mode="edge")
         calm = np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         padded = np.pad(calm, ((1, 1), (0, 0)), mode="edge")
@@ -69,23 +74,25 @@ class PlateProfile:
         return cls(row_up(len(m))[::-1].copy(), smooth)
 
 
-def _open_columns(m: Array) -> NDArray[np.intp]:
-    """The half of the columns of a map that show the least red about the horizon."""
+def _openness(m: Array) -> Array:
+    """The weight (c,) of each column of a map by its rank in red about the horizon: 1 for the least, 0 for the most."""
     level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
-    red = level[:, 0] / np.maximum(level.sum(axis=1), 1e-30)
-    return np.argsort(red, kind="stable")[: max(m.shape[1] // 2, 1)]
+    red = level[:, 0] / np.maximum(level.sum(axis=1), _TINY)
+    rank = (np.argsort(np.argsort(red, kind="stable")) + 0.5) / len(red)
+    x = np.clip((_CLOSED - rank) / (_CLOSED - _OPEN), 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
-def _typical(m: Array) -> Array:
-    """The colour (r, 3) of most pixels of each row of a map (r, c, 3)."""
-    x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), 1e-30)))
-    kept = x
-    for _ in range(4):
-        middle = np.nanmedian(kept, axis=1, keepdims=True)
-        spread = 1.4826 * np.nanmedian(np.abs(kept - middle), axis=1, keepdims=True)
-        near = np.all(np.abs(x - middle) <= 3.0 * spread + 1e-9, axis=-1, keepdims=True)
-        kept = np.where(near | ~near.any(axis=1, keepdims=True), x, np.nan)
-    return np.where(m.max(axis=1) > 0.0, np.exp(np.nanmedian(kept, axis=1)), 0.0)
+def _typical(m: Array, weight: Array) -> Array:
+    """The colour (r, 3) of most pixels of each row of a map (r, c, 3), its columns weighted by (c,)."""
+    x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), _TINY)))
+    order = np.argsort(x, axis=1, kind="stable")
+    share = np.take_along_axis(np.broadcast_to((weight / weight.sum())[None, :, None], x.shape), order, 1)
+    end = np.cumsum(share, axis=1)
+    low, high = 0.5 - 0.5 * _MIDDLE, 0.5 + 0.5 * _MIDDLE
+    inside = np.clip(end, low, high) - np.clip(end - share, low, high)
+    middle = (inside * np.take_along_axis(x, order, 1)).sum(axis=1) / inside.sum(axis=1)
+    return np.where(m.max(axis=1) > 0.0, np.exp(middle), 0.0)
 
 
 def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
@@ -93,17 +100,16 @@ def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
 
     Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
     the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
-    channels (0 = the model has the plate's colour at every elevation). Raises `ParameterError` for a black plate.
+    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
+    red is in deep water, has the gain 0. Raises `ParameterError` where all three are.
     """
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
     measured = profile(up)
     model = medium.display(medium.model.radiance(medium.camera_depth_m, up))
-    if np.any(np.median(measured, axis=0) <= 0.0) or np.any(model <= 0.0):
-        raise ParameterError(
-            f"gain - the plate is black about the horizon (got {np.median(measured, axis=0).tolist()}) - "
-            "give the gain yourself"
-        )
-    gain = np.median(measured / model, axis=0)
-    deviation = measured / (gain * model) - 1.0
+    gain = np.median(measured / np.maximum(model, _TINY), axis=0)
+    seen = gain > 0.0
+    if not np.any(seen):
+        raise ParameterError("gain - the plate is black about the horizon (got 0, 0, 0) - give the gain yourself")
+    deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
     return gain, float(np.sqrt(np.mean(deviation**2)))

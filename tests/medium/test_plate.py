@@ -10,7 +10,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Water, fit_gain, fit_water
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.plate import row_up
-from tests.tolerances import FLOAT64, GAIN, PLATE_LEVEL, TABLE_P95
+from tests.tolerances import FLOAT64, GAIN, GAIN_STEP, PLATE_LEVEL, TABLE_P95
 
 DEPTH = 6.0
 EXPOSURE = np.array([0.5, 0.4, 0.3])
@@ -52,6 +52,30 @@ def test_profile_ignores_what_covers_less_than_half_of_a_row(rng: np.random.Gene
     # medians move by ranks, not by values: with equal pixels left and right not at all
     up = np.linspace(-0.9, 0.9, 50)
     np.testing.assert_allclose(PlateProfile.from_map(plate)(up), PlateProfile.from_map(dirty)(up), rtol=FLOAT64)
+
+
+def test_a_body_that_swims_by_moves_the_gain_smoothly(rng: np.random.Generator) -> None:
+    # the share of the horizon that it covers passes every threshold there could be
+    medium = Medium(Water.jerlov("II"), camera_depth_m=DEPTH, illuminant="D65")
+    water = water_map("II", rng)
+    steps = 400
+    gains = []
+    for k in range(steps):
+        covered = np.clip(40.0 * k / steps - np.arange(64.0), 0.0, 1.0)[None, :, None]  # a tenth of a column a step
+        gains.append(np.log(fit_gain(medium, (1.0 - covered) * water + covered * [0.12, 0.1, 0.06])[0]))
+    step = np.abs(np.diff(gains, axis=0))
+    pixel = np.abs(np.log(np.array([0.12, 0.1, 0.06]) / water.mean(axis=(0, 1))))
+    assert np.all(step.max(axis=0) < GAIN_STEP * pixel)
+
+
+def test_a_channel_that_is_black_has_no_veil(rng: np.random.Generator) -> None:
+    medium = Medium(Water.jerlov("II"), camera_depth_m=DEPTH, illuminant="D65")
+    plate = water_map("II", rng)
+    plate[..., 0] = 0.0
+    gain, residual = fit_gain(medium, plate)
+    assert gain[0] == 0.0
+    np.testing.assert_allclose(gain[1:], EXPOSURE[1:], rtol=GAIN)
+    assert residual < 4 * GAIN
 
 
 def test_plate_mode_ends_in_the_plate(rng: np.random.Generator) -> None:

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A medium whose camera rises and sinks.
+
+Its tables are made for fixed depths, each a few per cent deeper than the one before, and read in a straight line
+between them: what a frame sees depends on its depth alone, and nothing jumps from one frame to the next.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mr360uw.types import MediumTable
+
+if TYPE_CHECKING:
+    from mr360uw.medium.medium import Medium
+
+_RATIO = 1.06
+"""Of a depth to the one before: linear between them, a table is off by at most a third of a per cent."""
+_KEPT = 16
+
+
+class MediumAtDepths:
+    """Gives the same water, sensor and mode at any depth of the camera."""
+
+    def __init__(self, medium: Medium) -> None:
+        self._medium = medium
+        self._node = functools.lru_cache(maxsize=_KEPT)(self._made)
+
+    def at(self, depth_m: float) -> Medium:
+        """Return the medium for a camera at a depth [m], > 0."""
+        place = float(np.log(depth_m) / np.log(_RATIO))
+        step = int(np.floor(place))
+        upper, lower = self._node(step), self._node(step + 1)
+        share = (depth_m - upper.camera_depth_m) / (lower.camera_depth_m - upper.camera_depth_m)
+        mixed = {
+            name: (1.0 - share) * getattr(upper, name) + share * getattr(lower, name)
+            for name in ("veil", "attenuation", "diffuse", "beam")
+        }
+        table = MediumTable(depth_m, upper.length_m, **{k: v.astype(np.float32) for k, v in mixed.items()})
+        return self._medium.at_depth(depth_m, table)
+
+    def _made(self, step: int) -> MediumTable:
+        return self._medium.at_depth(_RATIO**step).unit_table
