@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Caustics: accuracy, energy, time and pictures.
 
-    python benchmarks/caustics.py [truth | energy | pareto | surface | stack | speed | sheet | animation | stress]
+    python benchmarks/caustics.py [SECTION ...]
 
-Without a section, all of them. `truth` needs the folder of reference values beside the checkout; elsewhere the finest
-grid of the exact method stands in. Times are medians after a warm-up, in milliseconds.
+Sections: truth, energy, pareto, surface, stack, footprint, sizes, planes, speed, lookup, sheet, animation, stress;
+without one, all of them. `truth` needs the folder of reference values beside the checkout; elsewhere the finest grid of
+the exact method stands in. Times are medians after a warm-up: processor time of all threads where OpenGL is a
+processor, which other work on the machine disturbs little, else time on the wall.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +29,14 @@ from mr360uw.caustics import (
     caustic_stack,
     stack_depths,
 )
-from mr360uw.caustics.gl import caustic_renderer
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.caustics.gl import CausticRenderer, caustic_renderer
+from mr360uw.caustics.gl_stack import upload
+from mr360uw.caustics.lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
+from mr360uw.caustics.planes import PlaneLadder
 from mr360uw.errors import Mr360uwError
-from mr360uw.gl.context import gl_context, gl_device
+from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.sphere import direction_from_angles
+from mr360uw.types import CausticStack
 
 ROOT = Path(__file__).resolve().parents[1]
 TRUTH = Path(__file__).resolve().parents[2] / "shared" / "truth" / "caustics_truth.npz"
@@ -62,14 +68,19 @@ def rmse(got: np.ndarray, expected: np.ndarray) -> float:
     return float(np.sqrt(np.mean((got - expected) ** 2)) / np.std(expected))
 
 
+def clock() -> Callable[[], float]:
+    """Return the clock of the module's docstring."""
+    return time.process_time if gl_device().software else time.perf_counter
+
+
 def median_ms(work: Callable[[], object], repeats: int = 15) -> float:
     """Return the median time of some work."""
-    times = []
+    times, now = [], clock()
     for i in range(repeats + 3):
-        start = time.perf_counter()
+        start = now()
         work()
         if i >= 3:
-            times.append(time.perf_counter() - start)
+            times.append(now() - start)
     return 1e3 * statistics.median(times)
 
 
@@ -139,16 +150,18 @@ def pareto() -> None:
                     )
                     errors[name], energies[name] = rmse(got, true), float(got.mean())
                 sea, sun, depth, *_ = everything["choppy"]
-                times["gl"] = _stack_ms(sea, sun, depth, size, grid, method)
-                times["numba"] = _map_ms(sea, sun, depth, size, grid, method)
+                times["made"] = _stack_ms(caustic_renderer(), sea, sun, depth, size, grid, method)
+                times["drawn"] = _stack_ms(drawing_renderer(), sea, sun, depth, size, grid, method)
                 rows.append((method, size, grid, errors, energies, times))
-    print(f"OpenGL: {device}; time of the choppy sea; energy and error of each case")
-    print(f"{'method':10}{'map':>5}{'grid':>5}{'gl ms':>8}{'cpu ms':>8}" + "".join(f"{n:>24}" for n in everything))
+    print(
+        f"OpenGL: {device}; time of the choppy sea, as this device makes stacks and drawn; error / energy of each case"
+    )
+    print(f"{'method':10}{'map':>5}{'grid':>5}{'ms':>8}{'drawn':>8}" + "".join(f"{n:>24}" for n in everything))
     for method, size, grid, errors, energies, times in rows:
         cells = "".join(f"{errors[n]:12.3f} /{energies[n]:10.4f}" for n in everything)
-        print(f"{method:10}{size:5}{grid:5}{times['gl']:8.1f}{times['numba']:8.1f}{cells}")
+        print(f"{method:10}{size:5}{grid:5}{times['made']:8.1f}{times['drawn']:8.1f}{cells}")
     for name in everything:
-        front = _front([(r[5]["gl"], r[3][name], f"{r[0]} {r[1]}/{r[2]}") for r in rows if r[1] == 512])
+        front = _front([(r[5]["made"], r[3][name], f"{r[0]} {r[1]}/{r[2]}") for r in rows if r[1] == 512])
         print(f"front of {name} (map 512): " + ", ".join(label for _, _, label in front))
     _plot_pareto(rows, list(everything), device)
 
@@ -171,7 +184,7 @@ def _plot_pareto(rows: list[tuple], names: list[str], device: str) -> None:
     figure, axes = plt.subplots(1, len(names), figsize=(4.2 * len(names), 4.2), sharex=True)
     for axis, name in zip(axes, names, strict=True):
         for method in METHODS:
-            points = [(r[5]["gl"], r[3][name], r[2]) for r in rows if r[0] == method and r[1] == 512]
+            points = [(r[5]["made"], r[3][name], r[2]) for r in rows if r[0] == method and r[1] == 512]
             axis.plot(
                 [p[0] for p in points], [p[1] for p in points], "o-", label=method, lw=2.5 if method == "exact" else 1
             )
@@ -189,46 +202,84 @@ def _plot_pareto(rows: list[tuple], names: list[str], device: str) -> None:
     print(f"wrote {DOCS / 'caustics-pareto.png'}")
 
 
+@functools.cache
+def drawing_renderer() -> CausticRenderer:
+    """The renderer that draws stacks whatever the device."""
+    return CausticRenderer(draws_stacks=True)
+
+
 def _stack_ms(
-    sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str = "exact", disc: float = 0.0
+    renderer: CausticRenderer, sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str
 ) -> float:
     """One plane from waves to mip levels, nothing read back."""
-    settings = CausticSettings(size=size, grid=grid, method=method, sun_half_angle_rad=disc)
-    context, renderer = gl_context(), caustic_renderer()
-
-    def once() -> None:
-        renderer.stack(sea, sun, [depth], 0.0, settings)
-        context.finish()
-
-    return median_ms(once)
+    settings = CausticSettings(size=size, grid=grid, method=method, sun_half_angle_rad=0.0)
+    return median_ms(lambda: _make(renderer, sea, sun, [depth], settings))
 
 
-def _map_ms(sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str) -> float:
-    """One map by the reference."""
-    return median_ms(lambda: caustic_map(sea, sun, depth, 0.0, size, grid, sun_half_angle_rad=0.0, method=method), 5)
+def _make(
+    renderer: CausticRenderer, sea: GerstnerSea, sun: np.ndarray, depths: Sequence[float], s: CausticSettings
+) -> None:
+    renderer.stack(sea, sun, depths, 0.0, s)
+    gl_context().finish()
 
 
 def speed() -> None:
-    """Times of single planes and of the default stack."""
+    """Times of stacks."""
     print(f"OpenGL: {gl_device().renderer}")
-    choppy, default = sea_of(CHOPPY), GerstnerSea()
-    print("one plane, waves to mip levels, without reading back [ms]")
-    for label, sea in (("10 waves", choppy), (f"{default.wave_count} waves", default)):
-        for size, grid in ((256, 128), (512, 256)):
-            exact, ratio = (_stack_ms(sea, ZENITH, 3.0, size, grid, m) for m in ("exact", "ratio"))
-            print(
-                f"  {label:9} {size}/{grid}: exact {exact:6.1f}   ratio {ratio:6.1f}   exact/ratio {exact / ratio:.2f}"
-            )
-    renderer, context = caustic_renderer(), gl_context()
-    for planes in (1, 2, 3, 4):
-        s = CausticSettings(planes=planes)
-        depths = stack_depths(2.0, 8.0, planes)
+    sea, renderers = GerstnerSea(), {"this device": caustic_renderer(), "drawn": drawing_renderer()}
+    print(
+        f"stacks between 3 and 5 m, {sea.wave_count} waves, sun's disc, waves to mip levels, without reading back [ms]"
+    )
+    for zenith, (size, grid) in itertools.product((30.0, 60.0), ((256, 128), (512, 128), (512, 256))):
+        for planes in (1, 2, 3, 4):
+            s, depths = CausticSettings(size=size, grid=grid), stack_depths(3.0, 5.0, planes)
+            times = {
+                name: median_ms(functools.partial(_make, r, sea, sun_at(zenith), depths, s), 9)
+                for name, r in renderers.items()
+            }
+            line = "".join(f"   {name} {ms:6.1f}" for name, ms in times.items())
+            print(f"  sun {zenith:.0f} deg, map {size}, grid {grid}, {planes} planes:{line}")
 
-        def once(s: CausticSettings = s, depths: np.ndarray = depths) -> None:
-            renderer.stack(default, sun_at(30.0), depths, 0.0, s)
-            context.finish()
 
-        print(f"default settings (256/128, sun's disc), {planes} planes from 2 to 8 m: {median_ms(once):6.1f} ms")
+LOOKUP = """
+#include "caustics/lookup.glsl"
+uniform CausticStack stack;
+uniform sampler2DArray ratio;
+uniform sampler2D plane_depth;
+in vec2 uv;
+out vec4 seen;
+void main() {
+    vec3 point = vec3(20.0 * uv.x - 7.0, 1.5 + 7.0 * uv.y, 13.0 * uv.y + 2.0 * uv.x);
+    float footprint_m = 0.01 + 0.25 * uv.x * uv.y;
+    seen = vec4(CALL, 1.0);
+}
+"""
+
+
+def lookup() -> None:
+    """Time of a lookup: a slanted plane over 2048 x 512 pixels, less a pass without lookups."""
+    print(f"OpenGL: {gl_device().renderer}; nanoseconds for a pixel")
+    calls = {True: "caustic_lookup(stack, ratio, plane_depth, point, footprint_m)", False: "point * footprint_m"}
+    shaders = {reads: program_from_text(fragment=LOOKUP.replace("CALL", call)) for reads, call in calls.items()}
+    context = gl_context()
+    target = context.framebuffer([context.texture((2048, 512), 4, dtype="f4")])
+    rng = np.random.default_rng(0)
+    for colours, planes in itertools.product((1, 3), (1, 2, 4, 8)):
+        ratio = np.broadcast_to(rng.uniform(0.5, 2.0, (planes, 256, 256, colours)), (planes, 256, 256, 3))
+        stack = upload(CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3])))
+        times = {}
+        for reads, shader in shaders.items():
+            for unit, (name, texture) in enumerate({"ratio": stack.texture, "plane_depth": stack.plane_depth}.items()):
+                texture.use(unit)
+                set_uniforms(shader, **{name: unit})
+            set_uniforms(shader, stack__tile_m=stack.tile_m, stack__sun_direction=stack.sun_direction)
+
+            def once(shader: object = shader) -> None:
+                draw_fullscreen(target, shader)
+                context.finish()
+
+            times[reads] = median_ms(once) * 1e6 / (2048 * 512)
+        print(f"  {planes} planes, {colours} colours: {times[True] - times[False]:6.1f}")
 
 
 def surface() -> None:
@@ -266,26 +317,113 @@ def surface() -> None:
 
 
 def stack() -> None:
-    """The mix of two planes at the middle depth against the map there: the worst interval."""
-    print("rmse/std between the planes, worst interval (map 256, grid 256)")
-    for name, rows in (("calm", CALM), ("choppy", CHOPPY)):
-        sea = sea_of(rows)
+    """The mix of two planes at the middle depth, the worst interval.
+
+    Against a plane right there, read in the same way at random places: what the mix is wrong by. Against the map there
+    on the world's grid, at its pixels' centres: what reading a map at another part of its pixels adds.
+    """
+    print(
+        "rmse/std between the planes, worst interval (map 256, grid 256): against a plane there / the map on the grid"
+    )
+    x, z = np.random.default_rng(1).uniform(0.0, 8.0, (2, 40_000))
+    columns, rows = np.meshgrid(*((np.arange(256) + 0.5) * 8.0 / 256,) * 2)
+    for name, waves in (("calm", CALM), ("choppy", CHOPPY)):
+        sea = sea_of(waves)
         for near, far, count in ((2.0, 10.0, 8), (4.0, 8.0, 8), (4.0, 8.0, 16), (4.0, 8.0, 32)):
             line = f"  {name:8} {near:4.0f} to {far:4.0f} m, {count:2} planes:"
             for zenith in (0.0, 11.0, 40.0):
-                s = CausticSettings(size=256, grid=256)
+                s, sun = CausticSettings(size=256, grid=256), sun_at(zenith)
                 depths = stack_depths(near, far, count)
-                planes = caustic_stack(sea, sun_at(zenith), depths, 0.0, s)
+                planes = caustic_stack(sea, sun, depths, 0.0, s)
                 levels = mip_levels(planes.ratio)
-                x, z = np.meshgrid(*((np.arange(256) + 0.5) * 8.0 / 256,) * 2)
-                worst = 0.0
+                worst = [0.0, 0.0]
                 for i in range(0, count - 1, max(count // 8, 1)):
                     depth = 0.5 * (depths[i] + depths[i + 1])
-                    direct = caustic_stack(sea, sun_at(zenith), [depth], 0.0, s).ratio[0]
-                    between = caustic_lookup(planes, levels, x, np.full_like(x, depth), z, np.zeros_like(x))
-                    worst = max(worst, rmse(between, direct))
-                line += f"   sun {zenith:2.0f} deg {worst:.3f}"
+                    there = caustic_stack(sea, sun, [depth], 0.0, s)
+                    direct = caustic_lookup(there, mip_levels(there.ratio), x, depth, z, 0.0)
+                    between = caustic_lookup(planes, levels, x, depth, z, 0.0)
+                    worst[0] = max(worst[0], rmse(between, direct))
+                    on_grid = caustic_map(sea, sun, depth, 0.0, 256, 256)
+                    between = caustic_lookup(planes, levels, columns, depth, rows, 0.0)[..., 0]
+                    worst[1] = max(worst[1], rmse(between, on_grid))
+                line += f"   sun {zenith:2.0f} deg {worst[0]:.3f} / {worst[1]:.3f}"
             print(line)
+
+
+def _mean_over(fine: np.ndarray, width: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return means of a periodic map over squares of `width` (even) of its pixels about places in tiles."""
+    from scipy.ndimage import uniform_filter
+
+    half = 0.5 / fine.shape[0]  # an even square lies about a pixel's corner
+    mean = uniform_filter(fine, width, mode="wrap")[None, :, :, None] * np.ones(3)
+    return periodic_trilinear([mean], np.zeros(u.shape, np.int64), u + half, v + half, np.zeros(u.shape))[..., 0]
+
+
+def footprint() -> None:
+    """Lookups against the mean over their footprint: by the level of equal variance, and by that of equal width."""
+    print(
+        "contrast and rmse/std against the mean over the footprint (map 256): level of equal variance | of equal width"
+    )
+    u, v = np.random.default_rng(1).uniform(0.0, 1.0, (2, 40_000))
+    plane = np.zeros(u.shape, np.int64)
+    for name, sea in (("default", GerstnerSea()), ("choppy", sea_of(CHOPPY))):
+        fine, coarse = (
+            caustic_stack(sea, ZENITH, [4.0], 0.0, CausticSettings(size=n, grid=512)).ratio for n in (2048, 256)
+        )
+        levels = mip_levels(coarse)
+        for across in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
+            mean = _mean_over(fine[0, :, :, 0], round(8 * across), u, v)
+            line = f"  {name:8} footprint {across:3.1f} pixels:"
+            for wide in (1.0, 3.0**0.5):
+                level = mip_level(np.full(u.shape, across * wide), 1.0, 8.0)
+                seen = periodic_trilinear(levels, plane, u, v, level)[..., 0]
+                line += f"   {seen.std() / mean.std():.2f} {rmse(seen, mean):.3f}"
+            print(line)
+
+
+def sizes() -> None:
+    """Error of maps and grids of all sizes in what a picture shows."""
+    print("rmse/std and contrast against the mean over a pixel's footprint in a map 2048 from a grid 1024")
+    u, v = np.random.default_rng(1).uniform(0.0, 1.0, (2, 40_000))
+    plane = np.zeros(u.shape, np.int64)
+    for name, sea, zenith, depth in (("default", GerstnerSea(), 30.0, 4.0), ("choppy", sea_of(CHOPPY), 0.0, 5.0)):
+        sun = sun_at(zenith)
+        fine = caustic_stack(sea, sun, [depth], 0.0, CausticSettings(size=2048, grid=1024)).ratio[0, :, :, 0]
+        for size, grid in (
+            (128, 128),
+            (256, 64),
+            (256, 128),
+            (256, 192),
+            (256, 256),
+            (512, 128),
+            (512, 192),
+            (512, 256),
+        ):
+            s = CausticSettings(size=size, grid=grid)
+            levels = mip_levels(caustic_stack(sea, sun, [depth], 0.0, s).ratio)
+            ms = median_ms(functools.partial(caustic_stack, sea, sun, [depth], 0.0, s), 7)
+            line = f"  {name:8} map {size}, grid {grid}: {ms:5.1f} ms"
+            for width_m in (0.0078, 0.031, 0.0625):
+                mean = _mean_over(fine, round(width_m * 2048 / 8.0), u, v)
+                level = mip_level(np.full(u.shape, width_m), 8.0 / size, float(len(levels) - 1))
+                seen = periodic_trilinear(levels, plane, u, v, level)[..., 0]
+                line += f"   {100 * width_m:.1f} cm {rmse(seen, mean):.3f} {seen.std() / mean.std():.2f}"
+            print(line)
+
+
+def planes() -> None:
+    """A body 1 m tall rises past another one: the change of the other's light from frame to frame, the sea at rest."""
+    x, z = np.random.default_rng(0).uniform(0.0, 8.0, (2, 4000))
+    sea, sun, s = GerstnerSea(), sun_at(30.0), CausticSettings(size=256)
+    ladder = PlaneLadder.of_scene([(4.0, 7.0), (5.5, 6.5)], [1.0, 1.0], [], s.planes)
+    seen, counts = [], []
+    for middle in np.linspace(6.5, 4.5, 25):
+        depths = ladder.around([(middle - 0.5, middle + 0.5), (5.5, 6.5)])
+        stack = caustic_stack(sea, sun, depths, 0.0, s)
+        seen.append(caustic_lookup(stack, mip_levels(stack.ratio), x, 6.0, z, 0.03))
+        counts.append(len(depths))
+    steps = [rmse(b, a) for a, b in itertools.pairwise(seen)]
+    print(f"largest rmse/std from frame to frame {max(steps):.1e}; planes {min(counts)} to {max(counts)}")
 
 
 def sheet() -> None:
@@ -356,7 +494,8 @@ def stress() -> None:
             print(f"{label:20}{backend:11}{1e3 * (time.perf_counter() - start):8.0f} ms  {said}")
 
 
-SECTIONS = {f.__name__: f for f in (truth, energy, pareto, surface, stack, speed, sheet, animation, stress)}
+_ALL = (truth, energy, pareto, surface, stack, footprint, sizes, planes, speed, lookup, sheet, animation, stress)
+SECTIONS = {f.__name__: f for f in _ALL}
 
 
 def main() -> None:

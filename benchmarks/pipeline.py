@@ -36,7 +36,7 @@ def scene_of(folder: Path, receiver: bool = True) -> Scene:
         {
             "plate": "dive.mp4",
             "camera": {"depth_m": 4.0},
-            "water": {"type": "II"},
+            "water": {"type": "IB"},
             "object": _OBJECTS,
             **({"receiver": {"height_m": -3.5}} if receiver else {}),
         },

@@ -5,18 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.camera_path import CameraPath
+from mr360uw.errors import OutputExistsError, ParameterError, SceneError
+from mr360uw.files import write_whole
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
+from mr360uw.plate import keep_inputs, open_plate
 from mr360uw.plate_map import plate_map
 from mr360uw.progress import Progress
 from mr360uw.scene import PlateSettings, Scene, load_scene
 from mr360uw.scene_light import SceneLight
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, YuvImage
-from mr360uw.video import VideoFrame, VideoReader, open_video
+from mr360uw.video import VideoFrame, VideoReader
 
 _PICTURES = 6
 _PICTURE_WIDTH = 640
@@ -25,7 +29,7 @@ _PICTURE_WIDTH = 640
 def scene_light(scene: Scene) -> SceneLight:
     """Return the reader of a scene's light."""
     medium = scene.water.medium(scene.camera.depth_m)
-    return SceneLight(scene, medium.table if medium is not None else None)
+    return SceneLight(scene, medium.unit_table if medium is not None else None, CameraPath.of(scene))
 
 
 def picture(frame: VideoFrame) -> Floats | YuvImage:
@@ -55,7 +59,8 @@ def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None
 
     def measured() -> Iterator[SunMeasurement]:
         for frame in prefetch(video.frames()):
-            yield measure_sun(reader.of(picture(frame)), frame.time_s)
+            light = reader.of(picture(frame), time_s=frame.time_s)
+            yield measure_sun(light, frame.time_s, reader.world_from_camera(frame.time_s))
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
 
@@ -68,40 +73,50 @@ def analyse_video(
     source: str | Path,
     out: str | Path | None = None,
     *,
+    eye: Literal["left", "right"] | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> list[Path]:
     """Write a self-contained page about a plate's light and water, and the track of its sun; return what was written.
 
-    source: a video or still, or a scene file that names one and says how to read it. out: the page; the track goes
-    beside it as .sun.json and .sun.csv. Raises `VideoError`, `SceneError` or `OutputExistsError`.
+    source: a video or still, or a scene file that names one and says how to read it. eye: of a stereo plate, where the
+    source is no scene file. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
+    `SceneError`, `ParameterError` or `OutputExistsError`.
     """
-    from mr360uw.ibl.report import Snapshot, light_report
+    from mr360uw.ibl.horizon import estimate_horizon
+    from mr360uw.ibl.report import Snapshot, level_section, light_report
     from mr360uw.ibl.trackfile import save_track
+    from mr360uw.medium.sensor import named_sensor
     from mr360uw.medium.waterfit import fit_water
 
     source = Path(source)
-    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source))
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
     page = Path(out) if out is not None else source.with_suffix(".html")
+    if page.suffix.lower() != ".html":
+        raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     for path in (page, *tracks):
         if path.exists() and not overwrite:
             raise OutputExistsError(f"{path} - is there already - name another page with --out, or give --overwrite")
+    keep_inputs(scene, page, *tracks)
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
-    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+    with open_plate(scene) as video:
         track = sun_track(scene, video, progress)
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
         reader, snapshots, maps = scene_light(scene), [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
-            snapshots.append(Snapshot(frame.time_s, _small(frame), reader.of(picture(frame))))
-            maps.append(plate_map(picture(frame)))
+            light = reader.of(picture(frame), time_s=frame.time_s)
+            snapshots.append(Snapshot(frame.time_s, _small(frame), light))
+            maps.append(plate_map(picture(frame), reader.world_from_camera(frame.time_s)[1]))
     sections = []
     if scene.water.type != "none":
-        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m)
+        tilts = [estimate_horizon(snapshot.environment.residual) for snapshot in snapshots]
+        sections.append(("Level", level_section(tilts, reader.world_from_camera(snapshots[0].time_s)[1])))
+        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m, named_sensor(str(scene.water.sensor)))
         sections.append((f"Water, for a camera {scene.camera.depth_m:g} m deep", fit.html()))
     written = [page]
-    _write(page, light_report(source.name, snapshots, track, sections))
+    write_whole(page, light_report(source.name, snapshots, track, sections))
     if track is not None:
         for path in tracks:
             save_track(track, path)
@@ -114,12 +129,3 @@ def _small(frame: VideoFrame) -> np.ndarray:
 
     size = (_PICTURE_WIDTH, _PICTURE_WIDTH // 2)
     return np.asarray(cv2.resize(frame.image_linear, size, interpolation=cv2.INTER_AREA))
-
-
-def _write(path: Path, text: str) -> None:
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text(text, "utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

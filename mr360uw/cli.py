@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 bad input (one line for each problem), 130 interrupted. A 
 
 from __future__ import annotations
 
+import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -24,7 +25,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+_INTERRUPTED, _TERMINATED = 130, 143  # 128 + SIGINT, 128 + SIGTERM, as shells count
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False)]
 FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
@@ -33,6 +34,16 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an o
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
+
+
+class Eye(StrEnum):
+    """Eyes of a stereo plate."""
+
+    left = "left"
+    right = "right"
+
+
+EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
 class ImageFormat(StrEnum):
@@ -44,14 +55,19 @@ class ImageFormat(StrEnum):
 
 def main() -> None:
     """Run the command line; turn every expected error into exit code 2 and plain lines."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
     try:
         app()
     except Mr360uwError as error:
         typer.echo(f"error: {error}", err=True)
         sys.exit(2)
+    except OSError as error:
+        where = error.filename or "a file"
+        typer.echo(f"error: {where} - {error.strerror or error} - check the name, the rights and the space", err=True)
+        sys.exit(2)
     except SystemExit as done:
         if done.code == _INTERRUPTED:
-            typer.echo("interrupted: nothing was written", err=True)
+            typer.echo("interrupted: no part of a file is left; pictures that were complete stay", err=True)
         raise
 
 
@@ -103,12 +119,13 @@ def new(
     video: Annotated[Path, typer.Argument(help="360 plate")],
     mesh: Annotated[Path, typer.Argument(help="glTF, OBJ, PLY or STL")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
+    eye: EyeOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
     from mr360uw.template import write_scene
 
-    path = write_scene(video, mesh, out, overwrite=overwrite)
+    path = write_scene(video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite)
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
 
 
@@ -142,6 +159,7 @@ def sample(
 def analyse(
     video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,
+    eye: EyeOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
@@ -149,7 +167,9 @@ def analyse(
     from mr360uw.progress import terminal_progress
 
     with terminal_progress() as progress:
-        written = analyse_video(video, out, overwrite=overwrite, progress=progress)
+        written = analyse_video(
+            video, out, eye=None if eye is None else eye.value, overwrite=overwrite, progress=progress
+        )
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 

@@ -17,15 +17,19 @@ import numpy as np
 
 from mr360uw.analysis import picture, scene_light, sun_track
 from mr360uw.backends import make_backend
+from mr360uw.composite.aovs import RECIPE, exr_parts
 from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
+from mr360uw.ibl import SunTrack
 from mr360uw.plan import Plan
+from mr360uw.plate import keep_inputs, open_plate
 from mr360uw.progress import Progress
 from mr360uw.renderer import FrameLight, Rendered, SceneRenderer
 from mr360uw.scene import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
-from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable
-from mr360uw.video import VideoFrame, create_video, open_video
+from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
+from mr360uw.video import VideoFrame, create_video, with_grain, write_exr
+from mr360uw.video.images import is_pattern, matching_files, numbered
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +78,21 @@ class Report:
 
 
 def render_frame(
-    plate: Floats, scene: Scene, time_s: float = 0.0, backend: str = "auto", *, index: int = 0
+    plate: Floats,
+    scene: Scene,
+    time_s: float = 0.0,
+    backend: str = "auto",
+    *,
+    index: int = 0,
+    sun: Sun | Literal["scene"] | None = "scene",
+    shutter_s: float = 0.0,
 ) -> FrameResult:
     """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
 
-    time_s: of the sea and of moving objects. index: of the frame, for mesh sequences and mattes. backend: "auto", "gl"
-    or "reference". Everything is loaded anew on each call; for many frames make a `renderer.SceneRenderer`.
+    time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
+    "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from the smoothed
+    track of the clip, `track.at(index)`. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
+    anew on each call; for many frames make a `renderer.SceneRenderer`.
     """
     plate = np.asarray(plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
@@ -89,10 +102,13 @@ def render_frame(
     if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
         raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
     renderer = SceneRenderer(scene, plate.shape[1], plate.shape[0], backend)
-    light = renderer.light(plate) if renderer.plan.runs("environment") else None
-    done = renderer.render(light, time_s, index)
+    light = renderer.light(plate, sun, time_s=time_s) if renderer.plan.runs("environment") else None
+    done = renderer.render(light, time_s, index, shutter_s)
+    image = over(plate, done.layer)
+    if renderer.plan.runs("grain"):
+        image = with_grain(image, plate, done.layer, scene.draw.grain, index)
     return FrameResult(
-        image_linear=over(plate, done.layer),
+        image_linear=image,
         layer=done.layer,
         environment=light.environment if light is not None else None,
         caustics=renderer.backend.download(done.caustics) if done.caustics is not None else None,
@@ -126,19 +142,20 @@ def composite_video(
 
     out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. layers: a
     pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur. Raises
-    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then nothing is left behind.
+    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then no part of a file is left behind, of sequences
+    the pictures that were complete. progress: is called over the clip once more where a first pass looks for the sun.
     """
     out, began, clock = Path(out), time.perf_counter(), _Clock()
-    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+    pattern = None if layers is None else _layers_pattern(Path(layers), out, overwrite=overwrite)
+    keep_inputs(scene, out, *([] if pattern is None else [pattern]))
+    with open_plate(scene) as video:
         start, stop = video.check_range(*frames)
         renderer = SceneRenderer(scene, video.width, video.height, backend)
+        renderer.check(stop)
         needs_light = renderer.plan.runs("environment")
         shutter_s = float(scene.draw.shutter / video.frame_rate) if video.frame_rate else 0.0
         empty = sunless = 0
-        since = time.perf_counter()
-        track = sun_track(scene, video) if renderer.plan.runs("sun") else None
-        if track is not None:
-            clock.add("sun track", since)
+        track: SunTrack | None = None
 
         def lit() -> Iterator[tuple[VideoFrame, FrameLight | None]]:
             since = time.perf_counter()
@@ -146,20 +163,26 @@ def composite_video(
                 since = clock.add("decode", since)
                 light = None
                 if needs_light:
-                    light = renderer.light(picture(frame), "scene" if track is None else track.at(frame.index))
+                    sun: Sun | Literal["scene"] | None = "scene" if track is None else track.at(frame.index)
+                    light = renderer.light(picture(frame), sun, time_s=frame.time_s)
                 since = clock.add("light", since)
                 yield frame, light
                 since = time.perf_counter()
 
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
+            if renderer.plan.runs("sun"):
+                since = time.perf_counter()
+                track = sun_track(scene, video, progress)
+                clock.add("sun track", since)
 
             def write(item: tuple[VideoFrame, Rendered]) -> None:
                 since = time.perf_counter()
                 plate, done = item
-                if layers is not None and done.variables is not None:
-                    _write_layers(Path(layers), plate, done, overwrite=overwrite)
+                if pattern is not None and done.variables is not None:
+                    parts = exr_parts(done.layer, done.variables, plate.image_linear)
+                    write_exr(numbered(pattern, plate.index), parts, attributes={"comments": RECIPE})
                     since = clock.add("layers", since)
-                frame = plate.over(done.layer, over_tile) if done.layer.tiles else plate
+                frame = plate.over(done.layer, over_tile, scene.draw.grain) if done.layer.tiles else plate
                 since = clock.add("blend", since)
                 writer.write(frame)
                 clock.add("encode", since)
@@ -167,7 +190,7 @@ def composite_video(
             with Behind(write) as sink:
                 for count, (frame, light) in enumerate(prefetch(lit()), 1):
                     since = time.perf_counter()
-                    done = renderer.render(light, frame.time_s, frame.index, shutter_s, variables=layers is not None)
+                    done = renderer.render(light, frame.time_s, frame.index, shutter_s, variables=pattern is not None)
                     clock.add("render", since)
                     empty += not done.layer.tiles
                     sunless += light is not None and light.environment.sun is None
@@ -189,30 +212,26 @@ def composite_video(
     )
 
 
-def _write_layers(pattern: Path, plate: VideoFrame, done: Rendered, *, overwrite: bool) -> None:
-    """Write one frame's output variables as a multi-part EXR, numbered by the frame."""
-    from mr360uw.composite.aovs import exr_parts
-    from mr360uw.video import write_exr
-
-    assert done.variables is not None
-    try:
-        path = pattern.with_name(pattern.name % plate.index)
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"{pattern} - is no pattern of numbered files - write for example layers_%04d.exr"
-        ) from None
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is there already - name another pattern, or give --overwrite")
-    write_exr(path, exr_parts(done.layer, done.variables, plate.image_linear))
+def _layers_pattern(pattern: Path, out: Path, *, overwrite: bool) -> Path:
+    """Return the pattern of layered files, of which none may be there yet, other than the output's."""
+    if pattern.absolute() == out.absolute():
+        raise ParameterError(f"{pattern} - is the name of the output too - give the layers one of their own")
+    if not is_pattern(pattern) or pattern.suffix.lower() != ".exr":
+        raise ParameterError(f"{pattern} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
+    there = matching_files(pattern)
+    if there and not overwrite:
+        raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
+    return pattern
 
 
 def explain_plan(scene: Scene, backend: str = "auto") -> str:
     """Return in words what a run of the scene will do and why; opens every file that it names."""
-    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+    with open_plate(scene) as video:
         renderer = SceneRenderer(scene, video.width, video.height, backend)
         size = f"{video.width}x{video.height}"
+        length = "a still" if video.is_still else f"{video.frame_count} frames"
         head = [
-            f"plate     {video.path.name}: {size}, {video.frame_count} frames, {video.codec_name}",
+            f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
             f"renderer  {renderer.backend.name} ({renderer.backend.device})",
             *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
         ]
@@ -243,9 +262,9 @@ def export_caustics(
     """
     from mr360uw.caustics import export_tiles, refract_to_air
 
-    with open_video(scene.plate.path, transfer=scene.plate.transfer, eye=scene.plate.eye) as video:
+    with open_plate(scene) as video:
         track = sun_track(scene, video)
-        sun = track.at(0) if track is not None else scene_light(scene).of(picture(next(iter(video.frames(0, 1))))).sun
+        sun = track.at(0) if track is not None else scene_light(scene).sun(picture(next(iter(video.frames(0, 1)))), 0.0)
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])
@@ -265,6 +284,6 @@ def export_caustics(
         scene.caustics,
         image_format,
         overwrite=overwrite,
-        stack=lambda *arguments: renderer.download(renderer.caustics(*arguments)),
+        backend=renderer.name,
         progress=progress,
     )

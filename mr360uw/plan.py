@@ -17,8 +17,6 @@ from mr360uw.types import MediumTable
 
 _NEGLIGIBLE_BEAM = 0.002
 """Below this part of the surface's beam, caustics and shadows are less than half an 8-bit code value."""
-_DIFFUSE_ROUGHNESS = 0.95
-"""From this roughness up the glossy lobe of a dielectric is as wide as the irradiance lobe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +47,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class ObjectFacts:
-    """What the plan asks of an object. glossy: some material is smoother than diffuse. moves: it has motion keys."""
+    """What the plan asks of an object.
+
+    depth_m: of its highest point below the mean surface, the least over the whole clip. glossy: some material is
+    smoother than diffuse. moves: it does not rest in the world.
+    """
 
     depth_m: float
     glossy: bool
@@ -59,7 +61,6 @@ class ObjectFacts:
 def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> Plan:
     """Return the plan of a scene. medium: None where the plate has no water."""
     visible = bool(objects)
-    receiver = scene.receiver is not None
     steps: list[Step] = []
 
     def step(stage: str, runs: bool, yes: str, no: str) -> bool:
@@ -67,31 +68,35 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         return runs
 
     step("environment", visible, "objects are lit by the plate", "nothing to light")
-    sun = step("sun", visible and scene.light.sun != "none", f"sun: {scene.light.sun}", _no_sun(scene, visible))
-    step("medium", medium is not None, f"water {scene.water.type}", 'water is "none"')
     beam = _beam_at_objects(objects, medium)
     deep = visible and beam < _NEGLIGIBLE_BEAM
-    caustics = sun and medium is not None and not deep and scene.caustics.enabled
-    step("surface", caustics, f"{scene.sea.model} sea", "no caustics, so no waves")
+    sun = step(
+        "sun",
+        visible and scene.light.sun != "none" and not deep,
+        f"sun: {scene.light.sun}",
+        "nothing to light" if not visible
+        else 'light.sun = "none"' if scene.light.sun == "none"
+        else f"{100 * beam:.2f} % of the beam reaches the objects",
+    )  # fmt: skip
+    step("medium", medium is not None, f"water {scene.water.type}", 'water is "none"')
     step(
         "caustics",
-        caustics,
-        f"{100 * min(beam, 1):.0f} % of the beam reaches the objects",
-        "switched off" if not scene.caustics.enabled
-        else f"{100 * beam:.2f} % of the beam reaches the objects" if sun and deep
-        else "needs a sun and water",
-    )  # fmt: skip
+        sun and medium is not None and scene.caustics.enabled,
+        f"{scene.sea.model} sea; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
+        "switched off" if not scene.caustics.enabled else "needs a sun and water",
+    )
     step(
         "glossy",
         visible and any(facts.glossy for facts in objects),
         "a material is smoother than diffuse",
         "every material is diffuse" if visible else "nothing to light",
     )
+    receiver = scene.receiver
     step(
         "shadow",
-        visible and receiver and sun and not deep,
+        sun and receiver is not None and receiver.shadow,
         "the receiver catches shadows",
-        "no receiver" if not receiver else "no sun to cast one" if not sun else "no sun at that depth",
+        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
     )
     step(
         "layer",
@@ -99,11 +104,13 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         "objects stand still: geometry is kept between frames" if not any(f.moves for f in objects) else "objects move",
         "no objects: the plate goes through untouched",
     )
+    step(
+        "grain",
+        visible and scene.draw.grain > 0.0,
+        f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
+        "draw.grain is 0" if visible else "nothing to cover",
+    )
     return Plan(tuple(steps))
-
-
-def _no_sun(scene: Scene, visible: bool) -> str:
-    return "nothing to light" if not visible else f'light.sun = "{scene.light.sun}"'
 
 
 def _beam_at_objects(objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> float:

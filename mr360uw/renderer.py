@@ -16,36 +16,32 @@ from typing import Any, Literal
 import numpy as np
 
 from mr360uw.backends import Backend, make_backend
-from mr360uw.caustics import refract_to_air, stack_depths
-from mr360uw.composite import SceneObject, Shot, load_object, load_receiver, read_camera_track
+from mr360uw.camera_path import CameraPath
+from mr360uw.caustic_depths import CausticDepths
+from mr360uw.caustics import refract_to_air
+from mr360uw.composite import SceneObject, Shot, load_object
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
-from mr360uw.ibl.level import LevelTrack, keyed_level, level_from_gpmf
-from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.mattes import Mattes
+from mr360uw.ibl.lighting import turned
+from mr360uw.mattes import Mattes, ReceiverClip
 from mr360uw.medium import fit_gain
+from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.plan import ObjectFacts, Plan, make_plan
 from mr360uw.plate_map import plate_map
 from mr360uw.scene import Scene
 from mr360uw.scene_light import SceneLight
-from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Layer, MediumTable, Sun, YuvImage
-from mr360uw.video import open_video
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
-_NEAREST_PLANE_M = 0.1
-"""Depth of the first plane of caustics under objects that break the surface."""
-_PLANE_SPACING_M = 1.5
-"""Depth that one plane of caustics serves well, followed along the beam; a scene's `planes` is the most it gets."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameLight:
     """What a plate's frame says about the light.
 
-    plate_map: (32, 64, 3) of the plate as it is, not expanded; None where the water does not follow the plate.
+    environment: in the axes of the camera. plate_map: (32, 64, 3) of the plate as it is, not expanded, levelled; None
+    where the water does not follow the plate.
     """
 
     environment: Environment
@@ -66,40 +62,6 @@ class Rendered:
     variables: Aovs | None = None
 
 
-def turned(light: Environment, world_from_camera: Floats) -> Environment:
-    """Return the light that a camera saw, in the axes of the world."""
-    if np.array_equal(world_from_camera, np.eye(3)):
-        return light
-    seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
-    maps = {
-        name: environment_lookup(getattr(light, name), seen).astype(np.float32)
-        for name in ("radiance", "irradiance", "residual", "ambient")
-    }
-    glossy = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
-    sun = light.sun
-    if sun is not None:
-        sun = dataclasses.replace(sun, direction=world_from_camera @ sun.direction)
-    return dataclasses.replace(light, **maps, glossy=glossy if len(glossy) else light.glossy, sun=sun)
-
-
-def level_track(scene: Scene) -> LevelTrack | None:
-    """Return how a plate is tilted over time: by a GoPro's gravity, by keys, or fixed; None where it is level.
-
-    A camera track holds the whole orientation and goes first.
-    """
-    camera = scene.camera
-    if camera.gravity is not None:
-        from mr360uw.video.gpmf import gpmf_payloads
-
-        with open_video(scene.plate.path, eye=scene.plate.eye) as video:
-            rate = float(video.frame_rate)
-        return level_from_gpmf(gpmf_payloads(camera.gravity), rate)
-    keys = [(t, np.radians(roll), np.radians(pitch)) for t, roll, pitch in camera.tilt_keys]
-    if not keys and (camera.roll_deg, camera.pitch_deg) != (0.0, 0.0):
-        keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]
-    return keyed_level(keys) if keys else None
-
-
 class SceneRenderer:
     """Renders the layers of a scene over frames of width x height.
 
@@ -110,27 +72,40 @@ class SceneRenderer:
     def __init__(self, scene: Scene, width: int, height: int, backend: str = "auto") -> None:
         self.scene, self.width, self.height = scene, width, height
         self.objects = tuple(load_object(settings) for settings in scene.objects)
-        self._receiver = load_receiver(scene.receiver) if scene.receiver is not None else None
-        self._camera = read_camera_track(scene.camera.track) if scene.camera.track is not None else None
-        self._level = level_track(scene)
+        self._receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
+        self._camera = CameraPath.of(scene)
         self._mattes = Mattes(scene, width, height)
         self._medium = scene.water.medium(scene.camera.depth_m)
-        self._table = self._medium.table if self._medium is not None else None
+        self._table = self._medium.unit_table if self._medium is not None else None
+        self._at_depths = MediumAtDepths(self._medium) if self._medium is not None and self._camera.sinks else None
         water = scene.water
         self._follows_plate = self._medium is not None and (water.gain == "auto" or water.mode == "plate")
-        self._light = SceneLight(scene, self._table)
+        self._light = SceneLight(scene, self._table, self._camera)
+        still = self._receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
+        ground = still.at(0) if still is not None else None
+        self._caustic_depths = CausticDepths.of(scene, self.objects, ground, self._camera, height)
         self.plan: Plan = make_plan(scene, tuple(self._facts(o) for o in self.objects), self._table)
         self.backend: Backend
         self.backend, fallback = make_backend(backend)
         self.notes = tuple(note for o in self.objects for note in o.notes) + ((fallback,) if fallback else ())
 
-    def light(self, plate: Floats | YuvImage, sun: Sun | Literal["scene"] | None = "scene") -> FrameLight:
+    def check(self, stop: int) -> None:
+        """Raise `VideoError` where a matte or a distance map ends before the plate's frame `stop`."""
+        self._mattes.check(stop)
+        if self._receiver is not None:
+            self._receiver.check(stop)
+
+    def light(
+        self, plate: Floats | YuvImage, sun: Sun | Literal["scene"] | None = "scene", *, time_s: float = 0.0
+    ) -> FrameLight:
         """Return the light of a plate's frame: linear RGB (H, W, 3) or decoded planes.
 
-        sun: a smoothed track's, or None for none; "scene" does what the scene says, frame by frame.
+        sun: a smoothed track's, in the world, or None for none; "scene" does what the scene says, frame by frame.
+        time_s: of the frame, for how the camera is tilted.
         """
-        found = self._light.of(plate, sun, glossy=self.plan.runs("glossy"))
-        return FrameLight(found, plate_map(plate) if self._follows_plate else None)
+        chosen = sun if self.plan.runs("sun") else None
+        found = self._light.of(plate, chosen, time_s=time_s, glossy=self.plan.runs("glossy"))
+        return FrameLight(found, plate_map(plate, self._camera.at(time_s)[1][1]) if self._follows_plate else None)
 
     def render(
         self,
@@ -147,32 +122,30 @@ class SceneRenderer:
         output variables, which have no motion blur.
         """
         if light is None or not self.plan.runs("layer"):
-            return Rendered(Layer(self.height, self.width, ()), light, self._table, None)
+            return Rendered(Layer(self.height, self.width, ()), light, None, None)
         draw = self.scene.draw
-        medium = self._water(light)
+        medium = self._water(light, time_s)
+        moves = self._camera.moves or any(o.moves for o in self.objects)
+        steps = draw.motion_samples if shutter_s > 0.0 and moves else 1
+        instants = [time_s + ((step + 0.5) / steps - 0.5) * shutter_s for step in range(steps)]
+        layers, found, caustics = [], None, None
         if variables:
-            shot = self.shot(light.environment, medium, time_s, index)
-            caustics = self._caustics(shot, time_s)
-            layer, found = self.backend.variables(dataclasses.replace(shot, caustics=caustics))
-            return Rendered(layer, light, medium, caustics, found)
-        steps = draw.motion_samples if shutter_s > 0.0 and any(o.moves for o in self.objects) else 1
-        layers, caustics = [], None
-        for step in range(steps):
-            instant = time_s + ((step + 0.5) / steps - 0.5) * shutter_s if steps > 1 else time_s
-            shot = self.shot(light.environment, medium, instant, index)
-            caustics = self._caustics(shot, instant)
-            layers.append(self.backend.layer(dataclasses.replace(shot, caustics=caustics)))
-        return Rendered(mean_layer(layers), light, medium, caustics)
+            shot, caustics = self._lit_shot(light, medium, time_s, index)
+            layer, found = self.backend.variables(shot)
+            layers = [layer] if steps == 1 else []
+        for instant in instants[len(layers) :]:
+            shot, caustics = self._lit_shot(light, medium, instant, index)
+            layers.append(self.backend.layer(shot))
+        return Rendered(mean_layer(layers), light, medium, caustics, found)
+
+    def _lit_shot(self, light: FrameLight, medium: MediumTable | None, time_s: float, index: int) -> tuple[Shot, Any]:
+        shot = self.shot(light.environment, medium, time_s, index)
+        caustics = self._caustics(shot, time_s)
+        return dataclasses.replace(shot, caustics=caustics), caustics
 
     def shot(self, light: Environment, medium: MediumTable | None, time_s: float, index: int) -> Shot:
         """Return everything the layer of one instant depends on, but the caustics."""
-        position: Floats = np.zeros(3)
-        rotation: Floats = np.eye(3)
-        if self._camera is not None:
-            pose = self._camera.at(time_s)
-            position, rotation = pose[:3, 3], pose[:3, :3]
-        elif self._level is not None:
-            rotation = self._level.at(time_s)
+        position, rotation = self._camera.at(time_s)
         light = turned(light, rotation)
         draw = self.scene.draw
         matte, matte_distance = self._mattes.at(index)
@@ -186,7 +159,7 @@ class SceneRenderer:
             world_from_camera=rotation,
             camera_depth_m=self.scene.camera.depth_m,
             medium=medium,
-            receiver=self._receiver,
+            receiver=self._receiver.at(index) if self._receiver is not None else None,
             holdout=matte,
             holdout_distance_m=matte_distance,
             samples=draw.samples,
@@ -196,35 +169,24 @@ class SceneRenderer:
         )
 
     def _facts(self, placed: SceneObject) -> ObjectFacts:
-        mesh = placed.at(0.0, 0, np.zeros(3), np.eye(3))
-        y = float(mesh.to_world(mesh.mesh.center_m)[1])
-        return ObjectFacts(self.scene.camera.depth_m - y, any(m.glossy for m in placed.meshes), placed.moves)
+        depth_m = self._camera.depth_m - placed.highest_m(self._camera.highest_m)
+        return ObjectFacts(depth_m, any(m.glossy for m in placed.meshes), placed.moves)
 
-    def _water(self, light: FrameLight) -> MediumTable | None:
-        """Return the water's table in the exposure of this frame."""
-        if self._medium is None or self._table is None or light.plate_map is None:
-            return self._table
+    def _water(self, light: FrameLight, time_s: float) -> MediumTable | None:
+        """Return the water's table for the depth and in the exposure of a frame."""
+        medium = self._medium if self._at_depths is None else self._at_depths.at(self._camera.depth_at(time_s))
+        if medium is None or light.plate_map is None:
+            return None if medium is None else medium.table
         if self.scene.water.mode == "plate":
-            return self._medium.with_map(light.plate_map).table
-        black = not np.all(light.plate_map.max(axis=(0, 1)) > 0.0)
-        gain = np.zeros(3) if black else fit_gain(self._medium, light.plate_map)[0]
-        return dataclasses.replace(self._table, veil=(self._table.veil * gain).astype(np.float32))
+            return medium.with_map(light.plate_map).table
+        return medium.scaled(fit_gain(medium, light.plate_map)[0]).table
 
     def _caustics(self, shot: Shot, time_s: float) -> Any:
-        """Return the caustics on planes through the objects' depths, or None where there are none."""
+        """Return the caustics on planes about the objects' depths, or None where there are none."""
         if not self.plan.runs("caustics") or shot.sun is None or shot.sun.direction[1] <= 0.0:
             return None
         sun_in_air = refract_to_air(shot.sun.direction, self.scene.caustics.refractive_index)
         if sun_in_air[1] < _LOWEST_SUN:
             return None
-        depths = []
-        for placed in shot.objects:
-            height = placed.to_world(placed.mesh.hull)[..., 1]
-            depths += [shot.camera_depth_m - float(height.max()), shot.camera_depth_m - float(height.min())]
-        if shot.receiver is not None and shot.receiver.caustics and shot.receiver.plane_y is not None:
-            depths.append(shot.camera_depth_m - shot.receiver.plane_y)
-        near = max(min(depths), _NEAREST_PLANE_M)
-        far = max(*depths, near)
-        count = min(self.scene.caustics.planes, 1 + int((far - near) / _PLANE_SPACING_M))
-        planes = stack_depths(near, far, count)
-        return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, self.scene.caustics)
+        planes = self._caustic_depths.planes(shot)
+        return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, self._caustic_depths.settings)

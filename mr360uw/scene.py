@@ -7,12 +7,13 @@ files, and reports every problem of a file at once.
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -32,14 +33,18 @@ class PlateSettings(Parameters):
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
     eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
+    frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
 
 
 class CameraSettings(Parameters):
     """Where the camera is."""
 
     depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
+    depth_keys: tuple[tuple[float, float], ...] = parameter(
+        (), "(time_s, depth_m), ascending, of a camera that rises and sinks; positions start at depth_m"
+    )
     track: Path | None = parameter(
-        None, "CSV of its motion: time_s, x, y, z, qx, qy, qz, qw; the water stays that of depth_m"
+        None, "CSV of its motion: time_s, x, y, z, qx, qy, qz, qw; positions start at depth_m"
     )
     roll_deg: float = parameter(0.0, "roll of a plate that is not level, + = right side down", low=-180.0, high=180.0)
     pitch_deg: float = parameter(0.0, "pitch of such a plate, + = its centre looks up", low=-90.0, high=90.0)
@@ -47,6 +52,15 @@ class CameraSettings(Parameters):
         (), "(time_s, roll_deg, pitch_deg), ascending, instead"
     )
     gravity: Path | None = parameter(None, "GoPro clip whose gravity track levels the plate, or its GPMF payloads")
+
+    @model_validator(mode="after")
+    def _check(self) -> CameraSettings:
+        if self.depth_keys and self.track is not None:
+            raise ValueError("depth_keys - the track has the camera's height already (got both) - remove one of them")
+        times = [time for time, _ in self.depth_keys]
+        if any(b <= a for a, b in itertools.pairwise(times)):
+            raise ValueError(f"depth_keys - must ascend in time (got {times}) - sort them")
+        return self
 
 
 def _plate_from_path(value: Any) -> Any:
@@ -81,7 +95,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """
     path = Path(path)
     try:
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise SceneError(
             str(path), ["no such scene file - check the path, or make one: mr360uw new VIDEO MESH"]
@@ -112,6 +126,11 @@ def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", li
     if missing:
         raise SceneError(where, missing)
     return scene
+
+
+def files_of(scene: Scene) -> list[Path]:
+    """Return every file and pattern of files that a scene names."""
+    return [file for _, file in _files(scene)]
 
 
 def scene_schema() -> dict[str, Any]:

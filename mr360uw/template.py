@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.files import write_whole
 from mr360uw.problems import bounds_text, models_of
 from mr360uw.scene import Scene
 
@@ -19,7 +20,14 @@ _NEAREST_M = 2.5
 _SIZES_AWAY = 2.0
 
 
-def write_scene(video: Path, mesh: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
+def write_scene(
+    video: Path,
+    mesh: Path,
+    out: Path | None = None,
+    *,
+    eye: Literal["left", "right"] | None = None,
+    overwrite: bool = False,
+) -> Path:
     """Write a commented scene that puts `mesh` into `video` in front of the camera, and return its path.
 
     Opens both files first, so that what is written runs; raises their errors, `OutputExistsError` or `SceneError`.
@@ -28,25 +36,25 @@ def write_scene(video: Path, mesh: Path, out: Path | None = None, *, overwrite: 
     from mr360uw.video import open_video
 
     path = out if out is not None else video.with_suffix(".toml")
+    if path.suffix.lower() != ".toml":
+        raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
     if path.exists() and not overwrite:
         raise OutputExistsError(f"{path} - is there already - name another with --out, or give --overwrite")
     if not path.parent.is_dir():
         raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
-    with open_video(video):
+    with open_video(video, eye=eye):
         pass
     size = float(np.max(load_mesh(mesh).extent_m))
     distance = max(_NEAREST_M, _SIZES_AWAY * size)
     text = scene_text(
         {
-            "plate": {"path": _relative(video, path.parent)},
+            "plate": {"path": _relative(video, path.parent)} | ({"eye": eye} if eye else {}),
             "camera": {"depth_m": Scene.model_fields["camera"].default.depth_m},
             "water": {"type": Scene.model_fields["water"].default.type},
             "object": [{"mesh": _relative(mesh, path.parent), "position_m": [0.0, -0.25 * size, -round(distance, 2)]}],
         }
     )
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(text, "utf-8")
-    partial.replace(path)
+    write_whole(path, text)
     return path
 
 

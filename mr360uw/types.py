@@ -93,9 +93,9 @@ class Surface:
 class CausticStack:
     """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
 
-    ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z;
-    pixel (0, 0) spans [0, tile_m/size) from the world's origin, periodic. sun_direction: (3,) unit, towards the sun,
-    in the water.
+    ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z,
+    periodic. Maps lie along the beam: a pixel is where its ray comes from on the mean surface, and pixel (0, 0) spans
+    [0, tile_m/size) there from the world's origin. sun_direction: (3,) unit, towards the sun, in the water.
     """
 
     ratio: Floats
@@ -116,7 +116,9 @@ class MediumTable:
     transmittance = exp(-attenuation S).
     diffuse: (D, 3) effective attenuation [1/m] of the ambient irradiance between the camera's depth and d:
     E(d)/E(camera) = exp(-diffuse (d - camera_depth_m)).
-    beam: (D, 3) the same of the sun's beam, per metre of its slant path.
+    beam: (D, 3) effective attenuation [1/m] of the sun's beam over its path p = d/(y of its direction) from the
+    surface, which enters like a depth: E(p)/E(0) = exp(-beam p). Light that has turned by small angles is still in it.
+    unscattered: (D, 3) the same of the part of the beam that has not turned at all.
     """
 
     camera_depth_m: float
@@ -125,6 +127,7 @@ class MediumTable:
     attenuation: Floats
     diffuse: Floats
     beam: Floats
+    unscattered: Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import pytest
 import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
-GROUND = {"types", "constants", "sphere", "color", "errors", "parameters"}
+GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics"}
 # what a package may import of mr360uw besides the ground floor and itself
 ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},

@@ -175,7 +175,7 @@ def test_plates_that_cannot_be_used(plate: str, says: str, dive: SampleDive, sce
 
 def test_every_problem_of_a_scene_at_once(scene: Path, run: Run) -> None:
     scene.write_text(
-        scene.read_text().replace("depth_m = 4.0", "dept_m = 4.0").replace('type = "II"', 'type = "2"')
+        scene.read_text().replace("depth_m = 4.0", "dept_m = 4.0").replace('type = "IB"', 'type = "2"')
         .replace('mesh = "whale.glb"', 'mesh = "no.glb"') + "\n[sae]\nwind_speed = 1.0\n"
     )  # fmt: skip
     code, _, err = run("check", scene)
@@ -183,7 +183,7 @@ def test_every_problem_of_a_scene_at_once(scene: Path, run: Run) -> None:
     assert "3 problems" in err
     for part in ("did you mean 'depth_m'?", "(got '2')", "did you mean 'sea'?"):
         assert part in err
-    scene.write_text(scene.read_text().replace("dept_m", "depth_m").replace('"2"', '"II"').split("[sae]")[0])
+    scene.write_text(scene.read_text().replace("dept_m", "depth_m").replace('"2"', '"IB"').split("[sae]")[0])
     code, _, err = run("check", scene)
     assert code == 2
     assert "no such file" in err

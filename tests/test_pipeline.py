@@ -18,6 +18,8 @@ from tests.tolerances import (
     AGREEMENT_CODE,
     AGREEMENT_FRACTION,
     AGREEMENT_PSNR_DB,
+    FRAME_ALONE_CODES,
+    FRAME_ALONE_FRACTION,
     HALF_FLOAT,
     ROLL_CODE,
     ROLL_FRACTION,
@@ -273,8 +275,34 @@ def test_a_tilted_plate_is_levelled_like_a_camera_that_turned(whale: Path, tmp_p
         assert np.mean(np.abs(codes(other.image_linear) - codes(first.image_linear)) <= ROLL_CODE) >= ROLL_FRACTION
 
 
+def test_a_camera_that_sinks_sees_the_water_of_its_depth(whale: Path, tmp_path: Path) -> None:
+    plate = gradient_plate(256, 128)
+    whale_at = {"mesh": str(whale), "rotation_deg": [-60.0, 5.0, 0.0]}
+    keys = [[0.0, 4.0], [2.0, 7.0]]
+    (tmp_path / "down.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n2,0,-3,0,0,0,0,1\n")
+    sinking = [
+        scene_with(tmp_path, None, camera=camera, object=[{**whale_at, "position_m": [0.3, -2.5, -3.0]}])
+        for camera in ({"depth_m": 4.0, "depth_keys": keys}, {"depth_m": 4.0, "track": str(tmp_path / "down.csv")})
+    ]
+    there = scene_with(tmp_path, None, camera={"depth_m": 7.0}, object=[{**whale_at, "position_m": [0.3, 0.5, -3.0]}])
+    expected = uw.render_frame(plate, there, 2.0, "reference")
+    assert expected.layer.alpha.max() > 0.99
+    for scene in sinking:
+        found = uw.render_frame(plate, scene, 2.0, "reference")
+        assert found.medium is not None
+        assert found.medium.camera_depth_m == pytest.approx(7.0)
+        near = np.abs(codes(found.image_linear) - codes(expected.image_linear)) <= ROLL_CODE
+        assert np.mean(near) >= ROLL_FRACTION
+    with pytest.raises(uw.ParameterError, match="leaves the water"):
+        uw.render_frame(plate, scene_with(tmp_path, whale, camera={"depth_keys": [[0.0, 1.0], [9.0, -0.2]]}))
+    with pytest.raises(uw.SceneError, match="ascend"):
+        scene_with(tmp_path, whale, camera={"depth_keys": [[1.0, 1.0], [0.0, 2.0]]})
+    with pytest.raises(uw.SceneError, match="got both"):
+        scene_with(tmp_path, whale, camera={"depth_keys": keys, "track": str(tmp_path / "down.csv")})
+
+
 def test_a_gopro_clip_levels_the_plate(shared: Path, whale: Path, tmp_path: Path) -> None:
-    from mr360uw.renderer import level_track
+    from mr360uw.camera_path import level_track
 
     clip = shared / "data" / "footage" / "underwater" / "reef_clip_gopro_hero10.mp4"
     plate = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
@@ -294,16 +322,50 @@ def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_p
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 2), backend=backend, layers=pattern)
     assert sorted(p.name for p in tmp_path.glob("*.exr")) == ["layers_0000.exr", "layers_0001.exr"]
     parts = read_exr(tmp_path / "layers_0000.exr")
-    names = {"beauty", "alpha", "depth", "normal", "position", "id", "diffuse", "glossy", "sun", "caustics", "emission",
-             "veil", "transmittance", "shadow_ratio", "receiver_difference"}  # fmt: skip
-    assert names <= set(parts)
+    names = ["rgba", "depth", "N", "P", "id", "diffuse", "glossy", "sun", "caustics", "emission",
+             "veil", "transmittance", "shadow_ratio", "receiver_difference"]  # fmt: skip
+    assert list(parts) == names
     part = {name: np.asarray(next(iter(parts[name].values())), np.float64) for name in names}
     plate = frames_of(dive.plate)[0].image_linear
-    alpha = part["alpha"].reshape(*plate.shape[:2], 1)
+    alpha = part["rgba"][..., 3:]
     total = sum(part[name][..., :3] for name in ("diffuse", "glossy", "sun", "emission", "veil"))
-    np.testing.assert_allclose(total, part["beauty"][..., :3], atol=HALF_FLOAT)
-    composite = part["beauty"][..., :3] + (1.0 - alpha) * (plate + part["receiver_difference"][..., :3])
+    np.testing.assert_allclose(total, part["rgba"][..., :3], atol=HALF_FLOAT)
+    composite = part["rgba"][..., :3] + (1.0 - alpha) * (plate + part["receiver_difference"][..., :3])
     expected = codes(uw.render_frame(plate, scene, 0.0, backend).image_linear)
-    assert np.mean(np.abs(codes(composite) - expected) <= ROLL_CODE) >= ROLL_FRACTION
-    with pytest.raises(uw.OutputExistsError):
+    assert np.mean(np.abs(codes(composite) - expected) <= FRAME_ALONE_CODES) >= FRAME_ALONE_FRACTION
+    (tmp_path / "layers_0000.exr").unlink()
+    with pytest.raises(uw.OutputExistsError, match="layers_0001"):
         uw.composite_video(scene, tmp_path / "again.mp4", frames=(0, 2), backend=backend, layers=pattern)
+    with pytest.raises(uw.ParameterError, match="numbered"):
+        uw.composite_video(scene, tmp_path / "again.mp4", frames=(0, 2), layers=tmp_path / "layers.exr")
+    assert not list(tmp_path.glob("again*"))
+    assert not (tmp_path / "layers_0000.exr").exists()
+
+
+def test_layers_do_not_change_the_picture(dive: SampleDive, tmp_path: Path) -> None:
+    keys = ["object.0.key=[{time_s=0.0}, {time_s=0.5, position_m=[1.4, -0.6, -3.6]}]"]
+    scene = load_scene(dive.scene, [*keys, "draw.motion_samples=4", "light.smooth=false"])
+    folders = [tmp_path / "with", tmp_path / "without"]
+    for folder, layers in zip(folders, (folders[0] / "layers_%04d.exr", None), strict=True):
+        folder.mkdir()
+        uw.composite_video(scene, folder / "out_%02d.png", frames=(3, 4), backend="reference", layers=layers)
+    assert (folders[0] / "out_03.png").read_bytes() == (folders[1] / "out_03.png").read_bytes()
+    still = load_scene(dive.scene, [*keys, "light.smooth=false"])
+    uw.composite_video(still, tmp_path / "sharp_%02d.png", frames=(3, 4), backend="reference")
+    assert (tmp_path / "sharp_03.png").read_bytes() != (folders[0] / "out_03.png").read_bytes()
+
+
+def test_a_frame_alone_is_the_video_s_with_the_sun_of_its_track(dive: SampleDive, tmp_path: Path) -> None:
+    from mr360uw.analysis import sun_track
+
+    scene = load_scene(dive.scene)
+    uw.composite_video(scene, tmp_path / "out_%02d.exr", frames=(2, 3), backend="reference")
+    with uw.open_video(dive.plate) as video:
+        track = sun_track(scene, video)
+        frame = next(iter(video.frames(2, 3)))
+    assert track is not None
+    alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, sun=track.at(2))
+    from mr360uw.video.exr import read_rgb
+
+    near = np.abs(codes(alone.image_linear) - codes(read_rgb(tmp_path / "out_02.exr"))) <= FRAME_ALONE_CODES
+    assert np.mean(near) >= FRAME_ALONE_FRACTION

@@ -14,7 +14,7 @@ from mr360uw.sample import SampleDive
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 SCENES = sorted(SAMPLES.glob("*.toml"))
-SKIPPED = {"murky": {"surface", "caustics", "shadow"}, "air": {"medium", "surface", "caustics"}}
+SKIPPED = {"murky": {"sun", "caustics", "shadow"}, "air": {"medium", "caustics"}}
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

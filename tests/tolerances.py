@@ -12,6 +12,9 @@ FLOAT32_TWIN = 2e-5
 """A pure GLSL function against its float64 twin: single precision and the driver's sin, cos, exp (4 ulp each)."""
 FLOAT32_LOOKUP = 3e-4
 """A table lookup in GLSL against its float64 twin: a coordinate that is off by 1e-6 of the table times its slope."""
+FILTER_WEIGHTS = 8e-3
+"""A lookup that graphics hardware filters, of pixels up to 1.5 apart: its weights have 8 bits, so each of the two axes
+and levels is off by up to 1/512 of that. Software drivers filter in single precision."""
 
 # --- light from the plate --------------------------------------------------------------------------------------
 IRRADIANCE_PEAK = 5e-3
@@ -25,6 +28,8 @@ GLOSSY_PEAK = 2e-2
 """GGX levels against a brute-force sum, as a share of the peak."""
 SPLIT_SUM_RMS = 2e-2
 """The fitted split sum against its integral, rms over roughness and n.v."""
+SPLIT_SUM_GRAZING_RMS = 5e-3
+"""The half of it that Fresnel's rise towards grazing makes, and that is all of a dark dielectric's reflection."""
 SUN_HDR_DEG = 0.3
 """Direction of an unclipped sun: a fraction of the pixel of a 512-wide map."""
 SUN_CLIPPED_DEG = 1.0
@@ -42,8 +47,8 @@ CLOSURE_RATIO = 0.02
 """Direct to diffuse ratio after the closure, measured on the 64 x 32 map it made."""
 SOLAR_DEG = 0.02
 """Position of the sun against NREL's algorithm: the short series, and standard air in the refraction."""
-LEVEL_ESTIMATE_DEG = 1.5
-"""Tilt found from the vertical symmetry of a synthetic noisy map."""
+HORIZON_DEG = 4.0
+"""Tilt found from Snell's window in one frame: waves move its edge by one or two degrees, light from one side by as much."""
 TILT_LIGHT = 0.01
 """Irradiance and ambient light of a tilted plate in level axes against the level plate's, as a share of the peak: the
 plate is resampled, and the cut between sun and sky falls between other samples of it."""
@@ -107,18 +112,33 @@ FALSE_COLOUR = 1e-9
 """Three passes with one refractive index are one pass."""
 BEAM_SHIFT = 2e-3
 """Place [m] of a ripple's light: its flux follows its tilt, which moves the pattern by a millimetre."""
-STACK_BETWEEN = 0.05
-"""RMSE over standard deviation of a mix of two planes against the map of the depth between them."""
+STACK_BETWEEN = {"calm": 0.05, "choppy": 0.12}
+"""RMSE over standard deviation of a mix of two planes, 0.4 to 0.8 m apart, against a plane halfway, suns to 40 degrees:
+a choppy sea's filaments move by more than their width from plane to plane."""
+EDGE_SUM = 1e-9
+"""Light summed along edges against light found pixel by pixel: differences of intensities up to 1e3, in doubles."""
+FOOTPRINT_CONTRAST = 0.05
+"""Contrast of a lookup against that of the mean over its footprint, whose shape is another. With the level whose pixels
+are as wide as the footprint it is 0.2 to 0.3 lower."""
+FOOTPRINT_PATTERN = 0.3
+"""RMSE over standard deviation of the same: a box and a tent of fixed places are not the box about the point. With the
+level whose pixels are as wide as the footprint it is 0.33 to 0.48."""
+PLANE_SLACK_M = 1e-5
+"""How far something may reach beyond the planes that enclose it: less than a pixel of a map along the beam."""
+EVEN_STEPS = 2.0
+"""Largest change of light in a step of a rising body over the median one: filaments cross its points unevenly; planes
+that move with the body change it by 10 times the median where their number changes."""
+SMALLER_MAP_CONTRAST = 0.1
+"""Contrast seen through a pixel in the map that is fine enough for it against that in a finer one: see `map_size`."""
+TURNED_BALL = 0.02
+"""Light on a ball turned onto itself, or seen by a turned camera, over what the caustics change or the brightest light:
+rounding of single precision moves samples at edges of triangles; a pattern that turned along would change by 1."""
 WORLD_GRID = 0.02
 """Height [m] and normal up to 5 % of a pixel beside its centre: slopes and curvatures of the sea times 6 mm."""
 SIXTEEN_BIT = 1e-4
 """Codes of 16 bits, rounded, over the range that a PNG holds."""
 
 # --- water -----------------------------------------------------------------------------------------------------
-CLOSED_FORM_FLOAT32 = 1e-5
-"""The closed form in single precision against 50-digit arithmetic: a dozen roundings and exp of arguments up to 80."""
-FLOAT32_SMALLEST = 1e-37
-"""Radiances below cannot be held in single precision."""
 PHASE_NORM = 2e-3
 """Phase functions with a forward peak, integrated by a quadrature of their own: Petzold's peak holds 5 % below 0.1 deg."""
 PETZOLD_MOMENTS = 5e-4
@@ -139,6 +159,10 @@ PICTURE_ISOTROPIC = 0.10
 rest that an endless ocean stands for one with a floor, and that scattering by small angles blurs nothing."""
 TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
 """Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
+TABLE_BEAM = 5e-3
+"""The sun's beam from a table over its path against sums over wavelength, down to a thousandth of it."""
+GREY_OF_OBSERVER = 0.17
+"""Grey in the gamut of the observer, faded by lobes: the red that negative responses would take is missing."""
 FITTED_MEAN_6, FITTED_P95_12 = 0.012, 0.01
 """Relative colour error of 6 (mean) and 12 (95th percentile) fitted bands over veils in all waters."""
 UPSAMPLING = 1e-3
@@ -179,12 +203,15 @@ PENUMBRA = 0.03
 """Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
 OCCLUSION = 0.03
 """32 surfels for a body, their facing averaged, against 4096 rays over the hemisphere."""
-MAP_RATIO = 0.05
-"""Receiver as a distance map: nearest texel, normals from differences across neighbours."""
+MAP_RATIO = 0.003
+"""Ratio on a distance map of a plane, coarser than the frame, against the plane: one-sided differences at the horizon."""
 QUADRATURE = 0.002
 """A midpoint sum of some hundred to some thousand terms."""
 TEXTURE_TWIN = 2e-3
 """Half-float texels between which single precision mixes; coordinates of 3e-7 times 40 texels."""
+FRAME_ALONE_CODES, FRAME_ALONE_FRACTION = 2.0, 0.99
+"""A frame as linear light against the same in a video: light from decoded planes and the dither of the codes; at the
+edges of objects the video's chroma is a mean of four pixels."""
 RENDERERS_PSNR_DB = 45.0
 """gl against the reference over a frame: what a compositor does not see in a difference picture."""
 RENDERERS_CODES = 2.0
@@ -195,10 +222,28 @@ AOV_DIFFERENCE = 0.02
 """An output variable, gl against the reference: the shadow map's steps where the sun is half covered."""
 HALF_FLOAT = 1e-3
 """Half floats keep 11 bits: 5e-4 of a value near 1."""
+LOBE_AXIS_DEG = 3.0
+"""Fitted direction of a coat's lobe, rms over roughness and n.v: the lobes are 10 to 100 degrees wide."""
+ONE_SIDED_METAL = 0.05
+"""Rough metal in light of 1 from one side, rms over a ball: filtered maps are round, the lobe is not (0.035; 0.11 with the
+mirrored direction)."""
+MASK_EDGE_PX = 0.5
+"""Where a mask cuts along a row [px]: alpha between texels, a third of a pixel wide here, seen by 17 samples."""
 PIXEL_HOLES = 1e-3
 """Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
+
+SHADOW_RIM_FRACTION = 0.998
+"""Pixels of a 128 x 64 frame within two codes where a wide penumbra on any floor is in view: 14 of its rim are 2 to 4
+codes off, on a plane as on a map of it."""
+DISTANCE_NORMAL = 2e-4
+"""Cosine of normals from a distance map in single precision, 60 m away: differences of 1e-3 of what they are taken of."""
+DISTANCE_EDGES = 0.985
+"""Texels of a map with a box and a ball whose normals are right to 2 degrees: all but those that an edge crosses, and the
+rim of the ball, which curves within a texel."""
+ROUNDED_NORMAL_DEG = 3.5
+"""Mean error of normals of maps of 8 and 10 bits over the same scene: 9 to 21 degrees as they are."""
 
 # --- video -----------------------------------------------------------------------------------------------------
 VIDEO_CURVE_TABLE = 5e-6
@@ -222,6 +267,24 @@ VIDEO_LOSSY_MEAN = 0.02
 """Mean light of a small clip through lossy codecs at the quality of their defaults."""
 VIDEO_CODE_LIGHT = 0.012
 """Light of one 8-bit code next to white: 1/219 times the slope 2.3 of sRGB, dithered up or down by less than a code."""
+
+GRAIN_STD = 0.08
+"""Standard deviation found: medians of 16 blocks a brightness leave 3 %, the lowest frequencies taken like their
+neighbours 5 % of grain that is blurred by a pixel."""
+GRAIN_TEXTURED = 0.15
+"""The same where texture covers half of the frame: what is left of it between the smoothest blocks."""
+GRAIN_CORRELATION = 0.06
+"""Correlation of neighbouring pixels of noise made to a measured spectrum, filter cut at 5 pixels."""
+GRAIN_VARIANCE = 0.02
+"""Variance and mean of some 1e5 samples, correlated over a few pixels."""
+GRAIN_ADDED = 0.06
+"""Standard deviation of grain in some 1e4 chroma samples, clipped and rounded to codes."""
+GRAIN_MEAN_CODES = 0.1
+"""Mean of grain of 4 codes over the same samples."""
+GRAIN_SPECTRUM = 0.07
+"""Mean of the power over 63 x 63 frequencies: four standard deviations."""
+GRAIN_DITHER_CODES = 0.25
+"""Dither of a gradient has the variance that is taken off, 1/6, to a third over the blocks of one brightness."""
 
 # --- whole frames ----------------------------------------------------------------------------------------------
 AGREEMENT_PSNR_DB = 45.0

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mr360uw.caustics.export import export_tiles
     from mr360uw.caustics.gerstner import GerstnerSea
-    from mr360uw.caustics.irradiance import caustic_map, caustic_stack, stack_depths
+    from mr360uw.caustics.irradiance import caustic_map, caustic_stack
+    from mr360uw.caustics.planes import stack_depths
     from mr360uw.caustics.refraction import (
         fresnel_reflectance,
         fresnel_transmittance,
@@ -32,7 +33,7 @@ _HOME = {
     "refract_to_air": "refraction",
     "refract_to_water": "refraction",
     "sea_water_index": "refraction",
-    "stack_depths": "irradiance",
+    "stack_depths": "planes",
 }
 
 __all__ = [

@@ -5,6 +5,7 @@ uniform sampler2D flux;
 uniform int grid;
 uniform float size;        // pixels of the map across the tile; the target spans two tiles and one row for even light
 uniform float depth;       // in tiles
+uniform vec2 travel;       // of the beam for each metre of depth, taken off
 uniform vec2 extents;      // cells wider than x and up to y pixels are drawn
 
 flat out vec4 cell_ab;
@@ -20,7 +21,7 @@ ivec2 wrap(ivec2 at) {
 
 vec2 hit(ivec2 at) {
     vec4 ray = texelFetch(rays, wrap(at), 0);
-    return (vec2(at) / float(grid) + ray.xy + ray.zw * depth) * size;
+    return (vec2(at) / float(grid) + ray.xy + (ray.zw - travel) * depth) * size;
 }
 
 void main() {

@@ -12,6 +12,9 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Return a function of numbers and arrays as machine code, compiled at its first call."""
-    kernel: F = njit(cache=True)(function)
+    """Return a function of numbers and arrays as machine code, compiled at its first call.
+
+    It runs beside other threads; a division by zero gives infinity, as in NumPy.
+    """
+    kernel: F = njit(cache=True, nogil=True, error_model="numpy")(function)
     return kernel

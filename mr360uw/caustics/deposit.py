@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.cell import cell_light, intensities, opened
+from mr360uw.caustics.cell import intensities, opened
 from mr360uw.caustics.compiled import compiled
+from mr360uw.caustics.edges import add_edge, running_sum
 
 Array = NDArray[np.floating[Any]]
 
@@ -27,10 +28,12 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
 
     The light of a cell as wide as the whole map is spread evenly.
     """
-    out = np.zeros((size, size))
+    cells = flux.shape[0]
+    change, start = np.zeros((size, size + 1)), np.zeros(size)
+    light = np.zeros((cells + 1, cells + 1, 2))  # of each cell's triangles, behind a row and a column without cells
     evenly = 0.0
-    for j in range(flux.shape[0]):
-        for i in range(flux.shape[1]):
+    for j in range(cells):
+        for i in range(cells):
             flux_b, flux_d = flux[j, i, 0], flux[j, i, 1]
             if flux_b + flux_d == 0.0:
                 continue
@@ -38,18 +41,31 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
                 hit[j, i, 0], hit[j, i, 1], hit[j, i + 1, 0], hit[j, i + 1, 1],
                 hit[j + 1, i + 1, 0], hit[j + 1, i + 1, 1], hit[j + 1, i, 0], hit[j + 1, i, 1],
             )  # fmt: skip
-            left, right = min(ax, bx, cx, dx), max(ax, bx, cx, dx)
-            top, bottom = min(ay, by, cy, dy), max(ay, by, cy, dy)
-            if np.ceil(right) - np.floor(left) >= size or np.ceil(bottom) - np.floor(top) >= size:
+            wide = np.ceil(max(ax, bx, cx, dx)) - np.floor(min(ax, bx, cx, dx))
+            high = np.ceil(max(ay, by, cy, dy)) - np.floor(min(ay, by, cy, dy))
+            if wide >= size or high >= size:
                 evenly += flux_b + flux_d
                 continue
             in_b, in_d = intensities(ax, ay, bx, by, cx, cy, dx, dy, flux_b, flux_d)
-            for y in range(int(np.floor(top)), int(np.ceil(bottom))):
-                for x in range(int(np.floor(left)), int(np.ceil(right))):
-                    out[y % size, x % size] += cell_light(
-                        ax - x, ay - y, bx - x, by - y, cx - x, cy - y, dx - x, dy - y, in_b, in_d
-                    )
-    return out + evenly / (size * size)
+            if bx == hit[j, i + 1, 0] and by == hit[j, i + 1, 1]:
+                light[j + 1, i + 1, 0], light[j + 1, i + 1, 1] = in_b, in_d
+                continue
+            add_edge(change, start, ax, ay, bx, by, -in_b)
+            add_edge(change, start, bx, by, cx, cy, -in_b)
+            add_edge(change, start, ax, ay, cx, cy, in_b - in_d)
+            add_edge(change, start, cx, cy, dx, dy, -in_d)
+            add_edge(change, start, dx, dy, ax, ay, -in_d)
+    light[0] = light[cells]  # rows close on themselves; columns close one tile on
+    for j in range(cells):
+        for i in range(cells):
+            ax, ay = hit[j, i, 0], hit[j, i, 1]
+            in_b, in_d = light[j + 1, i + 1, 0], light[j + 1, i + 1, 1]
+            add_edge(change, start, ax, ay, hit[j, i + 1, 0], hit[j, i + 1, 1], light[j, i + 1, 1] - in_b)
+            add_edge(change, start, ax, ay, hit[j + 1, i + 1, 0], hit[j + 1, i + 1, 1], in_b - in_d)
+            add_edge(change, start, ax, ay, hit[j + 1, i, 0], hit[j + 1, i, 1], in_d - light[j + 1, i, 0])
+        bx, by = hit[j, cells, 0], hit[j, cells, 1]
+        add_edge(change, start, bx, by, hit[j + 1, cells, 0], hit[j + 1, cells, 1], -light[j + 1, cells, 0])
+    return running_sum(change, start) + evenly / (size * size)
 
 
 @compiled

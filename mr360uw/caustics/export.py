@@ -12,10 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.irradiance import AnySea, caustic_stack, check_arguments
+from mr360uw.caustics.irradiance import AnySea, caustic_map, check_arguments, pass_indices
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
-from mr360uw.types import CausticStack
 
 Array = NDArray[np.floating[Any]]
 
@@ -23,8 +22,6 @@ CAUSTIC_WHITE = 8.0
 """Irradiance ratio that PNG's white stands for; brighter caustics are cut there, not in EXR."""
 _INVERSIONS = 12
 _SURFACE_OVERSAMPLING = 2
-
-StackFunction = Callable[[AnySea, Array, Array, float, CausticSettings], CausticStack]
 
 
 def export_tiles(
@@ -38,7 +35,7 @@ def export_tiles(
     image_format: Literal["png", "exr"] = "png",
     *,
     overwrite: bool = False,
-    stack: StackFunction = caustic_stack,
+    backend: str = "reference",
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Path, ...]:
     """Write `frames` images of caustics, heights and normals that repeat after loop_s seconds; return their paths.
@@ -46,9 +43,9 @@ def export_tiles(
     Names are caustic_0000.png, height_0000.png, normal_0000.png; column = +x, row = +z, all on the regular world grid
     (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
     (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json says so, with the tile's size
-    and the loop. The sea's frequencies move to multiples of 1/loop_s. stack: makes the caustics; `caustic_stack`, or
-    another renderer's. progress: called with (done, frames). Every file is whole or absent. Raises `OutputExistsError`
-    where files are there already, `ParameterError` for arguments outside their domain.
+    and the loop. The sea's frequencies move to multiples of 1/loop_s. backend: of `caustic_map`. progress: called with
+    (done, frames). Every file is whole or absent. Raises `OutputExistsError` where files are there already,
+    `ParameterError` for arguments outside their domain.
     """
     s = settings or CausticSettings()
     sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
@@ -71,8 +68,11 @@ def export_tiles(
     for i in range(frames):
         time_s = loop_s * i / frames
         height, normal = world_grid(looping, s.size, time_s)
-        ratio = stack(looping, sun, np.array([depth_m]), time_s, s).ratio[0]
-        caustic = np.asarray(ratio, np.float64)
+        maps = [
+            caustic_map(looping, sun, depth_m, time_s, s.size, s.grid, index, s.sun_half_angle_rad, s.method, backend)
+            for index in pass_indices(s)
+        ]
+        caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))
         encoded = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
         if image_format == "png":
             encoded = {

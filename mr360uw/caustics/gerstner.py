@@ -197,16 +197,23 @@ class GerstnerSea(SeaParameters):
         On a grid, exp(i k.(x, z)) is a product of a function of x and one of z: two matrices instead of a sum at every
         point.
         """
-        at = np.arange(size) * (self.tile_m / size)
         if self.tiling == "blend":
-            x, z = np.meshgrid(at, at)
+            x, z = np.meshgrid(*(np.arange(size) * (self.tile_m / size),) * 2)
             f = self.fields_at(x.ravel(), z.ravel(), time_s)
             return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in SurfaceFields.__slots__))
-        along_x, along_z = (np.exp(1j * at[:, None] * self.waves.wave_vector[:, axis]) for axis in (0, 1))
-        c = self.waves.coefficients(time_s)
-        columns = np.concatenate([along_x.real, -along_x.imag], axis=1).T
-        rows = [along_z * c[:, i] for i in range(c.shape[1])]
-        return SurfaceFields(*(np.concatenate([r.real, r.imag], axis=1) @ columns for r in rows))
+        columns, along_z = _grid_phases_of(self, size)
+        rows = self.waves.coefficients(time_s).T[:, None] * along_z
+        fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns
+        return SurfaceFields(*fields.reshape(-1, size, size))
+
+
+@functools.lru_cache(maxsize=8)
+def _grid_phases_of(sea: GerstnerSea, size: int) -> tuple[Array, Complex]:
+    """Return exp(i k_x x) of the waves at the grid's columns, as (2 n, size) of real and imaginary parts for a product
+    with real and imaginary parts, and exp(i k_z z) at its rows (size, n)."""
+    at = np.arange(size)[:, None] * (sea.tile_m / size)
+    along_x, along_z = (np.exp(1j * at * sea.waves.wave_vector[:, axis]) for axis in (0, 1))
+    return np.ascontiguousarray(np.concatenate([along_x.real, -along_x.imag], axis=1).T), along_z
 
 
 @functools.lru_cache(maxsize=32)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Caustics on OpenGL 3.3: the same cells, shared over the same pixels, as in `irradiance` and `deposit`.
 
+Where OpenGL is a processor, the processor makes the maps of stacks by itself (`irradiance.caustic_stack`) and OpenGL
+only reads them: it finds the light along the cells' edges in a fifth of the time it needs to draw their squares.
+
 Passes: surface (once for each frame), rays and cell flux (for each refractive index), then for each plane: cells drawn
 into an additive target, fold, sun disc. A cell is a point whose square covers its refracted image; each pixel of the
 square takes the exact area. Cells larger than the driver's points become rectangles. A cell starts in the tile, and the
@@ -13,7 +16,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import moderngl
@@ -22,43 +25,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.gerstner import GerstnerSea, Waves
 from mr360uw.caustics.gl_passes import Passes, Textures
-from mr360uw.caustics.irradiance import AnySea, check_arguments, pass_indices, scroll, scroll_offsets
+from mr360uw.caustics.gl_stack import GlCausticStack, on_device, upload
+from mr360uw.caustics.irradiance import (
+    AnySea,
+    beam_slope,
+    caustic_stack,
+    check_arguments,
+    pass_indices,
+    scroll,
+    scroll_offsets,
+)
+from mr360uw.caustics.lookup import layer_planes
 from mr360uw.caustics.refraction import fresnel_transmittance, refract_to_water
 from mr360uw.caustics.sea import check_time
 from mr360uw.caustics.settings import CausticSettings, Method
-from mr360uw.caustics.sun_disc import footprint, marginal_kernel
+from mr360uw.caustics.sun_disc import KERNEL_STEP, footprint, marginal_kernel
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.gl.context import gl_context, read_framebuffer, texture_from_array
-from mr360uw.types import CausticStack, Floats
+from mr360uw.gl.context import (
+    gl_context,
+    gl_device,
+    read_framebuffer,
+    texture_from_array,
+)
+from mr360uw.types import Floats
 
 Array = NDArray[np.floating[Any]]
 
 _NO_BLUR_PIXELS = 0.25
 """Half width of the sun's image below which no blur can be seen (its standard deviation is an eighth of a pixel)."""
 _DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
-
-
-@dataclass(frozen=True, slots=True)
-class GlCausticStack:
-    """A `CausticStack` on the GPU, as lookup.glsl reads it.
-
-    texture: array of (size, 2 size) images, the mip_atlas of each plane; red, green and blue read the same where there
-    was one pass. plane_depth: (planes, 1) depths [m]. depth_m: the same on the host. sun_direction: (3,) in the water.
-    """
-
-    texture: moderngl.TextureArray
-    plane_depth: moderngl.Texture
-    depth_m: Array
-    tile_m: float
-    sun_direction: Array
-
-    def download(self) -> CausticStack:
-        """Return the stack as an array."""
-        size, _, planes = self.texture.size
-        data = np.frombuffer(self.texture.read(alignment=1), np.float32)
-        image = data.reshape(planes, 2 * size, size, self.texture.components)[:, :size, :, :3]
-        ratio = np.broadcast_to(image, (planes, size, size, 3)).astype(np.float64)
-        return CausticStack(ratio, self.depth_m, self.tile_m, self.sun_direction)
 
 
 @functools.cache
@@ -72,9 +67,13 @@ def caustic_renderer() -> CausticRenderer:
 
 
 class CausticRenderer:
-    """Makes caustic maps and stacks; keeps its programs and textures from frame to frame."""
+    """Makes caustic maps and stacks; keeps its programs and textures from frame to frame.
 
-    def __init__(self) -> None:
+    draws_stacks: whether stacks are drawn, or made by the processor and uploaded; None: drawn on graphics hardware.
+    """
+
+    def __init__(self, *, draws_stacks: bool | None = None) -> None:
+        self._draws_stacks = not gl_device().software if draws_stacks is None else draws_stacks
         self._passes = Passes()
         self._point_limit = float(gl_context().info["GL_POINT_SIZE_RANGE"][1])
 
@@ -95,7 +94,7 @@ class CausticRenderer:
         self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
         total = self._rays(sun, refractive_index, grid, "rays 0")
         plane = _Plane(sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method)
-        light = self._light(plane, 0)
+        light = self._light(plane, 0, "light")
         incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
         ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
         return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
@@ -111,35 +110,41 @@ class CausticRenderer:
         """Return the stack of `irradiance.caustic_stack` on the GPU, mip levels included."""
         s = settings or CausticSettings()
         sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
+        gl_context().gc()
+        if not self._draws_stacks:
+            return upload(caustic_stack(sea, sun, depths_m, time_s, s))
         depths = np.asarray(depths_m, np.float64)
-        indices = pass_indices(s)
-        context = gl_context()
-        context.gc()
-        texture = context.texture_array((s.size, 2 * s.size, len(depths)), 4 if len(indices) == 3 else 1, dtype="f4")
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        if len(indices) == 1:
-            texture.swizzle = "RRR1"
-        target = context.framebuffer([texture])
-        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
-        totals = [self._rays(sun, index, s.grid, f"rays {i}") for i, index in enumerate(indices)]
-        for layer, depth in enumerate(depths):
-            inputs: dict[str, moderngl.Texture] = {}
-            for i, index in enumerate(indices):
-                plane = _Plane(
-                    sea.tile_m, sun, float(depth), s.size, s.grid, index, s.sun_half_angle_rad, s.method
-                )  # fmt: skip
-                light, total = self._light(plane, i), totals[i]
-                if s.method == "scrolling":
-                    light = self._scrolled(light, sea, time_s, s.size, i)
-                    total = self._mean(light, s.size, f"scrolled {i}")
-                light.build_mipmaps()
-                inputs |= {f"light_{i}": light, f"total_{i}": total}
-            self._passes.draw(
-                target, "atlas", inputs, geometry="caustics/layer.geom", CHANNELS=len(indices), size=s.size,
-                layer=layer,
-            )  # fmt: skip
         sun_in_water = refract_to_water(sun, s.refractive_index)
-        return GlCausticStack(texture, texture_from_array(depths[None, :]), depths, sea.tile_m, sun_in_water)
+        indices, planes = pass_indices(s), layer_planes(len(depths))
+        levels = s.size.bit_length()
+        texture = gl_context().texture_array(
+            (s.size + 2, 2 * s.size + 2 * levels, len(planes) * len(indices)), planes.shape[1], dtype="f4"
+        )
+        target = gl_context().framebuffer([texture])
+        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
+        for channel, index in enumerate(indices):
+            lights, totals = [], []
+            total = self._rays(sun, index, s.grid, f"rays {channel}")
+            for number, depth in enumerate(depths.tolist()):
+                plane = _Plane(
+                    sea.tile_m, sun, depth, s.size, s.grid, index, s.sun_half_angle_rad, s.method,
+                    beam_slope(sun_in_water),
+                )  # fmt: skip
+                light = self._light(plane, channel, f"light {number}")
+                if s.method == "scrolling":
+                    light = self._scrolled(light, sea, time_s, s.size, number)
+                    total = self._mean(light, s.size, f"scrolled {number}")
+                light.build_mipmaps()
+                lights.append(light)
+                totals.append(total)
+            for layer, held in enumerate(planes):
+                inputs = {f"light_{k}": lights[p] for k, p in enumerate(held)}
+                inputs |= {f"total_{k}": totals[p] for k, p in enumerate(held)}
+                self._passes.draw(
+                    target, "atlas", inputs, geometry="caustics/layer.geom", PLANES=planes.shape[1], size=s.size,
+                    last=levels - 1, layer=layer * len(indices) + channel,
+                )  # fmt: skip
+        return on_device(texture, depths, sea.tile_m, sun_in_water)
 
     def _surface(self, sea: AnySea, grid: int, time_s: float) -> None:
         """Fill "position" and "normal"."""
@@ -176,10 +181,10 @@ class CausticRenderer:
         self._passes.fill([mean], "mean", {"image": column}, axis=(0, 1), count=size)
         return mean
 
-    def _light(self, plane: _Plane, channel: int) -> moderngl.Texture:
+    def _light(self, plane: _Plane, channel: int, name: str) -> moderngl.Texture:
         """Return the light of one plane, folded and blurred, in units of the flat sea's."""
         size, passes = plane.size, self._passes
-        drawn, light = passes.texture("drawn", 2 * size, 2 * size + 1), passes.texture(f"light {channel}", size, size)
+        drawn, light = passes.texture("drawn", 2 * size, 2 * size + 1), passes.texture(name, size, size)
         passes.target([drawn]).clear()
         rays = {"rays": passes[f"rays {channel}"], "flux": passes[f"rays {channel} flux"]}
         if plane.method in _DRAWN_AS_MESH:
@@ -225,7 +230,7 @@ class CausticRenderer:
     def _blur(
         self, target: moderngl.Texture, image: moderngl.Texture, axis: tuple[int, int], radius_pixel: float
     ) -> None:
-        kernel = marginal_kernel(radius_pixel, image.width)
+        kernel = marginal_kernel(round(radius_pixel / KERNEL_STEP) * KERNEL_STEP, image.width)
         reach = len(kernel) // 2
         weights = texture_from_array(kernel[None, reach:])
         self._passes.fill(
@@ -233,9 +238,9 @@ class CausticRenderer:
         )
 
     def _scrolled(
-        self, light: moderngl.Texture, sea: AnySea, time_s: float, size: int, channel: int
+        self, light: moderngl.Texture, sea: AnySea, time_s: float, size: int, number: int
     ) -> moderngl.Texture:
-        out = self._passes.texture(f"scrolled light {channel}", size, size)
+        out = self._passes.texture(f"scrolled light {number}", size, size)
         shift = (np.round(scroll_offsets(sea, time_s) * size) % size).astype(np.int64).ravel()
         self._passes.fill([out], "scroll", {"light": light}, size=size, shift=shift)
         return out
@@ -243,7 +248,7 @@ class CausticRenderer:
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
-    """What one map is made of."""
+    """What one map is made of. travel: (2,) what it is shifted back by for each metre of depth."""
 
     tile_m: float
     sun: Array
@@ -253,10 +258,13 @@ class _Plane:
     refractive_index: float
     sun_half_angle_rad: float
     method: Method
+    travel: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def uniforms(self) -> dict[str, Any]:
-        return {"grid": self.grid, "size": float(self.size), "depth": self.depth_m / self.tile_m}
+        return {
+            "grid": self.grid, "size": float(self.size), "depth": self.depth_m / self.tile_m, "travel": self.travel
+        }  # fmt: skip
 
     @property
     def disc_radii(self) -> tuple[float, float]:

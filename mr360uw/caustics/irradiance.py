@@ -5,12 +5,19 @@ The surface is a grid of cells. Each triangle's incoming flux, Fresnel's losses 
 on the plane and is shared over the pixels there by exact coverage (`deposit`), sheet upon sheet, then blurred by the
 sun's disc. Light is neither lost nor made: the mean is 1, and the map converges with the grid, folds or not. Dividing
 areas (Stam 1996; Thompson et al. 2019) does neither.
+
+A map lies on the world's grid. The maps of a stack lie along the beam: each is shifted by the beam's travel from the
+surface, so that one place in all of them is one ray of the beam, and a point's light is the same mix of the same
+pixels wherever along its ray the point lies. Maps on the world's grid would each be read at another part of a pixel,
+which blurs filaments a pixel wide by 0.05 to 0.3 of the standard deviation, more than the mix does.
 """
 
 from __future__ import annotations
 
-import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -64,11 +71,8 @@ def caustic_map(
     if backend != "reference":
         raise ParameterError(f"backend - is not known (got {backend!r}) - use 'reference' or 'gl'")
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    ratio = blur(
-        _ratio(surface, sun, sea.tile_m, depth_m, size, refractive_index, method),
-        footprint(sun, refractive_index, sun_half_angle_rad, depth_m),
-        sea.tile_m,
-    )
+    light = _SurfaceLight.of(surface, sun, sea.tile_m, refractive_index)
+    ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
 
 
@@ -79,36 +83,34 @@ def caustic_stack(
     time_s: float,
     settings: CausticSettings | None = None,
 ) -> CausticStack:
-    """Return the irradiance ratio on planes `depths_m` (ascending) below the mean surface, by the reference.
+    """Return the irradiance ratio on planes `depths_m` (ascending) below the mean surface, along the beam, by the
+    reference.
 
     `settings.planes` is not read here: `stack_depths` makes depths of a count.
     """
     s = settings or CausticSettings()
     sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
-    indices = pass_indices(s)
+    sun_in_water = refract_to_water(sun, s.refractive_index)
+    travel = beam_slope(sun_in_water)
     surface = sea.grid_surface(s.grid, 0.0 if s.method == "scrolling" else time_s)
-    stack = np.zeros((len(depths), s.size, s.size, 3))
-    for i, depth in enumerate(depths):
-        for channel, index in enumerate(indices):
-            ratio = _ratio(surface, sun, sea.tile_m, float(depth), s.size, index, s.method)
-            ratio = blur(ratio, footprint(sun, index, s.sun_half_angle_rad, float(depth)), sea.tile_m)
-            ratio = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
-            stack[i, :, :, channel if len(indices) == 3 else slice(None)] = (
-                ratio if len(indices) == 3 else ratio[..., None]
-            )
-    return CausticStack(stack, depths, sea.tile_m, refract_to_water(sun, s.refractive_index))
+    indices = pass_indices(s)
+    maps = np.zeros((len(depths), s.size, s.size, len(indices)))
+    lights = [_SurfaceLight.of(surface, sun, sea.tile_m, index) for index in indices]
+
+    def draw(number: int) -> None:
+        plane, channel = divmod(number, len(lights))
+        ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
+        maps[plane, ..., channel] = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
+    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water)
 
 
-def stack_depths(near_m: float, far_m: float, count: int) -> Array:
-    """Return `count` ascending depths from near_m to far_m, in geometric progression."""
-    if not (0.0 < near_m <= far_m < math.inf) or count < 1:
-        raise ParameterError(
-            f"stack - needs 0 < near <= far and a plane (got {near_m}, {far_m}, {count}) - correct the depths"
-        )
-    if count == 1 or near_m == far_m:
-        return np.array([math.sqrt(near_m * far_m)])
-    return np.geomspace(near_m, far_m, count)
+def beam_slope(sun_in_water: Array) -> Array:
+    """Return the horizontal travel (2,) over (x, z) of the beam for each metre of depth."""
+    return -sun_in_water[[0, 2]] / sun_in_water[1]
 
 
 def pass_indices(settings: CausticSettings) -> tuple[float, ...]:
@@ -167,24 +169,37 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
     return out
 
 
-def _ratio(
-    surface: Surface, sun: Array, tile_m: float, depth_m: float, size: int, refractive_index: float, method: Method
-) -> Array:
-    from mr360uw.caustics import deposit
+@dataclass(frozen=True, slots=True)
+class _SurfaceLight:
+    """The rays of one sun below one surface, and the flux of its cells."""
 
-    methods = {
-        "exact": deposit.deposit_exact,
-        "ratio": deposit.deposit_ratio,
-        "fan": deposit.deposit_fan,
-        "jacobian": deposit.deposit_jacobian,
-        "scrolling": deposit.deposit_exact,
-    }
-    if method not in methods:
-        raise ParameterError(f"method - is not known (got {method!r}) - use one of {', '.join(methods)}")
-    rays = refracted_rays(surface, sun, refractive_index)
-    flux = cell_flux(surface, rays, sun, tile_m)
-    hit = wrapped(rays.hit(depth_m), tile_m, columns=(0, 1)) * (size / tile_m)
-    return methods[method](hit, flux, size) * (size * size / flux.sum())
+    rays: Rays
+    flux: Array
+    sun: Array
+    tile_m: float
+    refractive_index: float
+
+    @classmethod
+    def of(cls, surface: Surface, sun: Array, tile_m: float, refractive_index: float) -> _SurfaceLight:
+        rays = refracted_rays(surface, sun, refractive_index)
+        return cls(rays, cell_flux(surface, rays, sun, tile_m), sun, tile_m, refractive_index)
+
+    def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
+        """Return the ratio (size, size) on a plane. travel: (2,) what the map is shifted back by for each metre."""
+        from mr360uw.caustics import deposit
+
+        methods = {
+            "exact": deposit.deposit_exact,
+            "ratio": deposit.deposit_ratio,
+            "fan": deposit.deposit_fan,
+            "jacobian": deposit.deposit_jacobian,
+            "scrolling": deposit.deposit_exact,
+        }
+        if method not in methods:
+            raise ParameterError(f"method - is not known (got {method!r}) - use one of {', '.join(methods)}")
+        hit = wrapped(self.rays.hit(depth_m) - travel * depth_m, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
+        ratio = methods[method](hit, self.flux, size) * (size * size / self.flux.sum())
+        return blur(ratio, footprint(self.sun, self.refractive_index, half_angle_rad, depth_m), self.tile_m)
 
 
 def scroll_offsets(sea: AnySea, time_s: float) -> Array:

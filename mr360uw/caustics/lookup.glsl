@@ -1,51 +1,49 @@
 // twin: lookup.py
-// `ratio` holds the mip_atlas of every plane; `plane_depth` has one texel a plane
+// `ratio` holds the mip_atlas of a stack and filters linearly, `plane_depth` its plane_steps
 struct CausticStack {
     float tile_m;
     vec3 sun_direction;
 };
 
-vec3 periodic_bilinear(sampler2DArray ratio, int level, int plane, vec2 uv) {
-    int full = textureSize(ratio, 0).x;
-    int size = full >> level;
-    ivec2 origin = ivec2(0, 2 * full - 2 * size);
-    vec2 p = uv * float(size) - 0.5;
-    ivec2 i = ivec2(floor(p));
-    vec2 f = p - vec2(i);
-    ivec2 i0 = ((i % size) + size) % size;
-    ivec2 i1 = (i0 + 1) % size;
-    return mix(mix(texelFetch(ratio, ivec3(origin + i0, plane), 0).rgb,
-                   texelFetch(ratio, ivec3(origin + ivec2(i1.x, i0.y), plane), 0).rgb, f.x),
-               mix(texelFetch(ratio, ivec3(origin + ivec2(i0.x, i1.y), plane), 0).rgb,
-                   texelFetch(ratio, ivec3(origin + i1, plane), 0).rgb, f.x), f.y);
-}
-
-vec3 caustic_at_plane(CausticStack stack, sampler2DArray ratio, sampler2D plane_depth, int plane, vec3 point, float level) {
-    float along = (point.y - texelFetch(plane_depth, ivec2(plane, 0), 0).r) / stack.sun_direction.y;
-    vec2 uv = (point.xz + stack.sun_direction.xz * along) / stack.tile_m;
-    uv -= floor(uv);
-    int lower = int(level);
-    vec3 value = periodic_bilinear(ratio, lower, plane, uv);
-    if (level == float(lower)) return value;
-    return mix(value, periodic_bilinear(ratio, lower + 1, plane, uv), level - float(lower));
+// all planes of a layer, one in each channel, in the level whose pixels are tile/side wide
+vec4 caustic_level(sampler2DArray ratio, float size, float side, float number, vec2 uv, float layer) {
+    vec2 texel = 1.0 / vec2(textureSize(ratio, 0).xy);
+    float top = 2.0 * (size - side + number);
+    return textureLod(ratio, vec3((uv * side + vec2(1.0, 1.0 + top)) * texel, layer), 0.0);
 }
 
 // point = (x, depth below the mean surface, z)
 vec3 caustic_lookup(CausticStack stack, sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {
-    ivec3 size = textureSize(ratio, 0);
-    int plane = 0;
-    float fraction = 0.0;
-    for (int k = 0; k + 1 < size.z; ++k) {
-        float above = texelFetch(plane_depth, ivec2(k, 0), 0).r;
-        float below = texelFetch(plane_depth, ivec2(k + 1, 0), 0).r;
-        if (point.y >= above) {
-            plane = k;
-            fraction = clamp((point.y - above) / (below - above), 0.0, 1.0);
-        }
-    }
-    float last = log2(float(size.x));
-    float level = clamp(log2(max(footprint_m * float(size.x) / stack.tile_m, 1.0)), 0.0, last);
-    vec3 value = caustic_at_plane(stack, ratio, plane_depth, plane, point, level);
-    if (fraction == 0.0) return value;
-    return mix(value, caustic_at_plane(stack, ratio, plane_depth, plane + 1, point, level), fraction);
+    int steps = textureSize(plane_depth, 0).x;
+    float position = 0.0;
+    int k = 0;
+    // tests at its end, because software drivers run a body once more to leave
+    do {
+        vec2 plane = texelFetch(plane_depth, ivec2(k, 0), 0).rg;
+        position += clamp((point.y - plane.x) * plane.y, 0.0, 1.0);
+        ++k;
+    } while (k < steps);
+    int layers = (steps + 2) / 3;
+    float layer = min(floor(position / 3.0), float(layers - 1));
+    vec4 share = max(1.0 - abs(position - 3.0 * layer - vec4(0.0, 1.0, 2.0, 3.0)), 0.0);
+
+    vec2 uv = (point.xz + stack.sun_direction.xz * (point.y / stack.sun_direction.y)) / stack.tile_m;
+    uv -= floor(uv);
+    float size = float(textureSize(ratio, 0).x - 2);
+    float level = log2(max(footprint_m * size / (sqrt(3.0) * stack.tile_m), 1.0));
+    float number = min(floor(level), log2(size) - 1.0);
+    float between = min(level - number, 1.0);
+    float side = size * exp2(-number);
+
+    int colours = textureSize(ratio, 0).z / layers;
+    vec3 value = vec3(0.0), colour = colours == 1 ? vec3(1.0) : vec3(1.0, 0.0, 0.0);
+    float at = layer * float(colours), end = at + float(colours);
+    do {
+        vec4 planes = mix(caustic_level(ratio, size, side, number, uv, at),
+                          caustic_level(ratio, size, 0.5 * side, number + 1.0, uv, at), between);
+        value += dot(planes, share) * colour;
+        colour = colour.zxy;
+        at += 1.0;
+    } while (at < end);
+    return value;
 }

@@ -8,6 +8,7 @@ uniform sampler2D vertices;
 uniform int grid;
 uniform float size;
 uniform float depth;
+uniform vec2 travel;
 flat out float intensity;
 out vec2 light_jacobian;
 
@@ -17,7 +18,7 @@ ivec2 wrap(ivec2 at) {
 
 vec2 hit(ivec2 at) {
     vec4 ray = texelFetch(rays, wrap(at), 0);
-    return (vec2(at) / float(grid) + ray.xy + ray.zw * depth) * size;
+    return (vec2(at) / float(grid) + ray.xy + (ray.zw - travel) * depth) * size;
 }
 
 void main() {

@@ -45,7 +45,7 @@ def ray_slope(normal: Array, sun_in_air: Array, refractive_index: float) -> Arra
 
 def ray_transmittance(normal: Array, sun_in_air: Array, refractive_index: float) -> Array:
     """Return the transmitted fraction of the sun's flux, 0 for surfaces turned away from it."""
-    return fresnel_transmittance(np.sum(normal * sun_in_air, axis=-1), refractive_index)
+    return fresnel_transmittance(normal @ sun_in_air, refractive_index)
 
 
 def refracted_rays(surface: Surface, sun_in_air: Array, refractive_index: float) -> Rays:
@@ -60,5 +60,10 @@ def facet_flux(a: Array, b: Array, c: Array, transmittance: Array, sun_in_air: A
 
     transmittance: of the triangle. The corners run so that (b - a) x (c - a) points up; facets turned away get nothing.
     """
-    area = 0.5 * np.cross(b - a, c - a)
-    return transmittance * np.maximum(np.sum(area * sun_in_air, axis=-1), 0.0)
+    u, v = b - a, c - a
+    twice = (
+        sun_in_air[..., 0] * (u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1])
+        + sun_in_air[..., 1] * (u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2])
+        + sun_in_air[..., 2] * (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+    )
+    return 0.5 * transmittance * np.maximum(twice, 0.0)

@@ -69,7 +69,7 @@ def refract_clamped(travel: ArrayLike, normal: ArrayLike, eta: float) -> Array:
     Where there is total internal reflection the result grazes the surface.
     """
     i, n = np.asarray(travel, np.float64), np.asarray(normal, np.float64)
-    cosine = np.sum(i * n, axis=-1, keepdims=True)
+    cosine = np.einsum("...i,...i->...", i, n)[..., None]
     k = np.maximum(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0)
     return eta * i - (eta * cosine + np.sqrt(k)) * n
 

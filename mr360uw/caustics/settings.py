@@ -32,9 +32,12 @@ class CausticSettings(Parameters):
 
     enabled: bool = parameter(True, "whether the surface focuses light")
     method: Method = parameter("exact", "exact conserves energy; ratio, fan, jacobian, scrolling: for comparison")
-    size: int = parameter(256, "pixels of the map across the sea's tile, a power of two", low=16, high=4096)
+    size: int = parameter(
+        512, "pixels of the map across the sea's tile, a power of two; fewer where no picture shows them",
+        low=16, high=4096,
+    )  # fmt: skip
     grid: int = parameter(128, "cells of the surface across the tile", low=4, high=2048)
-    planes: int = parameter(3, "depths the caustics are computed at", low=1, high=64)
+    planes: int = parameter(4, "most depths that a frame's caustics are computed at", low=1, high=64)
     chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
     refractive_index: float = parameter(
         REFRACTIVE_INDEX_SEA, "refractive index of the water at 550 nm", above=1.0, high=2.0

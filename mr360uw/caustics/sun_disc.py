@@ -4,7 +4,7 @@
 The sun is a disc of angular radius r; every ray is a narrow cone. On a plane at depth d the cone's footprint is an
 ellipse, from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and d
 r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spectrum by 2 J1(p)/p (Goodman 2005 section
-2.1.5). Sampled on pixels, that kernel rings a little; what falls below zero is cut, and the mean kept.
+2.1.5).
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ from numpy.typing import NDArray
 from mr360uw.caustics.refraction import refract_to_water
 
 Array = NDArray[np.floating[Any]]
+
+KERNEL_STEP = 1.0 / 256.0
+"""Steps [pixel] of the disc's footprint in which kernels are made and kept: a sun that moves slowly needs few."""
+_WIDEST_DIRECT = 11
+"""Pixels across a kernel up to which a sum over its pixels is quicker than two transforms."""
 
 
 def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
@@ -34,13 +39,27 @@ def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float,
 def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays."""
     size = image.shape[0]
-    kernel = disc_kernel(footprint_m * (size / tile_m), size)
-    if np.count_nonzero(kernel) == 1:
+    steps = np.round(footprint_m * (size / tile_m) / KERNEL_STEP)
+    kernel, reach = _kept_kernel(tuple(steps.ravel().tolist()), size)
+    if reach == 0:
         return image
-    from scipy.fft import irfft2, rfft2
+    if 2 * reach + 1 > min(_WIDEST_DIRECT, size):
+        from scipy.fft import irfft2, rfft2
 
-    blurred = irfft2(rfft2(image) * rfft2(kernel), s=image.shape)
-    return np.maximum(blurred, 0.0)
+        return np.maximum(irfft2(rfft2(image) * rfft2(kernel), s=image.shape), 0.0)
+    import cv2
+
+    near = np.arange(reach, -reach - 1, -1)  # turned round, because OpenCV correlates
+    wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_WRAP)
+    return cv2.filter2D(wide, -1, kernel[np.ix_(near, near)])[reach:-reach, reach:-reach]
+
+
+@functools.lru_cache(maxsize=256)
+def _kept_kernel(steps: tuple[float, ...], size: int) -> tuple[NDArray[np.float64], int]:
+    """Return the kernel of a footprint in steps, and how many pixels it reaches to any side."""
+    kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
+    at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
+    return kernel, int(np.abs(at).max())
 
 
 def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:

@@ -43,17 +43,20 @@ def surface_normal(
     slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array, strain_xz: Array, detail: ArrayLike = 0.0
 ) -> Array:
     """Return unit normals (..., 3). detail: (..., 2) slopes of a detail map, added to those of the surface."""
-    n = np.stack(
-        [
-            slope_z * strain_xz - (1.0 + strain_zz) * slope_x,
-            (1.0 + strain_xx) * (1.0 + strain_zz) - strain_xz * strain_xz,
-            slope_x * strain_xz - (1.0 + strain_xx) * slope_z,
-        ],
-        axis=-1,
-    )
-    d = np.broadcast_to(np.asarray(detail, np.float64), (*n.shape[:-1], 2))
-    n = n - np.stack([d[..., 0], np.zeros(d.shape[:-1]), d[..., 1]], axis=-1) * n[..., 1:2]
-    return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-30)
+    d = np.asarray(detail, np.float64)
+    detail_x, detail_z = (d, d) if d.ndim == 0 else (d[..., 0], d[..., 1])
+    across_x, across_z = 1.0 + strain_xx, 1.0 + strain_zz
+    y = across_x * across_z - strain_xz * strain_xz
+    x = slope_z * strain_xz - across_z * slope_x - detail_x * y
+    z = slope_x * strain_xz - across_x * slope_z - detail_z * y
+    return _vectors(x, y, z) / np.maximum(np.sqrt(x * x + y * y + z * z), 1e-30)[..., None]
+
+
+def _vectors(x: Array, y: Array, z: Array) -> Array:
+    """Return vectors (..., 3) of their components."""
+    out = np.empty((*np.broadcast_shapes(np.shape(x), np.shape(y), np.shape(z)), 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, y, z
+    return out
 
 
 def surface_jacobian(strain_xx: Array, strain_zz: Array, strain_xz: Array) -> Array:
@@ -64,9 +67,8 @@ def surface_jacobian(strain_xx: Array, strain_zz: Array, strain_xz: Array) -> Ar
 def displaced_surface(x_m: Array, z_m: Array, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
     """Return the surface over undisplaced points (x, z) [m]."""
     f = fields
-    position = np.stack(np.broadcast_arrays(x_m + f.shift_x, f.height, z_m + f.shift_z), axis=-1)
     return Surface(
-        position,
+        _vectors(x_m + f.shift_x, f.height, z_m + f.shift_z),
         surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz, detail),
         surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz),
     )

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mr360uw.composite.mesh import Mesh, load_mesh
     from mr360uw.composite.motion import Motion, read_camera_track
-    from mr360uw.composite.objects import SceneObject, load_object, load_receiver
+    from mr360uw.composite.objects import SceneObject, load_object
     from mr360uw.composite.over import over_tile
+    from mr360uw.composite.receiver_file import load_receiver
     from mr360uw.composite.reference import render_layer
     from mr360uw.composite.settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
     from mr360uw.composite.shot import PlacedObject, Receiver, Shot
@@ -31,7 +32,7 @@ _MODULES = {
     "Shot": "shot",
     "load_mesh": "mesh",
     "load_object": "objects",
-    "load_receiver": "objects",
+    "load_receiver": "receiver_file",
     "over_tile": "over",
     "read_camera_track": "motion",
     "render_layer": "reference",

@@ -85,24 +85,35 @@ def _without_objects(tile: Tile) -> Tile:
     return replace(tile, radiance=np.zeros_like(tile.radiance), alpha=np.zeros_like(tile.alpha))
 
 
+RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"
+"""What a header says of the layers."""
+_FARTHEST_M = 1e10
+_HALF = float(np.finfo(np.float16).max)
+
+
 def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[str, NDArray[np.generic]]]:
     """Return the parts of a layered EXR, {part: {channel: array}}, half floats but for depth, position and number.
 
-    beauty (RGBA), alpha, depth (Z: distance along the ray, 1e10 where there is none), normal (N), position (P), id,
-    diffuse, glossy, sun, caustics, emission, veil, transmittance, shadow_ratio, receiver_difference.
+    rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
+    normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, caustics, emission, veil, transmittance,
+    shadow_ratio, receiver_difference: R, G, B. Every channel is called layer.channel, as the format asks for (OpenEXR,
+    "Channel Naming": readers take the layer from there), but those of rgba and depth, which every program knows.
     """
-    beauty = np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1)
     colours = {
         "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "caustics": aovs.caustics,
         "emission": aovs.emission, "veil": aovs.veil, "transmittance": aovs.transmittance,
         "shadow_ratio": layer.ratio, "receiver_difference": receiver_difference(plate_linear, layer),
     }  # fmt: skip
     parts: dict[str, dict[str, NDArray[np.generic]]] = {
-        "beauty": {"RGBA": beauty.astype(np.float16)},
-        "alpha": {"A": layer.alpha.astype(np.float16)},
-        "depth": {"Z": np.minimum(layer.distance_m, 1e10).astype(np.float32)},
-        "normal": {"N": aovs.normal.astype(np.float16)},
-        "position": {"P": aovs.position.astype(np.float32)},
-        "id": {"id": aovs.object_id},
+        "rgba": {"RGBA": _half(np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1))},
+        "depth": {"Z": np.minimum(layer.distance_m, _FARTHEST_M).astype(np.float32)},
+        "N": {f"N.{axis}": _half(aovs.normal[..., k]) for k, axis in enumerate("XYZ")},
+        "P": {f"P.{axis}": aovs.position[..., k].astype(np.float32) for k, axis in enumerate("XYZ")},
+        "id": {"id.Y": aovs.object_id},
     }
-    return parts | {name: {"RGB": image.astype(np.float16)} for name, image in colours.items()}
+    return parts | {name: {name: _half(image)} for name, image in colours.items()}
+
+
+def _half(image: Floats) -> NDArray[np.float16]:
+    """Return half floats; what is brighter than they can be does not become infinite."""
+    return np.clip(image, -_HALF, _HALF).astype(np.float16)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mr360uw.caustics.lookup import mip_atlas, mip_levels
+from mr360uw.caustics.gl_stack import upload
 from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps
 from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
 from mr360uw.composite.light import MINIMUM_SUN_UP
@@ -121,7 +121,7 @@ class LightTextures:
             "veil": blank if medium is None else medium.veil,
             "attenuation": blank if medium is None else medium.attenuation,
             "diffuse": blank if medium is None else medium.diffuse[None],
-            "beam": blank if medium is None else medium.beam[None],
+            "beam": blank if medium is None else np.stack([medium.beam, medium.unscattered]),
         }
         for name, table in tables.items():
             self._hold(name, id(medium), functools.partial(texture_from_array, table))
@@ -138,11 +138,9 @@ class LightTextures:
                 self.textures["plane_depth"] = texture_from_array(np.zeros((1, 1, 1)))
             return
         self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
-        if isinstance(stack, CausticStack):
-            self._hold("caustic_ratio", id(stack), lambda: texture_array_from_array(mip_atlas(mip_levels(stack.ratio))))
-            self._hold("plane_depth", id(stack), lambda: texture_from_array(np.asarray(stack.depth_m)[None]))
-        else:
-            self.textures |= {"caustic_ratio": stack.texture, "plane_depth": stack.plane_depth}
+        if self._keys.get("caustic_ratio") != id(stack):
+            held = upload(stack) if isinstance(stack, CausticStack) else stack
+            self.textures |= {"caustic_ratio": held.texture, "plane_depth": held.plane_depth}
             self._keys |= {"caustic_ratio": id(stack), "plane_depth": id(stack)}
 
     def _update_surfels(self, shot: Shot, casters: list[PlacedObject]) -> None:

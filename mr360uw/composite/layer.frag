@@ -64,7 +64,7 @@ Parts light_surface(Surface s) {
 #if defined(SHADOW)
     free = visibility(lights, sun_map, casters, slopes, s.point + lights.bias_m * s.geometric_normal, true);
 #endif
-    waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
+    waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     irradiance = beam_at(lights, medium, beam, s.point) * waves * (faces ? free : 0.0);
 #endif
     return surface_light(lights, s, ambient, glossy, glossy_level(s.roughness), scale, irradiance, waves);

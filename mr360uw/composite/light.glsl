@@ -66,8 +66,8 @@ vec3 beam_at(Lights lights, MediumTable medium, sampler2D beam, vec3 point) {
 #endif
 }
 
-vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, sampler2D diffuse, CausticStack stack,
-              sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {
+vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, CausticStack stack, sampler2DArray ratio,
+              sampler2D plane_depth, vec3 point, float footprint_m) {
 #if !defined(CAUSTICS)
     return vec3(1.0);
 #else
@@ -75,7 +75,7 @@ vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, sampler2D diffu
     vec3 world = point + lights.camera_position;
     vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
 #if defined(MEDIUM)
-    value = 1.0 + (value - 1.0) * caustic_contrast(medium, beam, diffuse, depth, lights.sun_up);
+    value = 1.0 + (value - 1.0) * caustic_contrast(medium, beam, depth, lights.sun_up);
 #endif
     return value;
 #endif
@@ -103,18 +103,17 @@ float narrowest_penumbra(Lights lights, sampler2D casters, vec3 point) {
 Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DArray glossy, float level,
                     vec3 ambient_scale, vec3 irradiance, vec3 waves) {
     vec3 view = -s.direction;
-    float facing = dot(s.normal, view);
-    float n_dot_v = clamp(facing, 1e-3, 1.0);
+    float n_dot_v = clamp(dot(s.normal, view), 1e-3, 1.0);
     float dielectric = dielectric_f0(s.refractive_index, OUTSIDE_INDEX);
     vec2 split = split_sum(s.roughness, n_dot_v);
     vec3 varnish = reflectance(vec3(dielectric), split);
     vec3 coat = mix(varnish, reflectance(s.base.rgb, split), s.metallic);
     vec3 albedo = s.base.rgb * (1.0 - s.metallic) * (1.0 - varnish);
-    vec3 mirror = 2.0 * facing * s.normal - view;
+    vec3 axis = lobe_axis(s.normal, view, n_dot_v, s.roughness);
 #if defined(GLOSSY)
-    vec3 reflected = glossy_lookup(glossy, level, mirror);
+    vec3 reflected = glossy_lookup(glossy, level, axis);
 #else
-    vec3 reflected = environment_lookup(ambient, 0, mirror) * INV_PI;
+    vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI;
 #endif
     Parts parts;
     parts.diffuse = albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * ambient_scale * s.occlusion;

@@ -17,7 +17,7 @@ import numpy as np
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.composite.geometry import Hits
 from mr360uw.composite.rays import RayScene
-from mr360uw.composite.shading import dielectric_f0, reflectance, sun_highlight
+from mr360uw.composite.shading import dielectric_f0, lobe_axis, reflectance, sun_highlight
 from mr360uw.composite.shadow import ambient_blocked, disc_directions, effective_half_angle
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI, REFRACTIVE_INDEX_SEA
@@ -126,12 +126,12 @@ class Light:
         coat = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
         albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
         ambient = self.ambient(hits.point, hits.normal)
-        mirror = 2.0 * np.sum(hits.normal * view, -1, keepdims=True) * hits.normal - view
+        axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
         environment = shot.environment
         if len(environment.glossy):
-            reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, mirror, hits.roughness)
+            reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, axis, hits.roughness)
         else:
-            reflected = environment_lookup(environment.ambient, mirror) * INV_PI
+            reflected = environment_lookup(environment.ambient, axis) * INV_PI
         occlusion = hits.occlusion[:, None]
         diffuse = albedo * INV_PI * ambient * occlusion
         glossy = coat * reflected * self._ambient_ratio(hits.point) * occlusion

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from mr360uw.composite.texture import Texture
 
 AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
+_MAPS = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,3 +38,13 @@ class Material:
     normal_map: Texture | None = None
     occlusion_map: Texture | None = None
     emission_map: Texture | None = None
+
+    @property
+    def maps(self) -> tuple[Texture, ...]:
+        """The maps that it has."""
+        return tuple(texture for texture in (getattr(self, name) for name in _MAPS) if texture is not None)
+
+    def without_maps(self) -> Material:
+        """Return the material with its factors alone."""
+        none: dict[str, Any] = dict.fromkeys(_MAPS)
+        return replace(self, **none)

@@ -8,24 +8,24 @@ materials need no special cases. Besides the triangles a mesh carries what is as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.hull import hull_triangles, make_surfels
 from mr360uw.composite.material import Material
-from mr360uw.composite.mesh_file import Part, read_parts
+from mr360uw.composite.mesh_file import read_mesh_file
+from mr360uw.composite.normals import crease_normals, face_normals, smooth_patches
+from mr360uw.composite.part import Part
 from mr360uw.composite.settings import Unit
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
 _METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
-_CREASE_COSINE = 0.5
-"""Edges sharper than 60 degrees stay sharp in meshes without normals."""
 _LARGE_M = 20.0
 _SMALL_M = 0.02
-SURFELS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,12 +81,13 @@ def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "") -> Mesh:
     names a texture that is not there.
     """
     path = Path(path)
-    parts, materials = read_parts(path)
-    named = [p for p in parts if part in p.name]
+    file = read_mesh_file(path)
+    named = [p for p in file.parts if part in p.name]
     if part and not named:
-        names = ", ".join(sorted({p.name for p in parts}))
+        names = ", ".join(sorted({p.name for p in file.parts}))
         raise MeshError(f"{path} - no part of that name (got {part!r}) - there are: {names}")
-    return make_mesh(named, materials, where=str(path), scale=_METRES[unit], suspicious=unit == "auto")
+    mesh = make_mesh(named, list(file.materials), where=str(path), scale=_METRES[unit], suspicious=unit == "auto")
+    return replace(mesh, notes=file.notes + mesh.notes)
 
 
 def make_mesh(
@@ -96,6 +97,7 @@ def make_mesh(
     parts = [p for p in parts if len(p.faces)]
     if not parts:
         raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
+    parts, materials, notes = _without_useless_maps(where, parts, materials)
     corners = [_corners(p) for p in parts]
     positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
     if not np.all(np.isfinite(positions)):
@@ -112,19 +114,19 @@ def make_mesh(
     material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])[keep]
     piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])[keep]
     positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
-    surfel_position, surfel_area = _surfels(positions, piece)
+    surfel_position, surfel_area = make_surfels(positions, piece)
     return Mesh(
         positions=positions,
         normals=normals,
         uv=uv,
         colors=colors,
         material=material,
-        patch=_patches(positions, normals, piece),
+        patch=smooth_patches(positions, normals, piece),
         materials=tuple(materials),
-        hull=_hull(positions),
+        hull=hull_triangles(positions),
         surfel_position=surfel_position,
         surfel_area=surfel_area,
-        notes=_size_notes(where, extent) if suspicious else (),
+        notes=notes + (_size_notes(where, extent) if suspicious else ()),
     )
 
 
@@ -142,128 +144,38 @@ def _size_notes(where: str, extent: Floats) -> tuple[str, ...]:
 def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
     """Return positions, normals, uv, colours of the corners of one part."""
     faces = part.faces
-    positions = np.asarray(part.positions, np.float64)[faces]
-    if part.normals is None or not np.all(np.isfinite(part.normals)):
-        normals = crease_normals(positions) if np.all(np.isfinite(positions)) else np.zeros_like(positions)
+    positions: Floats = np.asarray(part.positions, np.float64)[faces]
+    normals: Floats
+    if not np.all(np.isfinite(positions)):
+        normals = np.zeros_like(positions)
+    elif part.normals is None or not np.all(np.isfinite(part.normals)):
+        flat = np.broadcast_to(face_normals(positions)[:, None], positions.shape)
+        normals = flat if part.flat else crease_normals(positions)
     else:
         normals = np.asarray(part.normals, np.float64)[faces]
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        flat = _face_normals(positions)[:, None, :]
+        flat = face_normals(positions)[:, None, :]
         normals = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), flat)
     uv = np.zeros((*faces.shape, 2)) if part.uv is None else np.asarray(part.uv, np.float64)[faces]
     colors = np.ones((*faces.shape, 4)) if part.colors is None else np.asarray(part.colors, np.float64)[faces]
-    return positions, normals, uv, colors
+    return positions, normals, np.where(np.isfinite(uv), uv, 0.0), np.where(np.isfinite(colors), colors, 1.0)
 
 
-def _face_normals(positions: Floats) -> Floats:
-    cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    return cross / np.maximum(np.linalg.norm(cross, axis=-1, keepdims=True), 1e-30)
-
-
-def _welded(points: Floats, resolution: float) -> NDArray[np.int64]:
-    """Return the number (n,) of the place that each point (n, k) is at, places being `resolution` apart."""
-    grid = np.round(points / resolution).astype(np.int64)
-    order = np.lexsort(grid.T)
-    different = np.any(np.diff(grid[order], axis=0) != 0, axis=1)
-    label = np.empty(len(grid), np.int64)
-    label[order] = np.concatenate([[0], np.cumsum(different)])
-    return label
-
-
-def crease_normals(positions: Floats) -> Floats:
-    """Return unit corner normals (T, 3, 3): the mean, weighted by corner angle, of the faces about a vertex that
-    meet this one at less than 60 degrees (Thuermer & Wuethrich 1998 for the weights).
-    """
-    face = _face_normals(positions)
-    before, after = np.roll(positions, 1, axis=1) - positions, np.roll(positions, -1, axis=1) - positions
-    cosine = np.sum(before * after, -1) / np.maximum(
-        np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1), 1e-30
-    )
-    weight = np.arccos(np.clip(cosine, -1.0, 1.0)).ravel()
-    extent = max(float(np.max(np.ptp(positions.reshape(-1, 3), axis=0))), 1e-30)
-    vertex = _welded(positions.reshape(-1, 3), 1e-6 * extent)
-    order = np.argsort(vertex, kind="stable")
-    start = np.searchsorted(vertex[order], np.arange(vertex.max() + 2))
-    count = np.diff(start)
-    triangle = np.repeat(np.arange(len(positions)), 3)
-    total = np.zeros((len(vertex), 3))
-    for k in range(int(count.max())):  # the k-th face about every vertex
-        has = count[vertex] > k
-        other = order[start[vertex[has]] + k]
-        n = face[triangle[other]]
-        near = np.sum(n * face[triangle[has]], -1) > _CREASE_COSINE
-        total[has] += np.where(near, weight[other], 0.0)[:, None] * n
-    length = np.linalg.norm(total, axis=-1, keepdims=True)
-    total = np.where(length > 1e-12, total / np.maximum(length, 1e-12), face[triangle])
-    return total.reshape(positions.shape)
-
-
-def _patches(positions: Floats, normals: Floats, piece: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Number the smooth pieces: triangles are of one piece where they share a corner's place and normal."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    extent = float(np.max(np.ptp(positions.reshape(-1, 3), axis=0)))
-    key = np.concatenate(
-        [
-            positions.reshape(-1, 3) / (1e-6 * extent),
-            normals.reshape(-1, 3) / 0.01,
-            np.repeat(piece, 3)[:, None].astype(np.float64),
-        ],
-        axis=1,
-    )
-    corner = _welded(key, 1.0)
-    count = len(positions)
-    graph = coo_matrix(
-        (np.ones(len(corner), np.int8), (np.repeat(np.arange(count), 3), count + corner)),
-        shape=(count + corner.max() + 1,) * 2,
-    )
-    labels = connected_components(graph, directed=False)[1][:count]
-    return np.unique(labels, return_inverse=True)[1].astype(np.int32)
-
-
-def _hull(positions: Floats) -> Floats:
-    """Return the triangles of the convex hull, or of the bounding box where the mesh is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    points = positions.reshape(-1, 3)
-    try:
-        hull = ConvexHull(points)
-        return points[hull.simplices]
-    except QhullError:
-        low, high = points.min(axis=0), points.max(axis=0)
-        box = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
-        sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
-        return box[[t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]]
-
-
-def _surfels(positions: Floats, piece: NDArray[np.int32]) -> tuple[Floats, Floats]:
-    """Return at most `SURFELS` discs (position, area vector): halves of equal area along the longest axis, again and
-    again, over place and facing.
-    """
-    vector = 0.5 * np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    area = np.linalg.norm(vector, axis=-1)
-    center = positions.mean(axis=1)
-    weight = np.empty(len(area))
-    for k in np.unique(piece):
-        of = piece == k
-        closed = np.linalg.norm(vector[of].sum(axis=0)) < 0.2 * area[of].sum()
-        weight[of] = 0.5 if closed else 1.0
-    extent = float(np.max(np.ptp(center, axis=0))) or 1.0
-    feature = np.concatenate([center / extent, 0.5 * vector / area[:, None]], axis=1)
-    clusters = [np.arange(len(area))]
-    while len(clusters) < SURFELS:
-        halves = []
-        for cluster in clusters:
-            axis = int(np.argmax(np.ptp(feature[cluster], axis=0)))
-            order = cluster[np.argsort(feature[cluster, axis], kind="stable")]
-            cut = int(np.searchsorted(np.cumsum(area[order]), 0.5 * area[order].sum()))
-            halves += [part for part in (order[: cut + 1], order[cut + 1 :]) if len(part)]
-        if len(halves) == len(clusters):
-            break
-        clusters = halves
-    place = np.stack([np.average(center[c], axis=0, weights=area[c]) for c in clusters])
-    total = np.array([np.sum(weight[c] * area[c]) for c in clusters])
-    facing = np.stack([vector[c].sum(axis=0) for c in clusters])
-    facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-30)
-    return place, facing * total[:, None]
+def _without_useless_maps(
+    where: str, parts: list[Part], materials: list[Material]
+) -> tuple[list[Part], list[Material], tuple[str, ...]]:
+    """Return parts and materials such that maps are only where there are texture coordinates, and what to tell."""
+    materials, bare, notes = list(materials), {}, []
+    changed = []
+    for part in parts:
+        if part.uv is None and materials and materials[part.material].maps:
+            notes.append(f"{where} - part {part.name!r} has maps but no texture coordinates - it is drawn without them")
+            if part.material not in bare:
+                bare[part.material] = len(materials)
+                materials.append(materials[part.material].without_maps())
+            changed.append(replace(part, material=bare[part.material]))
+        else:
+            if part.uv is not None and not np.all(np.isfinite(part.uv)):
+                notes.append(f"{where} - part {part.name!r} has texture coordinates that are no numbers - unwrap it")
+            changed.append(part)
+    return changed, materials, tuple(dict.fromkeys(notes))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the tables of a scene to what a shot holds: placed objects, receivers, mattes."""
+"""From the object tables of a scene to what a shot holds: placed objects."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from mr360uw.composite.material import Material
 from mr360uw.composite.mesh import Mesh, load_mesh
-from mr360uw.composite.mesh_file import read_texture
-from mr360uw.composite.motion import Motion, object_motion, rigid, rotation_matrix
-from mr360uw.composite.settings import ObjectSettings, ReceiverSettings
-from mr360uw.composite.shot import PlacedObject, Receiver
+from mr360uw.composite.motion import Motion, object_motion, rigid
+from mr360uw.composite.settings import ObjectSettings
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.texture_file import read_texture
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
@@ -30,6 +30,13 @@ class SceneObject:
     def moves(self) -> bool:
         """Whether it changes from frame to frame in the world."""
         return len(self.meshes) > 1 or self.motion.moves or self.settings.attach == "camera"
+
+    def highest_m(self, camera_m: float) -> float:
+        """Return a height in the world that it never rises above, for a camera that stays below `camera_m`."""
+        reach = max(float(np.linalg.norm(mesh.hull, axis=-1).max()) for mesh in self.meshes) * self.motion.scale
+        if self.settings.attach == "camera":
+            return camera_m + float(np.max(np.linalg.norm(self.motion.position, axis=-1) + reach))
+        return float(np.max(self.motion.position[:, 1] + reach))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -78,6 +85,9 @@ def _overridden(mesh: Mesh, settings: ObjectSettings) -> Mesh:
     base = read_texture(settings.texture, srgb=True) if settings.texture else None
     bump = read_texture(settings.normal_texture, srgb=False) if settings.normal_texture else None
     orm = read_texture(settings.orm_texture, srgb=False) if settings.orm_texture else None
+    notes = list(mesh.notes)
+    if (base or bump or orm) is not None and not np.any(mesh.uv):
+        notes.append(f"{settings.mesh} - has no texture coordinates - all of it takes the corner of its textures")
     materials = []
     for material in mesh.materials:
         changed = material
@@ -91,8 +101,12 @@ def _overridden(mesh: Mesh, settings: ObjectSettings) -> Mesh:
     tinted = settings.vertex_colors == "multiply" or (
         settings.vertex_colors == "auto" and all(m.base_map is None for m in materials)
     )
+    if settings.vertex_colors == "auto" and not tinted and np.any(mesh.colors != 1.0):
+        notes.append(
+            f"{settings.mesh} - its vertex colours are left out beside its texture - set vertex_colors to choose"
+        )
     colors = mesh.colors if tinted else np.ones_like(mesh.colors)
-    return replace(mesh, materials=tuple(materials), colors=colors)
+    return replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes))
 
 
 def _factors(material: Material, settings: ObjectSettings) -> Material:
@@ -109,59 +123,3 @@ def _factors(material: Material, settings: ObjectSettings) -> Material:
     r, g, b = (settings.emission_scale * c for c in material.emission)
     index = material.refractive_index if settings.refractive_index is None else settings.refractive_index
     return replace(changed, emission=(r, g, b), refractive_index=index)
-
-
-def load_receiver(settings: ReceiverSettings) -> Receiver:
-    """Return the receiver of a scene's table, except a distance map, which is an image of every frame.
-
-    For `kind = "distance"` the caller puts the frame's map into `Receiver.distance_m` with `map_range`.
-    Raises `MeshError`.
-    """
-    plain = Receiver(
-        shadow=settings.shadow,
-        occlusion=settings.occlusion,
-        caustics=settings.caustics,
-        extent_m=settings.extent_m,
-    )
-    if settings.kind == "plane":
-        return replace(plain, plane_y=settings.height_m)
-    if settings.path is None:
-        raise MeshError(f"receiver - kind {settings.kind!r} needs a file (got no path) - set receiver.path")
-    if settings.kind == "mesh":
-        transform = rigid(settings.position_m, rotation_matrix(settings.rotation_deg), settings.scale)
-        placed = PlacedObject(load_mesh(settings.path), transform)
-        return replace(plain, mesh=placed.to_world(placed.mesh.positions))
-    if settings.kind == "height_map":
-        return replace(plain, mesh=height_map_triangles(_grey(settings.path), settings))
-    return replace(plain, distance_m=map_range(_grey(settings.path), settings.range_m))
-
-
-def map_range(grey: Floats, range_m: tuple[float, float]) -> Floats:
-    """Return the metres of grey values in [0, 1]."""
-    return range_m[0] + (range_m[1] - range_m[0]) * np.asarray(grey, np.float64)
-
-
-def height_map_triangles(grey: Floats, settings: ReceiverSettings, most: int = 256) -> Floats:
-    """Return the triangles (T, 3, 3) of a height map (h, w) in [0, 1]: right = +x, down = +z, about `position_m`."""
-    import cv2
-
-    rows, columns = (min(n, most) for n in grey.shape)
-    height = map_range(cv2.resize(np.float32(grey), (columns, rows), interpolation=cv2.INTER_AREA), settings.range_m)
-    x = (np.linspace(0.0, 1.0, columns) - 0.5) * settings.size_m[0] + settings.position_m[0]
-    z = (np.linspace(0.0, 1.0, rows) - 0.5) * settings.size_m[1] + settings.position_m[2]
-    x, z = np.meshgrid(x, z)
-    points = np.stack([x, height + settings.position_m[1], z], axis=-1)
-    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
-    return np.concatenate([np.stack([a, d, c], axis=2), np.stack([a, c, b], axis=2)]).reshape(-1, 3, 3)
-
-
-def _grey(path: Path) -> Floats:
-    """Return an image as one channel in [0, 1]; float images (EXR, TIFF) keep their values."""
-    import cv2
-
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise MeshError(f"{path} - cannot be read as an image - give a PNG or TIFF of one channel")
-    image = image if image.ndim == 2 else image[..., 0]
-    whole = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
-    return np.asarray(image, np.float64) / whole

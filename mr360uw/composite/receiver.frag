@@ -50,7 +50,7 @@ void main() {
 #if defined(OCCLUSION) || defined(SHADOW)
     kept = kept_at(point, place.xyz, footprint_m / max(-dot(direction, place.xyz), 0.1));
 #endif
-    waves = waves_at(lights, medium, beam, diffuse, stack, caustic_ratio, plane_depth, point, footprint_m);
+    waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, point, footprint_m);
     ratio.rgb = lit_ratio(arrives, sun, kept.x, kept.y, waves);
     if (all(lessThanEqual(abs(ratio.rgb - 1.0), vec3(1e-4)))) ratio.rgb = vec3(1.0);
 #if defined(MEDIUM)

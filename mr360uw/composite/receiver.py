@@ -26,6 +26,8 @@ RECTANGLE_COST_PX = 16384
 """Pixels that take as long as what every further rectangle costs by itself."""
 NEGLIGIBLE = 0.004
 """Changes of linear light below this are less than half a code value of an 8-bit video at white."""
+EDGE_ON = 0.003
+"""Cosine between ray and normal below which a distance map's surface is taken to stand edge-on."""
 _COLUMNS = 128
 
 
@@ -36,6 +38,11 @@ class ReceiverShape:
         self._receiver = receiver
         self._camera = camera_position
         self._scene = RayScene(receiver.mesh - camera_position) if receiver.mesh is not None else None
+        self._planes = None
+        if receiver.distance_m is not None:
+            from mr360uw.composite.distance_map import touching_planes
+
+            self._planes = touching_planes(receiver.distance_m)
 
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
@@ -69,25 +76,18 @@ class ReceiverShape:
         return distance.reshape(direction.shape[:-1]), normal.reshape(direction.shape)
 
     def _meet_map(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """Distance map: nearest texel, normals from the points of its neighbours."""
-        map_ = np.asarray(self._receiver.distance_m, np.float64)
-        rows, columns = map_.shape
+        """Distance map: the plane that touches the surface in the nearest texel."""
+        assert self._planes is not None
+        rows, columns = self._planes.shape[:2]
         i = np.floor(x * columns / shot.width).astype(np.int64) % columns
         j = np.clip(np.floor(y * rows / shot.height).astype(np.int64), 0, rows - 1)
-
-        def point(i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
-            i, j = i % columns, np.clip(j, 0, rows - 1)
-            at = view_directions(shot, (i + 0.5) * shot.width / columns, (j + 0.5) * shot.height / rows)
-            return at * map_[j, i][..., None]
-
-        with np.errstate(invalid="ignore"):
-            normal = np.cross(point(i, j + 1) - point(i, j - 1), point(i + 1, j) - point(i - 1, j))
-            length = np.linalg.norm(normal, axis=-1, keepdims=True)
-            normal = np.where(length > 0.0, normal / np.maximum(length, 1e-30), -direction)
-            normal = np.where(np.isfinite(normal), normal, -direction)
-        facing = np.where(np.sum(normal * direction, -1, keepdims=True) > 0.0, -normal, normal)
-        distance = map_[j, i]
-        return np.where(np.isfinite(distance) & (distance > 0.0), distance, np.inf), facing
+        plane = np.asarray(self._planes[j, i], np.float64) @ shot.world_from_camera.T
+        size = np.linalg.norm(plane, axis=-1)
+        # a plane nearly along the ray ends within the texel
+        inverse = np.maximum(np.sum(plane * direction, -1), EDGE_ON * size)
+        seen = size > 0.0
+        normal = np.where(seen[..., None], -plane / np.maximum(size, 1e-30)[..., None], -direction)
+        return np.where(seen, 1.0 / np.where(seen, inverse, 1.0), np.inf), normal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,13 +63,15 @@ class ReceiverSettings(Parameters):
 
     kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "how its shape is given")
     height_m: float = parameter(-2.0, "height of the plane above the camera's position at time 0", unit="m")
-    path: Path | None = parameter(None, "the mesh, the height map, or the distance map (image, sequence or video)")
+    path: Path | None = parameter(
+        None, "the mesh, the height map, or the distance map (image, sequence or video; 0, inf, NaN: no surface)"
+    )
     position_m: Vector = parameter((0.0, 0.0, 0.0), "position of the mesh or centre of the height map", unit="m")
     rotation_deg: Vector = parameter((0.0, 0.0, 0.0), "(yaw, pitch, roll) of the mesh", unit="deg")
     scale: float = parameter(1.0, "factor on the mesh's size", unit="1", above=0.0, high=1e6)
     size_m: tuple[float, float] = parameter((20.0, 20.0), "extent of the height map along x and z", unit="m")
     range_m: tuple[float, float] = parameter(
-        (0.0, 1.0), "heights of black and white of the height map, or distances of those of the distance map", unit="m"
+        (0.0, 1.0), "heights of black and white of the height map, or distances of a distance map in codes", unit="m"
     )
     shadow: bool = parameter(True, "whether the sun's shadow falls on it")
     occlusion: bool = parameter(True, "whether objects keep ambient light off it")
@@ -82,7 +84,9 @@ class HoldoutSettings(Parameters):
 
     path: Path = parameter(..., "image, sequence (matte_%04d.png) or video of the plate's shape")
     kind: Literal["mask", "distance"] = parameter("mask", "white hides the objects, or a distance along the ray")
-    range_m: tuple[float, float] = parameter((0.0, 100.0), "distances of black and white of a distance map", unit="m")
+    range_m: tuple[float, float] = parameter(
+        (0.0, 100.0), "distances of black and white of a distance map in codes; EXR holds metres", unit="m"
+    )
     invert: bool = parameter(False, "whether black hides the objects instead")
     feather_px: float = parameter(0.0, "width of a soft edge added to the matte", unit="px", low=0.0, high=200.0)
 
@@ -97,4 +101,7 @@ class DrawSettings(Parameters):
         0.0, "spread (standard deviation) of the sun's light by forward scattering", unit="deg", low=0.0, high=30.0
     )
     motion_samples: int = parameter(1, "sub-frames averaged for motion blur; 1: none", low=1, high=64)
+    grain: float = parameter(
+        0.0, "grain on objects: 0 none, 1 as strong as the plate's, as each frame shows it", unit="1", low=0.0, high=4.0
+    )
     shutter: float = parameter(0.5, "part of the frame's time that the shutter is open", unit="1", low=0.0, high=1.0)

@@ -18,6 +18,13 @@ vec3 grazing_reflectance(vec3 f0) {
     return min(pow(max(f0, 0.0) / 0.04, vec3(0.2)), 1.0);
 }
 
+vec3 lobe_axis(vec3 normal, vec3 view, float n_dot_v, float roughness) {
+    vec3 mirror = 2.0 * dot(normal, view) * normal - view;
+    float lean = (1.0 - roughness) * (1.0 + roughness * (1.01 - 1.86 * roughness + n_dot_v * (1.15 + 1.27 * roughness)));
+    vec3 axis = normal + (mirror - normal) * min(lean, 1.0);
+    return axis / max(length(axis), 1e-6);
+}
+
 vec3 reflectance(vec3 f0, vec2 split) {
     vec3 single = f0 * split.x + grazing_reflectance(f0) * split.y;
     return single * (1.0 + f0 * (1.0 / max(split.x + split.y, 1e-3) - 1.0));

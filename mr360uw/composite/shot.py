@@ -46,8 +46,8 @@ class Receiver:
     """The surface of the plate that catches shadows: exactly one of the three shapes.
 
     plane_y: height [m] of a horizontal plane in the world. mesh: triangles (T, 3, 3) in the world. distance_m: (h, w)
-    distances along the camera's rays, a frame of any size. shadow, occlusion, caustics: what falls on it. extent_m: how
-    far from the camera it is changed.
+    distances along the camera's rays, a frame of any size, 0, infinite or NaN where there is none. shadow, occlusion,
+    caustics: what falls on it. extent_m: how far from the camera it is changed.
     """
 
     plane_y: float | None = None

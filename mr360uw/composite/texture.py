@@ -37,19 +37,22 @@ class Texture:
         return width, height
 
 
-def make_texture(image: NDArray[np.uint8], *, srgb: bool, wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")) -> Texture:
-    """Return a texture of an image (h, w, 3 or 4) of code values; `srgb` where its colours are encoded.
+def make_texture(
+    image: NDArray[np.uint8] | NDArray[np.uint16], *, srgb: bool, wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+) -> Texture:
+    """Return a texture of an image (h, w, 3 or 4) of 8 or 16 bit code values; `srgb` where its colours are encoded.
 
     Levels below the first average the colour weighted by alpha, so that the colour of clear texels does not leak.
     """
     import cv2
 
-    codes = np.arange(256) / 255.0
+    whole = np.iinfo(image.dtype).max
+    codes = np.arange(whole + 1) / whole
     table = (decode(codes, "srgb") if srgb else codes).astype(np.float32)
     rgba = np.ones((*image.shape[:2], 4), np.float32)
     rgba[..., :3] = table[image[..., :3]]
     if image.shape[2] == 4:
-        rgba[..., 3] = image[..., 3] / np.float32(255.0)
+        rgba[..., 3] = image[..., 3] / np.float32(whole)
     levels = [rgba]
     alpha_varies = bool(rgba[..., 3].min() < 1.0)
     while max(levels[-1].shape[:2]) > 1:

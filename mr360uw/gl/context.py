@@ -10,9 +10,9 @@ from __future__ import annotations
 import functools
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,8 @@ from mr360uw.gl.source import Source, expand_source, load_source
 
 if TYPE_CHECKING:
     import moderngl
+
+T = TypeVar("T")
 
 _FULLSCREEN = """
 out vec2 uv;
@@ -42,8 +44,23 @@ class GlDevice:
     software: bool
 
 
-@functools.cache
-def _context_of_thread(_thread_id: int) -> moderngl.Context:
+def per_thread(make: Callable[[], T]) -> Callable[[], T]:
+    """Return a function that makes something once in every thread: a context and what lives on it belong to one."""
+    kept = threading.local()
+
+    @functools.wraps(make)
+    def get() -> T:
+        if not hasattr(kept, "value"):
+            kept.value = make()
+        value: T = kept.value
+        return value
+
+    return get
+
+
+@per_thread
+def gl_context() -> moderngl.Context:
+    """Return this thread's context, made at the first call; raise `GlError` where there is no OpenGL 3.3."""
     try:
         import moderngl
 
@@ -56,11 +73,6 @@ def _context_of_thread(_thread_id: int) -> moderngl.Context:
         ) from error
     context.gc_mode = "context_gc"
     return context
-
-
-def gl_context() -> moderngl.Context:
-    """Return this thread's context, made at the first call; raise `GlError` where there is no OpenGL 3.3."""
-    return _context_of_thread(threading.get_ident())
 
 
 def gl_available() -> bool:

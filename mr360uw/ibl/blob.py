@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.ibl.plate import Plate
 from mr360uw.ibl.tangent import patch_directions, patch_step
+from mr360uw.ibl.upward import elevation_sine
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
@@ -63,8 +64,8 @@ def brightness(linear: Floats) -> Floats:
     return value + 0.5 * np.minimum(np.minimum(red, green), blue)
 
 
-def examine(plate: Plate, seed: Floats, lowest_up: float, *, white: bool = True) -> Blob | None:
-    """Return the brightest spot about `seed` (3,), looking only at directions above `lowest_up`.
+def examine(plate: Plate, seed: Floats, lowest_sine: float, *, white: bool = True) -> Blob | None:
+    """Return the brightest spot about `seed` (3,), looking only at elevations whose sine exceeds `lowest_sine`.
 
     white: whether the plate is display-referred, clipped at 1.
     """
@@ -75,16 +76,16 @@ def examine(plate: Plate, seed: Floats, lowest_up: float, *, white: bool = True)
         if blob is not None and reach is not None:
             direction = blob.direction
             radius = float(np.clip(reach * blob.extent_rad, _NARROWEST_RAD, _WIDEST_RAD))
-        blob = _spot(plate, direction, radius, size, lowest_up, white)
+        blob = _spot(plate, direction, radius, size, lowest_sine, white)
         if blob is None:
             return None
     return blob
 
 
-def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_up: float, white: bool) -> Blob | None:
+def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: float, white: bool) -> Blob | None:
     look = patch_directions(centre, radius, size)
     step = patch_step(radius, size)
-    value = np.where(look[..., 1] > lowest_up, brightness(plate.look(look)), 0.0)
+    value = np.where(elevation_sine(look, plate.up) > lowest_sine, brightness(plate.look(look)), 0.0)
     if white:
         value = np.minimum(value, 1.0)  # codes above white are noise of the encoder, not a brighter sun
     peak = float(value.max())
@@ -130,7 +131,7 @@ def _inscribed(mask: Mask) -> Floats:
     """Return the distance [pixels] of every pixel of a mask to its outside, the patch's border included."""
     import cv2
 
-    padded = np.pad(mask, 1).astype(np.uint8)
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
     return cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 

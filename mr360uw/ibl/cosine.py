@@ -4,7 +4,7 @@
     E(n) = int L(d) max(0, n.d) dd = sum_p L_p K(n, p),   K(n, p) = int_p max(0, n.d) dd over source pixel p
 
 K is one constant matrix. Turning the world about the vertical only renames longitudes, so K depends on the difference
-of the columns: it is stored as one column of normals (block-circulant) and applied by FFT along the longitude, 60
+of the columns: it is stored as one column of normals (block-circulant) and applied as spectra along the longitude, 60
 times less data and time than the full 2048 x 2048 matrix, with the same result. Source maps may be finer than the
 result by a whole factor. Spherical harmonics of order 2 are the cheap option (Ramamoorthi & Hanrahan 2001 eq. 5-8).
 """
@@ -49,22 +49,28 @@ class ZonalFilter:
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)
         self.scale = scale
-        spectrum = np.conj(self._transform(matrix)).astype(np.complex64)
+        spectrum = np.conj(self._transform(np.moveaxis(matrix, 0, -1))).astype(np.complex64)
         self._spectrum = np.ascontiguousarray(np.moveaxis(spectrum, 1, 2))  # (frequency, source, result row)
 
     def _transform(self, maps: np.ndarray) -> np.ndarray:
-        """Return (33, ..., H * scale) spectra along the longitude of maps (..., H, W), one for each column phase."""
-        *lead, height, _ = maps.shape
-        phases = maps.reshape(*lead, height, COLUMNS, self.scale)
-        spectrum = np.fft.rfft(np.moveaxis(phases, -1, -2), axis=-1)
-        return np.moveaxis(spectrum.reshape(*lead, height * self.scale, -1), -1, 0)
+        """Return the spectra (33, C, H * scale) along the longitude of maps (H, W, C), one for each column phase."""
+        height, _, channels = maps.shape
+        phases = np.moveaxis(maps.reshape(height, COLUMNS, self.scale, channels), (1, 3), (0, 1))
+        real, imaginary = _transform_matrix().astype(maps.dtype) @ phases.reshape(COLUMNS, -1)
+        return (real + 1j * imaginary).reshape(-1, channels, height * self.scale)
 
     def __call__(self, radiance: ArrayLike) -> Floats:
         """Return the filtered map (32, 64, 3) of a radiance map (32 scale, 64 scale, 3)."""
-        source = np.moveaxis(np.asarray(radiance, np.float32), -1, 0)
-        spectrum = self._transform(source).astype(np.complex64)  # (frequency, channel, source)
+        spectrum = self._transform(np.asarray(radiance, np.float32))  # (frequency, channel, source)
         filtered = np.fft.irfft(spectrum @ self._spectrum, n=COLUMNS, axis=0)  # (column, channel, row)
         return np.ascontiguousarray(np.moveaxis(filtered, (0, 1, 2), (1, 2, 0)), np.float32)
+
+
+@functools.cache
+def _transform_matrix() -> NDArray[np.float64]:
+    """Return the Fourier transform of 64 real numbers as a matrix, (2, 33, 64): real and imaginary part."""
+    matrix = np.fft.rfft(np.eye(COLUMNS), axis=0)
+    return np.stack([matrix.real, matrix.imag])
 
 
 def filter_scale(radiance: ArrayLike) -> int:
@@ -84,8 +90,13 @@ def cosine_filter(scale: int = 1) -> ZonalFilter:
 
 def cosine_beam(direction: ArrayLike, irradiance: ArrayLike) -> Floats:
     """Return the irradiance map (32, 64, 3) of a beam: irradiance (3,) on a plane facing `direction` (3,)."""
-    cosine = np.maximum(directions(COLUMNS, ROWS) @ np.asarray(direction, np.float64), 0.0)
+    cosine = np.maximum(_normals() @ np.asarray(direction, np.float64), 0.0)
     return (cosine[..., None] * np.asarray(irradiance, np.float64)).astype(np.float32)
+
+
+@functools.cache
+def _normals() -> NDArray[np.float64]:
+    return directions(COLUMNS, ROWS)
 
 
 @functools.cache

@@ -26,6 +26,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.ibl.upward import frame_sines, upward
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -82,15 +83,15 @@ def snell_elevation() -> float:
     return math.pi / 2.0 - math.asin(1.0 / REFRACTIVE_INDEX_SEA)
 
 
-def region_weight(up: ArrayLike, settings: LightSettings) -> Array:
-    """Return how far the expansion acts, 0 to 1, at directions whose y component is `up` (...,).
+def region_weight(sine: ArrayLike, settings: LightSettings) -> Array:
+    """Return how far the expansion acts, 0 to 1, at directions of which `sine` (...,) is the sine of the elevation.
 
     A smoothstep over +-`ramp_deg` about the edge of the region: the horizon, or the cone of Snell's window.
     """
-    up = np.asarray(up, np.float64)
+    sine = np.asarray(sine, np.float64)
     if settings.region == "all":
-        return np.ones_like(up)
-    return region_ramp(np.arcsin(np.clip(up, -1.0, 1.0)), *region_edge(settings))
+        return np.ones_like(sine)
+    return region_ramp(np.arcsin(np.clip(sine, -1.0, 1.0)), *region_edge(settings))
 
 
 def region_edge(settings: LightSettings) -> tuple[float, float]:
@@ -121,8 +122,8 @@ def checked_plate(plate: ArrayLike, where: str = "plate") -> NDArray[np.float32]
     return np.maximum(image, 0.0, dtype=np.float32)
 
 
-def expand_samples(linear: Floats, up: Floats, settings: LightSettings, enhancement: Floats | None = None) -> Floats:
-    """Return expanded radiance (..., 3) of linear samples (..., 3) in directions whose y component is `up`.
+def expand_samples(linear: Floats, sine: Floats, settings: LightSettings, enhancement: Floats | None = None) -> Floats:
+    """Return expanded radiance (..., 3) of linear samples (..., 3), `sine` (...,) that of their elevation.
 
     enhancement: gain (...,) of the operator that is not pointwise.
     """
@@ -133,14 +134,17 @@ def expand_samples(linear: Floats, up: Floats, settings: LightSettings, enhancem
     else:
         encoded = encode(np.minimum(linear, 1.0), settings.transfer)
         gains = gain(encoded @ luma_weights(settings).astype(linear.dtype), settings)
-    return linear * (1.0 + (gains - 1.0) * region_weight(up, settings))[..., None]
+    return linear * (1.0 + (gains - 1.0) * region_weight(sine, settings))[..., None]
 
 
-def expand(plate_linear: ArrayLike, settings: LightSettings | None = None) -> NDArray[np.float32]:
+def expand(
+    plate_linear: ArrayLike, settings: LightSettings | None = None, *, up: ArrayLike | None = None
+) -> NDArray[np.float32]:
     """Return the scene radiance (H, W, 3) of a linear plate of the same shape: inverse tone mapping.
 
     Display white is 1. Pixels outside the region of the settings keep their radiance. "closure" needs the sun and
-    the sky together and is applied by `environment`; here it leaves the plate as it is.
+    the sky together and is applied by `environment`; here it leaves the plate as it is. up: the direction (3,) of the
+    world's up in the frame's axes; by default the frame is level.
     """
     settings = settings or LightSettings()
     plate = checked_plate(plate_linear)
@@ -149,5 +153,5 @@ def expand(plate_linear: ArrayLike, settings: LightSettings | None = None) -> ND
     if settings.operator == "kovaleski":
         small = reduce_map(np.minimum(plate, 1.0), _ENHANCEMENT_COLUMNS, _ENHANCEMENT_COLUMNS // 2)
         gains = resize_map(enhancement_gain(small, settings), width, height)
-    up = np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height))[:, None]
-    return expand_samples(plate, up, settings, gains).astype(np.float32, copy=False)
+    sine = frame_sines(width, height, upward(up))
+    return expand_samples(plate, sine, settings, gains).astype(np.float32, copy=False)

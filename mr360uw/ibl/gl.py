@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mr360uw.color import encode
 from mr360uw.gl.context import draw_fullscreen, gl_context, program, read_framebuffer, set_uniforms, texture_from_array
@@ -19,7 +20,8 @@ from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_edg
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import frame_from_direction
+from mr360uw.ibl.upward import LEVEL, elevation_sine, upward
+from mr360uw.sphere import Array, frame_from_direction
 from mr360uw.types import Environment, Floats
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ class TexturePlate:
     settings: LightSettings
     coarse: Floats
     brightest: Floats
+    up: Array
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -52,7 +55,7 @@ class TexturePlate:
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
-        return expand_samples(self.look(direction), direction[..., 1], self.settings)
+        return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings)
 
 
 @functools.cache
@@ -69,7 +72,9 @@ def _tables(settings: LightSettings) -> tuple[moderngl.Texture, moderngl.Texture
     )
 
 
-def reduce_texture(texture: moderngl.Texture, settings: LightSettings, columns: int, rows: int) -> Floats:
+def reduce_texture(
+    texture: moderngl.Texture, settings: LightSettings, columns: int, rows: int, up: Array = LEVEL
+) -> Floats:
     """Return (rows, columns, 4): mean expanded radiance over exact solid angles, and the brightest luminance.
 
     Every pointwise operator; the spatial one of Kovaleski & Oliveira runs on the CPU only and leaves the plate as is.
@@ -84,7 +89,7 @@ def reduce_texture(texture: moderngl.Texture, settings: LightSettings, columns: 
         edge, ramp = np.pi, 0.0
     set_uniforms(
         shader, expansion__luma_weight=luma_weights(settings), expansion__edge=edge, expansion__ramp=ramp,
-        cells=(columns, rows),
+        expansion__up=up, cells=(columns, rows),
     )  # fmt: skip
     target = gl_context().framebuffer([gl_context().texture((columns, rows), 4, dtype="f4")])
     draw_fullscreen(target, shader)
@@ -98,9 +103,11 @@ def environment_from_texture(
     sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
+    up: ArrayLike | None = None,
 ) -> Environment:
     """Return the light of a plate held as a texture of linear RGB; as `environment`."""
     settings = settings or LightSettings()
-    reduced = reduce_texture(texture, settings, COARSE_COLUMNS, COARSE_ROWS)
-    plate = TexturePlate(texture, settings, np.ascontiguousarray(reduced[..., :3]), reduced[..., 3])
+    seen_up = upward(up)
+    reduced = reduce_texture(texture, settings, COARSE_COLUMNS, COARSE_ROWS, seen_up)
+    plate = TexturePlate(texture, settings, np.ascontiguousarray(reduced[..., :3]), reduced[..., 3], seen_up)
     return light_of(plate, settings, sun, underwater, glossy)

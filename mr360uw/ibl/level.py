@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way is up: roll and pitch of the camera, given, keyed, read from a GoPro track, or estimated.
+"""Which way is up: roll and pitch of the camera, given, keyed, or read from a GoPro track; `horizon` estimates them.
 
     pitch  + = the centre of the frame looks up        roll  + = clockwise about the view, the right side down
     world = R camera,  R = Rx(pitch) Rz(-roll);  up in camera axes = (-sin r cos p, cos r cos p, -sin p)
@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.gpmf import streams
-from mr360uw.sphere import directions, row_solid_angle, unit
+from mr360uw.sphere import unit
 
 Array = NDArray[np.float64]
 
@@ -71,52 +70,3 @@ def level_from_gpmf(data: bytes, frame_rate: float) -> LevelTrack:
     gravity = unit(np.concatenate(found))
     up = np.stack([-gravity[:, 0], gravity[:, 1], gravity[:, 2]], axis=1)
     return LevelTrack(np.arange(len(up)) / frame_rate, *roll_pitch(up))
-
-
-@dataclass(frozen=True, slots=True)
-class LevelEstimate:
-    """Roll and pitch [rad] that a plate suggests, and the share of its variance that they explain, 0 to 1."""
-
-    roll_rad: float
-    pitch_rad: float
-    explained: float
-
-
-def estimate_level(radiance: ArrayLike, largest_tilt_rad: float = np.radians(30.0)) -> LevelEstimate:
-    """Return the tilt about whose axis a radiance map (H, W, 3), best without the sun, is most alike all round.
-
-    Under water the light depends on the angle to the vertical more than on anything else. The estimate maximises the
-    share of the variance of log luminance that 24 zones about the axis explain; above water, or beside a wall, it
-    means little. Use it where nothing better is known.
-    """
-    from scipy.optimize import minimize
-
-    image = np.asarray(radiance, np.float64)
-    height, width = image.shape[:2]
-    value = np.log(np.maximum(luminance(image), 1e-4)).ravel()
-    d = directions(width, height).reshape(-1, 3)
-    weight = np.repeat(row_solid_angle(width, height), width)
-    weight /= weight.sum()
-    spread = float(weight @ (value - weight @ value) ** 2)
-    if spread < 1e-12:
-        return LevelEstimate(0.0, 0.0, 0.0)
-
-    def unexplained(tilt: Array) -> float:
-        size = float(np.hypot(*tilt))
-        if size > largest_tilt_rad:
-            return 1.0 + size
-        position = 12.0 * (1.0 + d @ level_matrix(tilt[0], tilt[1])[1])
-        lower = np.clip(position.astype(np.int64), 0, 23)
-        upper_share = position - lower
-        zones = [np.zeros(25), np.zeros(25)]
-        for index, share in ((lower, 1.0 - upper_share), (lower + 1, upper_share)):
-            zones[0] += np.bincount(index, weight * share, 25)
-            zones[1] += np.bincount(index, weight * share * value, 25)
-        mean = zones[1] / np.maximum(zones[0], 1e-12)
-        fit = mean[lower] * (1.0 - upper_share) + mean[lower + 1] * upper_share
-        return float(weight @ (value - fit) ** 2) / spread
-
-    grid = [np.array([a, b]) for a in np.linspace(-0.4, 0.4, 5) for b in np.linspace(-0.4, 0.4, 5)]
-    start = min(grid, key=unexplained)
-    best = minimize(unexplained, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 200})
-    return LevelEstimate(float(best.x[0]), float(best.x[1]), float(1.0 - best.fun))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,13 +15,16 @@ from mr360uw.ibl.blob import CLIPPED
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
+from mr360uw.ibl.level import level_matrix, roll_pitch
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.solar import given_direction
 from mr360uw.ibl.split import Split, close, split_sun, with_sun
 from mr360uw.ibl.sun import DISPLAY_WHITE, find_disc, split_disc
-from mr360uw.sphere import unit
+from mr360uw.ibl.upward import upward
+from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
 
 SunChoice = Sun | Literal["detect"] | NDArray[np.floating[Any]] | None
@@ -34,6 +38,7 @@ def environment(
     sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
+    up: ArrayLike | None = None,
 ) -> Environment:
     """Return the light of a linear plate (H, W, 3), of any size.
 
@@ -41,12 +46,14 @@ def environment(
     already. sun: "detect" takes it from where the settings say, by default looks for one (inside Snell's window if
     `underwater`) and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
     measures the light there; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
-    filter the residual at the roughnesses of the settings. Raises `ParameterError` for arrays that are no plate.
+    filter the residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's
+    axes; by default the frame is level. The light is that in the frame's axes whatever `up`. Raises `ParameterError`
+    for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
-    return light_of(LinearPlate.of(checked_plate(plate), settings), settings, sun, underwater, glossy)
+    return light_of(LinearPlate.of(checked_plate(plate), settings, upward(up)), settings, sun, underwater, glossy)
 
 
 def light_of(
@@ -54,9 +61,8 @@ def light_of(
 ) -> Environment:
     """Return the light of a plate whatever its storage; see `environment`."""
     split = _split(plate, settings, sun, underwater)
-    coarse = plate.coarse if split is None else with_sun(split.residual, split.sun)
-    residual = coarse if split is None else split.residual
-    return assemble(coarse, residual, None if split is None else split.sun, settings.glossy_roughness if glossy else ())
+    roughness = settings.glossy_roughness if glossy else ()
+    return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
 
 
 def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool) -> Split | None:
@@ -70,7 +76,7 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
         direction = given_direction(settings)
         if direction is None:
             return _detected(plate, settings, underwater)
-        sun = direction
+        sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
     if sun is None:
         return None
     if isinstance(sun, Sun):
@@ -78,7 +84,7 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
     direction = unit(sun)
     split = split_sun(plate, direction, SUN_HALF_ANGLE_RAD, 1.0)
     clipped = settings.operator == "closure" and float(plate.brightest.max()) <= DISPLAY_WHITE
-    return close(split, settings.direct_to_diffuse) if clipped else split
+    return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 
 
 def _detected(plate: Plate, settings: LightSettings, underwater: bool) -> Split | None:
@@ -87,18 +93,40 @@ def _detected(plate: Plate, settings: LightSettings, underwater: bool) -> Split 
         return None
     split = split_disc(plate, disc)
     clipped = float(plate.brightest.max()) <= DISPLAY_WHITE and disc.blob.peak >= CLIPPED
-    return close(split, settings.direct_to_diffuse) if clipped and settings.operator == "closure" else split
+    return close(split, settings.direct_to_diffuse, plate.up) if clipped and settings.operator == "closure" else split
 
 
-def assemble(coarse: Floats, residual: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:
-    """Return the environment of coarse maps (128, 256, 3) with and without the sun."""
-    ambient = cosine_filter(COARSE_SCALE)(residual)
+def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:
+    """Return the environment of a coarse map (128, 256, 3) without the sun, and of the sun."""
+    ambient = cosine_filter(COARSE_SCALE)(coarse)
+    residual = reduce_map(coarse, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS)
     return Environment(
-        radiance=reduce_map(coarse, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS),
+        radiance=residual if sun is None else with_sun(residual, sun),
         irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
         sun=sun,
-        residual=reduce_map(residual, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS),
+        residual=residual,
         ambient=ambient,
-        glossy=glossy_levels(residual, roughness),
+        glossy=glossy_levels(coarse, roughness),
         glossy_roughness=np.asarray(roughness, np.float32),
+    )
+
+
+def turned(light: Environment, world_from_camera: Floats) -> Environment:
+    """Return the light that a camera saw, in the axes of the world."""
+    if np.array_equal(world_from_camera, np.eye(3)):
+        return light
+    seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
+    radiance, residual, ambient = (
+        environment_lookup(map_, seen).astype(np.float32) for map_ in (light.radiance, light.residual, light.ambient)
+    )
+    glossy = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    sun = None if light.sun is None else replace(light.sun, direction=world_from_camera @ light.sun.direction)
+    return replace(
+        light,
+        radiance=radiance,
+        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
+        sun=sun,
+        residual=residual,
+        ambient=ambient,
+        glossy=glossy if len(glossy) else light.glossy,
     )

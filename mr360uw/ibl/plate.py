@@ -15,7 +15,8 @@ from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.expansion import expand
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
+from mr360uw.ibl.upward import LEVEL, elevation_sine
+from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 
 COARSE_SCALE = 4
@@ -46,11 +47,20 @@ class Plate(Protocol):
     def brightest(self) -> Floats:
         """Largest luminance of the plate's pixels inside each coarse pixel before expansion, (128, 256)."""
 
+    @property
+    def up(self) -> Array:
+        """Direction (3,) of the world's up in the axes of the plate."""
+
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance before expansion (h, w, 3) in directions (h, w, 3)."""
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
+
+
+def plate_sines(plate: Plate) -> Floats:
+    """Return the sine of the elevation of the coarse map's pixels, (128, 256)."""
+    return elevation_sine(coarse_directions(), plate.up)
 
 
 def remap(image: NDArray[Any], x: Floats, y: Floats) -> NDArray[Any]:
@@ -72,16 +82,18 @@ class LinearPlate:
     expanded: NDArray[np.float32]
     coarse: Floats
     brightest: Floats
+    up: Array
 
     @classmethod
-    def of(cls, image: NDArray[np.float32], settings: LightSettings | None = None) -> LinearPlate:
+    def of(cls, image: NDArray[np.float32], settings: LightSettings | None = None, up: Array = LEVEL) -> LinearPlate:
         """Return the plate with its coarse maps worked out; without settings nothing is expanded."""
-        expanded = image if settings is None else expand(image, settings)
+        expanded = image if settings is None else expand(image, settings, up=up)
         return cls(
             image,
             expanded,
             reduce_map(expanded, COARSE_COLUMNS, COARSE_ROWS),
             reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS),
+            up,
         )
 
     def look(self, direction: Floats) -> Floats:

@@ -1,11 +1,13 @@
 // twin: reduce.py
 #include "ibl/expansion.glsl"
+#include "sphere.glsl"
 // `gains` is a row of gains over the luma of code values; `curve` a row of the transfer's inverse over linear light's
 // square root: both are tables that the twin fills from its own functions
 struct Expansion {
     vec3 luma_weight;
     float edge;
     float ramp;
+    vec3 up;  // of the world, in the axes of the frame
 };
 
 float table_lookup(sampler2D table, float x) {
@@ -33,11 +35,15 @@ vec4 reduce_cell(Expansion expansion, sampler2D plate, sampler2D gains, sampler2
         float top = PI * (0.5 - max(float(j), low.y) / float(size.y));
         float bottom = PI * (0.5 - min(float(j + 1), high.y) / float(size.y));
         float rows = 2.0 * cos(0.5 * (top + bottom)) * sin(0.5 * (top - bottom));
-        float elevation = PI * (0.5 - (float(j) + 0.5) / float(size.y));
-        float share = region_ramp(elevation, expansion.edge, expansion.ramp);
+        float latitude = PI * (0.5 - (float(j) + 0.5) / float(size.y));
+        float share = region_ramp(latitude, expansion.edge, expansion.ramp);
         for (int i = int(low.x); i < int(ceil(high.x)); ++i) {
             float weight = rows * (min(float(i + 1), high.x) - max(float(i), low.x));
             vec3 value = max(texelFetch(plate, ivec2(i, j), 0).rgb, 0.0);
+            if (expansion.up.y < 1.0) {
+                vec3 direction = direction_from_frame(vec2(i, j) + 0.5, vec2(size));
+                share = region_ramp(asin(clamp(dot(direction, expansion.up), -1.0, 1.0)), expansion.edge, expansion.ramp);
+            }
             peak = max(peak, dot(value, vec3(LUMINANCE_R, LUMINANCE_G, LUMINANCE_B)));
             float gain = share > 0.0 ? 1.0 + (expansion_gain(expansion, gains, curve, value) - 1.0) * share : 1.0;
             sum += weight * gain * value;

@@ -39,8 +39,9 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     source_height, source_width, channels = image.shape
     if source_height % height == 0 and source_width % width == 0 and image.size <= _SMALL:
         weight = np.stack([share for _, share in _shares(height, source_height, True)]) / (source_width // width)
-        blocks = image.reshape(height, source_height // height, width, source_width // width, channels)
-        return np.einsum("jsiuc,js->jic", blocks, weight.astype(image.dtype))
+        bands = image.reshape(height, source_height // height, source_width * channels)
+        rows = weight.astype(image.dtype)[:, None] @ bands
+        return rows.reshape(height, width, source_width // width, channels).sum(axis=2)
     rows = np.empty((height, source_width * channels), image.dtype)
     flat = image.reshape(source_height, -1)
     for j, (first, weight) in enumerate(_shares(height, source_height, True)):

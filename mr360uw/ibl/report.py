@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import encode
+from mr360uw.ibl.horizon import HorizonEstimate, clip_horizon
+from mr360uw.ibl.level import roll_pitch
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.track import SunTrack
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Environment, Floats, Sun
 
 _WIDTH, _HEIGHT, _MARGIN = 900, 200, 54
+_STEADY_DEG, _LEVEL_DEG = 3.0, 2.0
 _COLOURS = ("#0b6e99", "#c2410c", "#4d7c0f")
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #16202a; max-width: 960px; margin: 2em auto; padding: 0 1em; }
@@ -60,6 +63,34 @@ def light_report(
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
+
+
+def level_section(estimates: Sequence[HorizonEstimate], declared_up: Floats) -> str:
+    """Return an HTML fragment on the tilt that frames suggest, with the lines of a scene file that declare it.
+
+    declared_up: (3,) the world's up in the camera's axes as the scene has it.
+    """
+    roll, pitch = np.degrees(roll_pitch(declared_up))
+    said = f"The scene says roll {roll:z.1f}, pitch {pitch:z.1f} degrees."
+    found = clip_horizon(estimates)
+    if found is None:
+        best = max(estimates, key=lambda e: e.explained)
+        return (
+            f"<p>The edge of Snell's window is not seen clearly enough to tell whether the plate is level (at best it "
+            f"explains {100.0 * best.explained:.0f} % of the brightness about it, {best.contrast:.1f} : 1). Take a "
+            f"GoPro's gravity track, or level it by eye. {said}</p>"
+        )
+    roll, pitch, spread = np.degrees([found.roll_rad, found.pitch_rad, found.spread_rad])
+    text = (
+        f"<p>Snell's window suggests roll {roll:z.1f}, pitch {pitch:z.1f} degrees, in {found.frames} of "
+        f"{len(estimates)} frames, which differ by {spread:.1f} degrees (rms). Waves alone move the window by one or "
+        f"two. {said}</p>"
+    )
+    if spread > _STEADY_DEG:
+        return text + "<p>The camera turns: give its gravity track or <code>camera.tilt_keys</code> over time.</p>"
+    if np.hypot(roll, pitch) < _LEVEL_DEG:
+        return text + "<p>As far as the window tells, the plate is level.</p>"
+    return text + f"<pre>[camera]\nroll_deg = {roll:z.1f}\npitch_deg = {pitch:z.1f}</pre>"
 
 
 def picture(image_encoded: ArrayLike, caption: str, width: int | None = None) -> str:

@@ -44,9 +44,11 @@ class LightSettings(Parameters):
     )  # fmt: skip
     sun: SunSource = parameter("detect", "where the sun's direction comes from")
     sun_azimuth_deg: float = parameter(
-        0.0, "given sun: azimuth, 0 = centre of the frame, + = right", unit="deg", low=-360.0, high=360.0
+        0.0, "given sun: azimuth, 0 = centre of the levelled frame, + = right", unit="deg", low=-360.0, high=360.0
     )
-    sun_elevation_deg: float = parameter(60.0, "given sun: elevation as the camera sees it", unit="deg", low=0, high=90)
+    sun_elevation_deg: float = parameter(
+        60.0, "given sun: elevation above the horizon as the camera sees it", unit="deg", low=0, high=90
+    )
     sun_time: str = parameter("", "date and time of the shot with its zone, ISO 8601: 2026-06-21T12:00:00+00:00")
     latitude_deg: float = parameter(0.0, "place of the shot, + = north", unit="deg", low=-90.0, high=90.0)
     longitude_deg: float = parameter(0.0, "place of the shot, + = east", unit="deg", low=-180.0, high=180.0)

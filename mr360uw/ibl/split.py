@@ -24,11 +24,13 @@ from mr360uw.ibl.plate import (
     coarse_solid_angle,
 )
 from mr360uw.ibl.tangent import patch_directions
-from mr360uw.sphere import frame_from_direction
+from mr360uw.ibl.upward import LEVEL, elevation_sine
+from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats, Sun
 
-_PATCH = 61
+_PATCH = 81
 _REACH = 2.0  # how far out, in radii of the spot, its light is gathered
+_MARGIN_RAD = np.pi / COARSE_ROWS  # and looked at, so that coarse pixels at the rim are seen as a whole
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
 _LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
 
@@ -58,13 +60,13 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     `radius_rad`: radius of the bright spot, which becomes the sun's half angle.
     """
     reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
-    look = patch_directions(direction, reach, _PATCH)
+    look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
     colour = plate.look_expanded(look)
     value = np.maximum(luminance(colour), 1e-9)
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
     inside = look @ direction > np.cos(reach)
     share = np.maximum(1.0 - bound / value, 0.0) * inside
-    cell, (taken, seen) = _gather(look, colour * share[..., None], colour)
+    cell, (taken, seen) = _gather(COARSE_COLUMNS, COARSE_ROWS, look, colour * share[..., None], colour)
     # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
     removed = taken / np.maximum(seen, 1e-12) * plate.coarse[cell]
     residual = plate.coarse.copy()
@@ -74,41 +76,46 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     return Split(residual, sun)
 
 
-def _gather(look: Floats, *lights: Floats) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
-    """Return the coarse pixels (rows, columns) that directions fall into, and the sums (n, 3) of each light there."""
-    x, y = frame_from_direction(look, COARSE_COLUMNS, COARSE_ROWS)
-    row = np.clip(y.astype(np.int64), 0, COARSE_ROWS - 1)
-    index = (row * COARSE_COLUMNS + x.astype(np.int64) % COARSE_COLUMNS).ravel()
-    cell = np.flatnonzero(np.bincount(index))
-    sums = [
-        np.stack([np.bincount(index, light[..., c].ravel())[cell] for c in range(3)], -1, dtype=np.float64)
-        for light in lights
-    ]
-    return np.divmod(cell, COARSE_COLUMNS), sums
+def _gather(
+    width: int, height: int, look: Floats, *lights: Floats
+) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
+    """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there."""
+    x, y = frame_from_direction(look, width, height)
+    row = np.clip(y.astype(np.int64), 0, height - 1)
+    index = (row * width + x.astype(np.int64) % width).ravel()
+    number = np.zeros(width * height, np.int64)
+    number[index] = 1
+    cell = np.flatnonzero(number)
+    number[cell] = np.arange(len(cell))
+    place = (3 * number[index][:, None] + np.arange(3)).ravel()
+    sums = [np.bincount(place, light.ravel()).astype(np.float64).reshape(-1, 3) for light in lights]
+    return np.divmod(cell, width), sums
 
 
 def with_sun(residual: Floats, sun: Sun) -> Floats:
-    """Return a coarse map (128, 256, 3) with the sun's light spread evenly over its disc."""
+    """Return a map (H, W, 3) with the sun's light spread evenly over its disc."""
     radius = max(sun.half_angle_rad, np.radians(0.2))
     look = patch_directions(sun.direction, radius, 33)
     weight = 1.0 * (look @ sun.direction >= np.cos(min(radius, np.pi)))
-    cell, (light,) = _gather(look, (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64))
+    height, width = residual.shape[:2]
+    light = (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64)
+    cell, (light,) = _gather(width, height, look, light)
     out = residual.copy()
-    out[cell] += light / coarse_solid_angle()[cell[0]]
+    out[cell] += light / row_solid_angle(width, height)[cell[0], None]
     return out
 
 
-def sky_irradiance(residual: Floats) -> Floats:
-    """Return the irradiance (3,) of a horizontal plane by the upper half of a coarse map."""
-    weight = np.maximum(coarse_directions()[..., 1], 0.0) * coarse_solid_angle()
+def sky_irradiance(residual: Floats, up: Array = LEVEL) -> Floats:
+    """Return the irradiance (3,) of a horizontal plane by the half of a coarse map that is above it."""
+    weight = np.maximum(elevation_sine(coarse_directions(), up), 0.0) * coarse_solid_angle()
     return np.tensordot(weight, residual, ([0, 1], [0, 1]))
 
 
-def close(split: Split, direct_to_diffuse: float | None) -> Split:
+def close(split: Split, direct_to_diffuse: float | None, up: Array = LEVEL) -> Split:
     """Return the split with the sun's irradiance solved from the ratio of direct to diffuse horizontal irradiance."""
     ratio = MIDDLE_RATIO if direct_to_diffuse is None else direct_to_diffuse
-    sine = max(float(split.sun.direction[1]), _LOWEST_SINE)
-    wanted = ratio * float(luminance(sky_irradiance(split.residual))) / sine
+    sine = max(float(elevation_sine(split.sun.direction, up)), _LOWEST_SINE)
+    wanted = ratio * float(luminance(sky_irradiance(split.residual, up))) / sine
     measured = float(luminance(split.sun.irradiance))
     colour = split.sun.irradiance / measured if measured > 0.0 else np.ones(3)
     return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))

@@ -4,8 +4,9 @@
     A = int f/F cos (1 - (1 - v.h)^5),   B = int f/F cos (1 - v.h)^5   over the hemisphere of l
 
 f = GGX with the height-correlated Smith masking (Heitz 2014 eq. 99) and Schlick's Fresnel. `split_sum_integral` is
-the integral (Karis 2013), `split_sum` a quotient of polynomials fitted to it: rms error .014 of A + B and .005 of B,
-within .04 and .011 where n.v > .1. (The widely used fit of Karis 2014 is off by up to .47 for rough metals.)
+the integral (Karis 2013), `split_sum` a quotient of polynomials fitted to it: rms error .014 of A + B and .003 of B,
+within .04 and .015 where n.v > .1; B vanishes at n.v = 1 as it must, or every dark dielectric would look hazy. (The
+widely used fit of Karis 2014 is off by up to .47 for rough metals.)
 Twin: splitsum.glsl.
 """
 
@@ -24,9 +25,10 @@ def split_sum(roughness: ArrayLike, n_dot_v: ArrayLike) -> tuple[Array, Array]:
     white = (1.004 + v * (0.1061 - v * (0.1398 + 0.1248 * v))
              + r * (-2.549 + v * (0.1271 + 0.4051 * v) + r * (2.37 - 0.5209 * v - 0.5446 * r)))  # fmt: skip
     white = white / (1.0 + v * (0.05538 - 0.209 * v) + r * (-2.2 + 0.2572 * v + 1.505 * r))
-    b = 0.9047 + v * (-2.008 + 1.057 * v) + r * (-0.4434 + 0.679 * v - 0.07068 * r)
-    b = b / (1.0 + v * (0.9153 + 12.97 * v) + r * (-0.8456 - 9.829 * v + 12.83 * r))
-    b = np.maximum(b, 0.0)
+    b = 0.9969 + v * (-1.096 + 1.0529 * v) + r * (-1.0901 + 0.0253 * v + 0.484 * r)
+    b = b / (1.0 + v * (0.0215 + 7.8124 * v) + r * (-0.292 - 13.4496 * v + 8.9049 * r))
+    x = 1.0 - v
+    b = np.maximum(x * x * x * b, 0.0)
     return np.minimum(white, 1.0) - b, b
 
 

@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike
 
 from mr360uw.ibl.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
-from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle
+from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.split import Split, split_sun
+from mr360uw.ibl.upward import upward
 from mr360uw.types import Floats, Sun
 
 DISPLAY_WHITE = 1.5
@@ -41,15 +42,15 @@ class Disc:
     confidence: float
 
 
-def lowest_up(underwater: bool) -> float:
-    """Return the smallest y of a direction in which a sun is looked for."""
+def lowest_sine(underwater: bool) -> float:
+    """Return the sine of the lowest elevation at which a sun is looked for."""
     return float(np.sin(snell_elevation())) if underwater else 0.0
 
 
 def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
-    floor = lowest_up(underwater)
-    allowed = coarse_directions()[..., 1] > floor
+    floor = lowest_sine(underwater)
+    allowed = plate_sines(plate) > floor
     bright = np.where(allowed, plate.brightest, 0.0)
     value = brightness(plate.coarse)
     peak = float(bright.max())
@@ -113,12 +114,13 @@ def split_disc(plate: Plate, disc: Disc) -> Split:
     return split_sun(plate, disc.blob.direction, disc.blob.radius_rad, disc.confidence)
 
 
-def detect_sun(plate: ArrayLike, underwater: bool = False) -> Sun | None:
+def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | None = None) -> Sun | None:
     """Return the sun of a linear plate (H, W, 3), HDR or clipped to display white = 1; None where there is none.
 
-    underwater: look inside Snell's window only; the direction is that in the water. The irradiance is that of the
-    plate as it is: of a clipped one far too low (see `environment`). Raises `ParameterError` for other arrays.
+    underwater: look inside Snell's window only; the direction is that in the water. up: as in `environment`. The
+    irradiance is that of the plate as it is: of a clipped one far too low (see `environment`). Raises
+    `ParameterError` for other arrays.
     """
-    seen = LinearPlate.of(checked_plate(plate))
+    seen = LinearPlate.of(checked_plate(plate), up=upward(up))
     disc = find_disc(seen, underwater=underwater)
     return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc).sun

@@ -18,9 +18,11 @@ from mr360uw.sphere import Array, unit
 def tangent_frame(direction: ArrayLike) -> tuple[Array, Array, Array]:
     """Return (right, up, direction), orthonormal, for a direction (3,)."""
     d = unit(direction)
-    axis = np.array([0.0, 1.0, 0.0]) if abs(d[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
-    right = unit(np.cross(d, axis))
-    return right, np.cross(right, d), d
+    x, y, z = map(float, d)
+    low = abs(y) < 0.9  # away from the poles +y is the other axis, near them +z
+    size = math.hypot(x, z if low else y)
+    a, b, c = (-z / size, 0.0, x / size) if low else (y / size, -x / size, 0.0)
+    return np.array([a, b, c]), np.array([b * z - c * y, c * x - a * z, a * y - b * x]), d
 
 
 def patch_step(radius_rad: float, size: int) -> float:
@@ -35,9 +37,10 @@ def patch_directions(direction: ArrayLike, radius_rad: float, size: int) -> Arra
     """
     x = (np.arange(size) - 0.5 * (size - 1)) * patch_step(radius_rad, size)
     square = (x * x)[None, :] + (x * x)[:, None]
-    right, up, forward = tangent_frame(direction)
     ratio = np.sqrt(1.0 - 0.25 * square)
-    out = (1.0 - 0.5 * square)[..., None] * forward
-    out += (ratio * x[None, :])[..., None] * right
-    out -= (ratio * x[:, None])[..., None] * up
+    place = np.empty((size, size, 3))
+    np.multiply(ratio, x[None, :], out=place[..., 0])
+    np.multiply(ratio, -x[:, None], out=place[..., 1])
+    np.subtract(1.0, 0.5 * square, out=place[..., 2])
+    out: Array = place @ np.stack(tangent_frame(direction))
     return out

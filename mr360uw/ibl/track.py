@@ -8,7 +8,7 @@ is looked up by frame, so that any frame range renders the same.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,22 +39,28 @@ class SunMeasurement:
     thumbnail: Floats | None = None
 
 
-def measure_sun(environment: Environment, time_s: float) -> SunMeasurement:
-    """Return the measurement of a frame from its environment."""
+def measure_sun(environment: Environment, time_s: float, world_from_camera: Floats | None = None) -> SunMeasurement:
+    """Return the measurement of a frame from its environment.
+
+    world_from_camera: rotation (3, 3) that levels the frame; the sun of a camera that tilts stands still only then.
+    """
+    sun = environment.sun
+    if sun is not None and world_from_camera is not None:
+        sun = replace(sun, direction=world_from_camera @ sun.direction)
     value = np.log(np.maximum(luminance(environment.residual), 1e-4))
     thumbnail = value.reshape(8, 4, 16, 4).mean(axis=(1, 3))
     exposure = float(np.exp(thumbnail.mean()))
-    return SunMeasurement(time_s, environment.sun, exposure, thumbnail - thumbnail.mean())
+    return SunMeasurement(time_s, sun, exposure, thumbnail - thumbnail.mean())
 
 
 @dataclass(frozen=True, slots=True)
 class SunTrack:
     """The sun of every frame of a clip.
 
-    times_s: (N,). raw_direction, direction: (N, 3) unit, measured (NaN where none) and smoothed (NaN in a shot that
-    never shows the sun). raw_irradiance, irradiance: (N, 3) linear RGB on a plane facing the sun. half_angle_rad: (N,).
-    raw_confidence: (N,) of each frame alone. confidence: (N,) of the smoothed sun. exposure: (N,) log-mean luminance.
-    cuts: first frames of the shots after the first.
+    times_s: (N,). raw_direction, direction: (N, 3) unit, in level axes, measured (NaN where none) and smoothed (NaN in
+    a shot that never shows the sun). raw_irradiance, irradiance: (N, 3) linear RGB on a plane facing the sun.
+    half_angle_rad: (N,). raw_confidence: (N,) of each frame alone. confidence: (N,) of the smoothed sun. exposure: (N,)
+    log-mean luminance. cuts: first frames of the shots after the first.
     """
 
     times_s: Array

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tracks on disk: one table, as JSON (columns) or CSV (a line a frame), to read, plot and edit.
 
-Angles are in degrees: azimuth 0 = centre of the frame, + = right; elevation + = up. An empty cell (null) means that
-there is no sun. Editing `azimuth_deg`, `elevation_deg` or `irradiance_*` changes what is rendered; the `raw_` columns
-are what the frames said.
+Angles are in degrees, in level axes: azimuth 0 = centre of the frame, + = right; elevation + = up. An empty cell (null)
+means that there is no sun. Editing `azimuth_deg`, `elevation_deg` or `irradiance_*` changes what is rendered; the
+`raw_` columns are what the frames said.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.files import write_whole
 from mr360uw.ibl.track import SunTrack
 from mr360uw.sphere import direction_from_angles
 
@@ -66,7 +67,7 @@ def save_track(track: SunTrack, path: str | Path) -> None:
         text = out.getvalue()
     else:
         raise ParameterError(f"{path} - not a name for a track (got {path.suffix!r}) - end it in .json or .csv")
-    path.write_text(text + "\n" if path.suffix == ".json" else text, "utf-8")
+    write_whole(path, text + "\n" if path.suffix == ".json" else text)
 
 
 def load_track(path: str | Path) -> SunTrack:

@@ -7,7 +7,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec, Transfer, code_range, decode, rgb_from_ycbcr
 from mr360uw.errors import ParameterError
@@ -17,7 +17,8 @@ from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import frame_from_direction, row_solid_angle
+from mr360uw.ibl.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
+from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 
 
@@ -29,32 +30,27 @@ class YuvPlate:
     settings: LightSettings
     coarse: Floats
     brightest: Floats
+    up: Array
     enhancement: Floats | None
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
-        height, width = self.yuv.y.shape
-        x, y = frame_from_direction(direction, width, height)
-        low, span, neutral, chroma_span = code_range(self.yuv.spec)
-        # chroma is sited on the left luma sample of its pair, and half way between its two rows
-        chroma = [remap(plane, 0.5 * x + 0.25, 0.5 * y) for plane in (self.yuv.u, self.yuv.v)]
-        ycc = np.stack(
-            [
-                (remap(self.yuv.y, x, y).astype(np.float32) - low) / span,
-                *((plane.astype(np.float32) - neutral) / chroma_span for plane in chroma),
-            ],
-            axis=-1,
-        )
-        encoded = ycc @ rgb_from_ycbcr(self.yuv.spec.matrix).T.astype(np.float32)
-        table = _decode_table(self.yuv.spec.transfer)
-        return table[np.clip(encoded * _TABLE_STEPS + 0.5, 0.0, len(table) - 1).astype(np.int32)]
+        from mr360uw.ibl.kernel import sample_planes
+
+        tables = _tables(self.yuv.spec, self.settings)
+        linear = np.empty((direction.size // 3, 3), np.float32)
+        sample_planes(
+            np.ascontiguousarray(direction, np.float64).reshape(-1, 3), self.yuv.y, self.yuv.u, self.yuv.v,
+            tables.luma, tables.chroma, _decode_table(self.yuv.spec.transfer), _TABLE_STEPS, linear,
+        )  # fmt: skip
+        return linear.reshape(direction.shape)
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
         gains = None
         if self.enhancement is not None:
             gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
-        return expand_samples(self.look(direction), direction[..., 1], self.settings, gains)
+        return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings, gains)
 
 
 _TABLE_STEPS = 8192
@@ -73,28 +69,29 @@ def environment_from_yuv(
     sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
+    up: ArrayLike | None = None,
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit; as `environment` of the same frame in linear light.
 
     4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
     """
     settings = settings or LightSettings()
-    return light_of(plate_of_yuv(yuv, settings), settings, sun, underwater, glossy)
+    return light_of(plate_of_yuv(yuv, settings, upward(up)), settings, sun, underwater, glossy)
 
 
-def plate_of_yuv(yuv: YuvImage, settings: LightSettings) -> Plate:
+def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> Plate:
     """Return the plate of a decoded frame with its coarse maps worked out."""
     height, width = yuv.y.shape
     block = block_size(width, height)
     if yuv.u.shape != (height // 2, width // 2) or block == 0:
-        return LinearPlate.of(decode_frame(yuv), settings)
-    total, brightest = _reduce(yuv, settings, block)
+        return LinearPlate.of(decode_frame(yuv), settings, up)
+    total, brightest = _reduce(yuv, settings, up, block)
     enhancement = None
     if settings.operator == "kovaleski":
         enhancement = enhancement_gain(np.minimum(total, 1.0), settings)
-        up = np.sin(np.pi * (0.5 - (np.arange(COARSE_ROWS) + 0.5) / COARSE_ROWS))
-        total = total * (1.0 + (enhancement - 1.0) * region_weight(up, settings)[:, None])[..., None]
-    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, enhancement)
+        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings)
+        total = total * (1.0 + (enhancement - 1.0) * region)[..., None]
+    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, enhancement)
 
 
 def block_size(width: int, height: int) -> int:
@@ -150,17 +147,27 @@ def _tables(spec: ColorSpec, settings: LightSettings) -> _Tables:
 
 
 @functools.lru_cache(maxsize=8)
-def _row_weights(width: int, height: int, block: int, settings: LightSettings) -> tuple[Floats, Floats]:
+def _row_weights(width: int, height: int, block: int) -> Floats:
     weight = row_solid_angle(width, height).reshape(-1, block)
     weight /= weight.sum(axis=1, keepdims=True) * block
+    return weight.ravel().astype(np.float32)
+
+
+def _region(width: int, height: int, block: int, settings: LightSettings, up: Array) -> Floats:
+    """Return how far a table of gains acts: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
     if settings.operator in ("none", "closure", "kovaleski"):
-        region = np.zeros(height)
-    else:
-        region = region_weight(np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height)), settings)
-    return weight.ravel().astype(np.float32), region.astype(np.float32)
+        return np.zeros((1, 1), np.float32)
+    if is_level(up):
+        return _level_region(width, height, settings)
+    return region_weight(frame_sines(width // block, height // block, up), settings).astype(np.float32)
 
 
-def _reduce(yuv: YuvImage, settings: LightSettings, block: int) -> tuple[Floats, Floats]:
+@functools.lru_cache(maxsize=8)
+def _level_region(width: int, height: int, settings: LightSettings) -> Floats:
+    return region_weight(frame_sines(width, height, LEVEL), settings).astype(np.float32)
+
+
+def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tuple[Floats, Floats]:
     from mr360uw.ibl.kernel import decode_polynomial, reduce_planes
 
     height, width = yuv.y.shape
@@ -171,7 +178,8 @@ def _reduce(yuv: YuvImage, settings: LightSettings, block: int) -> tuple[Floats,
     peak = np.empty(total.shape[:2], yuv.y.dtype)
     reduce_planes(
         yuv.y, yuv.u, yuv.v, tables.luma, tables.chroma, decode_polynomial(yuv.spec.transfer), tables.gain,
-        tables.margin, tables.tint, *_row_weights(width, height, block, settings), block, total, peak,
+        tables.margin, tables.tint, _row_weights(width, height, block), _region(width, height, block, settings, up),
+        block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
     coarse = (

@@ -7,7 +7,7 @@ b, c, K: scattering, beam and diffuse attenuation [1/m]; E: irradiance just belo
 mu: y of the view direction, +1 straight up; S: length of the ray, cut where it leaves the water. Monzon et al. 2022,
 poster eq. 4 and thesis eq. 4.7, with the signs that make it hold (looking up is brighter); the same as Monzon et al.
 2024 (Computer Graphics Forum 43(2), e15009) eq. 9. The quotient is written so that nothing overflows, whatever the
-sign of c - K mu, and so that its zero is no special case. Twin: closed_form.glsl.
+sign of c - K mu, and so that its zero is no special case.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class MediumAtDepths:
         share = (depth_m - upper.camera_depth_m) / (lower.camera_depth_m - upper.camera_depth_m)
         mixed = {
             name: (1.0 - share) * getattr(upper, name) + share * getattr(lower, name)
-            for name in ("veil", "attenuation", "diffuse", "beam")
+            for name in ("veil", "attenuation", "diffuse", "beam", "unscattered")
         }
         table = MediumTable(depth_m, upper.length_m, **{k: v.astype(np.float32) for k, v in mixed.items()})
         return self._medium.at_depth(depth_m, table)

@@ -5,7 +5,7 @@ Light in clear water is more saturated than any mixture of Rec.709 primaries: it
 distance from the largest, d = 1 - x/max, is compressed smoothly above a threshold towards 1, so that no channel is ever
 negative and colours well inside stay as they are; then the luminance is put back. The curve is that of the reference
 gamut compression of ACES 1.3 (Academy of Motion Picture Arts and Sciences, 2021) with its limit at infinity.
-Compressing a multiple of a colour gives the same multiple. Twin: gamut.glsl.
+Compressing a multiple of a colour gives the same multiple.
 """
 
 from __future__ import annotations

@@ -35,19 +35,23 @@ vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float dista
                              table_coordinate(s, medium.length_m)));
 }
 
-// the tables over depth, (D, 3), are textures of one row: `beam` and `diffuse`
+// the tables over depth, (D, 3), are rows of textures: `diffuse` one; `beam` two, the beam and its unscattered part
 vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m) {
     float d = max(depth_m, 0.0);
     return exp(-bilinear(diffuse, 0.0, table_coordinate(d, medium.length_m)) * (d - medium.camera_depth_m));
 }
 
-vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
-    float d = max(depth_m, 0.0);
-    return exp(-bilinear(beam, 0.0, table_coordinate(d, medium.length_m)) * (d - medium.camera_depth_m) / sun_up);
+vec3 path_attenuation(MediumTable medium, sampler2D beam, float row, float depth_m, float sun_up) {
+    float path = max(depth_m, 0.0) / sun_up;
+    return bilinear(beam, row, table_coordinate(path, medium.length_m)) * path;
 }
 
-vec3 caustic_contrast(MediumTable medium, sampler2D beam, sampler2D diffuse, float depth_m, float sun_up) {
-    float d = max(depth_m, 0.0);
-    float u = table_coordinate(d, medium.length_m);
-    return exp(-max(bilinear(beam, 0.0, u) / sun_up - bilinear(diffuse, 0.0, u), 0.0) * d);
+vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
+    return exp(path_attenuation(medium, beam, 0.0, medium.camera_depth_m, sun_up)
+             - path_attenuation(medium, beam, 0.0, depth_m, sun_up));
+}
+
+vec3 caustic_contrast(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
+    return exp(min(path_attenuation(medium, beam, 0.0, depth_m, sun_up)
+                 - path_attenuation(medium, beam, 1.0, depth_m, sun_up), 0.0));
 }

@@ -70,17 +70,27 @@ def ambient_ratio(table: MediumTable, depth_m: ArrayLike) -> Floats:
 
 def beam_ratio(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
     """Return the sun's beam (..., 3) at a depth over that at the camera; `sun_up` = y of its direction."""
-    d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
-    beam = linear(table.beam, table_coordinate(d, table.length_m))
-    return np.exp(-beam * ((d - table.camera_depth_m) / sun_up)[..., None])
+    return np.exp(
+        path_attenuation(table, table.beam, table.camera_depth_m, sun_up)
+        - path_attenuation(table, table.beam, depth_m, sun_up)
+    )
+
+
+def path_attenuation(table: MediumTable, per_metre: Floats, depth_m: ArrayLike, sun_up: float) -> Floats:
+    """Return the optical length (..., 3) of the beam's path from the surface to a depth, by `beam` or `unscattered`."""
+    path = np.maximum(np.asarray(depth_m, np.float64), 0.0) / sun_up
+    return linear(per_metre, table_coordinate(path, table.length_m)) * path[..., None]
 
 
 def caustic_contrast(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
-    """Return how much (..., 3) of the caustic pattern is left at a depth: that of the beam over that of all light.
+    """Return the share (..., 3) of the beam at a depth that has not been scattered, the part that bears the pattern.
 
-    A lower bound: light scattered by small angles blurs the pattern rather than removing it.
+    The beam of `beam_ratio` fades with c' = a + b (1 - f) [1/m], as the share f of the scattering, by small angles,
+    leaves light in it. Of the path p = d/sun_up [m] it has run, what carries the waves' pattern C unblurred has faded
+    with c = a + b, so the beam under waves is beam (1 + (C - 1) s) with s = exp(-(c - c') p) = exp(-f b p). Where all
+    light below the surface was beam, that is exp(-c p) (C - 1) over exp(-Kd d) of all light: the contrast
+    exp(-(c/sun_up - Kd) d) that the pattern has in the whole. A lower bound: small angles blur it, and remove only
+    what is finer than they spread.
     """
-    d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
-    u = table_coordinate(d, table.length_m)
-    excess = np.maximum(linear(table.beam, u) / sun_up - linear(table.diffuse, u), 0.0)
-    return np.exp(-excess * d[..., None])
+    lost = path_attenuation(table, table.unscattered, depth_m, sun_up)
+    return np.exp(np.minimum(path_attenuation(table, table.beam, depth_m, sun_up) - lost, 0.0))

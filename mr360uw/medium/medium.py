@@ -20,7 +20,7 @@ from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.gamut import compress_gamut
 from mr360uw.medium.models import FormationModel, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.plate import PlateProfile
-from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.spectral_bands import Bands, Rule, bands
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
@@ -38,6 +38,7 @@ DEFAULT_BANDS = 61
 """5 nm apart; a pixel costs the same for any number."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _TINY = 1e-30
+_LEAST = 1e-300
 _LEAST_LIGHT = 1e-250
 
 
@@ -49,7 +50,8 @@ class Medium:
     the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for object
     and veil, or one each (Akkaynak & Treibitz 2018, CVPR), read off the solved field.
 
-    band_count, rule: wavelengths, see `bands`. illuminant: what white is balanced for. surface, sky: see `LightField`.
+    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: what white is
+    balanced for. surface, sky: see `LightField`.
     radiance_map: (32, 64, 3) of mode "plate". Raises `ParameterError`.
     """
 
@@ -62,7 +64,7 @@ class Medium:
         *,
         band_count: int = DEFAULT_BANDS,
         rule: Rule = "rectangle",
-        illuminant: str = "equal-energy",
+        illuminant: str = DEFAULT_ILLUMINANT,
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         radiance_map: Floats | None = None,
@@ -76,7 +78,7 @@ class Medium:
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )
         self.water = water
-        self.sensor = sensor or Sensor.cie1931()
+        self.sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)
@@ -119,7 +121,7 @@ class Medium:
 
     @functools.cached_property
     def table(self) -> MediumTable:
-        """What shading reads for every pixel; made at first use, colours within the gamut."""
+        """What shading reads for every pixel; made at first use, the veil within the gamut."""
         table = self.unit_table
         factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
         return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
@@ -147,7 +149,8 @@ class Medium:
         """Return the factor (..., 3) in (0, 1] on the radiance of a grey object at the end of a camera ray.
 
         depth_m: of the camera, up: y of the view direction. The object's light is that of its own depth, so what is
-        left of the spectrum decides; for grey objects the product with its colour there is exact.
+        left of the spectrum decides; for grey objects the product with its colour there is exact where no response has
+        a negative part. Of those that have, `Bands.lobes` counts.
         """
         check_ray(distance_m, depth_m, up)
         s = ray_in_water(distance_m, depth_m, up)
@@ -175,6 +178,20 @@ class Medium:
         """Return the irradiance (..., 3) of a surface whose normal has the y component `normal_up`, times the gain."""
         return self.gain * self.bands.rgb(self.model.irradiance(depth_m, normal_up))
 
+    def level_radiance(self, up: Array) -> Array:
+        """Return the radiance (r, 3) at the camera from directions (r,), without gain, within the gamut.
+
+        Kept: every frame of a film asks for the same directions.
+        """
+        key = up.tobytes()
+        if key not in self._level:
+            self._level[key] = self.display(self.model.radiance(self.camera_depth_m, up))
+        return self._level[key]
+
+    @functools.cached_property
+    def _level(self) -> dict[bytes, Array]:
+        return {}
+
     def scaled(self, gain: ArrayLike) -> Medium:
         """Return the same medium with veil and radiances multiplied by a gain, scalar or (3,), on top of its own."""
         factor = np.broadcast_to(np.asarray(gain, np.float64), (3,))
@@ -200,7 +217,8 @@ class Medium:
         """
         length_m = self.length_m
         other = self._copy()
-        other.__dict__.pop("unit_table", None)
+        for of_this_depth in ("unit_table", "_level"):
+            other.__dict__.pop(of_this_depth, None)
         other.camera_depth_m = float(camera_depth_m)
         other.length_m = length_m
         if unit_table is not None:
@@ -212,7 +230,7 @@ class Medium:
         other.__dict__.pop("table", None)
         return other
 
-    # --- in colours within the gamut, for the tables -----------------------------------------------------------
+    # --- for the tables ----------------------------------------------------------------------------------------
 
     def display(self, spectrum: Array) -> Array:
         """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
@@ -234,32 +252,30 @@ class Medium:
     def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) without factor; in mode plate as a share of all the light of its direction."""
         depth = self.camera_depth_m
-        veil = self.display(self.model.inscatter(distance_m, depth, up))
+        veil = self.model.inscatter(distance_m, depth, up)
         if self.mode != "plate":
-            return veil
-        return veil / np.maximum(self.display(self.model.radiance(depth, up)), _TINY)
+            return self.display(veil)
+        return veil @ self.bands.lobes / np.maximum(self.model.radiance(depth, up) @ self.bands.lobes, _TINY)
 
     def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
         """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""
-        light = self.model.irradiance(depth_m, 1.0)
-        clearest = float(np.min(self.model.extinction))
+        light = self._log_irradiance(depth_m)
         s = np.asarray(distance_m, np.float64)[..., None]
-        left = light * np.exp(-(self.model.extinction - clearest) * s)
-        return self._log(left) - self._log(light) - clearest * s
+        return self.bands.log_light(light - self.model.extinction * s) - self.bands.log_light(light)
 
     def ambient_log(self, depth_m: Array) -> Array:
         """Return the logarithm (..., 3) of the downwelling irradiance at depths."""
-        return self._log(self.model.irradiance(depth_m, 1.0))
+        return self.bands.log_light(self._log_irradiance(depth_m))
 
-    def beam_log(self, depth_m: Array) -> Array:
-        """Return the logarithm (..., 3) of a vertical beam's irradiance at depths."""
-        clearest = float(np.min(self.model.extinction))
-        y = np.asarray(depth_m, np.float64)[..., None]
-        return self._log(np.exp(-(self.model.extinction - clearest) * y)) - clearest * y
+    def beam_log(self, path_m: Array, extinction: Array) -> Array:
+        """Return the logarithm (..., 3) of what is left of a beam after a path from the surface.
 
-    def _log(self, spectrum: Array) -> Array:
-        rgb = self.display(spectrum)
-        return np.log(np.maximum(rgb, _TINY * spectrum.max(axis=-1, keepdims=True)))
+        extinction: (n,) [1/m] of the beam: the model's `extinction`, or `attenuation` for its unscattered part.
+        """
+        return self.bands.log_light(-extinction * np.asarray(path_m, np.float64)[..., None])
+
+    def _log_irradiance(self, depth_m: Array) -> Array:
+        return np.log(np.maximum(self.model.irradiance(depth_m, 1.0), _LEAST))
 
     @functools.cached_property
     def deepest_m(self) -> float:

@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import mean_cosine
-from mr360uw.medium.rays import RayField, critical_cosine
+from mr360uw.medium.rays import RayField
 from mr360uw.medium.transfer import LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
+from mr360uw.optics import critical_cosine
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,10 @@ class SpectralModel(Protocol):
     @property
     def extinction(self) -> Array:
         """Attenuation (n,) [1/m] of the light that forms the image of an object, and of the sun's beam."""
+
+    @property
+    def attenuation(self) -> Array:
+        """Attenuation (n,) [1/m] of light that has not been scattered at all, c = a + b, at least `extinction`."""
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
@@ -57,6 +62,11 @@ class KdModel:
     @property
     def extinction(self) -> Array:
         """c: all scattered light is lost to the image."""
+        return self.c
+
+    @property
+    def attenuation(self) -> Array:
+        """c."""
         return self.c
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -103,6 +113,11 @@ class FieldModel:
     def extinction(self) -> Array:
         """Attenuation by absorption and scattering by wide angles."""
         return self.wide.extinction
+
+    @property
+    def attenuation(self) -> Array:
+        """Attenuation by absorption and all scattering."""
+        return self.field.absorption + self.field.scattering
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the light (..., n) that rays gain on the way to the camera."""
@@ -161,6 +176,11 @@ class FormationModel:
     @property
     def extinction(self) -> Array:
         """beta_D."""
+        return self.direct
+
+    @property
+    def attenuation(self) -> Array:
+        """beta_D: the model knows no other."""
         return self.direct
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:

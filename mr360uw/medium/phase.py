@@ -5,7 +5,7 @@ p(cos) [1/sr] integrates to 1 over the sphere; cos is taken between the directio
 = +1. Their Legendre moments chi_l = 2 pi int p P_l dcos (chi_0 = 1, chi_1 = mean cosine) feed the transfer equation.
 
 Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999 (Proc. SPIE 3761, 62); Petzold's average particle by Mobley
-et al. 1993; Zhang et al. 2009 for molecules (depolarisation 0.039). Twin of the closed forms: phase.glsl.
+et al. 1993; Zhang et al. 2009 for molecules (depolarisation 0.039).
 """
 
 from __future__ import annotations

@@ -101,15 +101,13 @@ def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
     Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
     the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
     channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
-    red is in deep water, has the gain 0. Raises `ParameterError` where all three are.
+    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
     """
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
     measured = profile(up)
-    model = medium.display(medium.model.radiance(medium.camera_depth_m, up))
+    model = medium.level_radiance(up)
     gain = np.median(measured / np.maximum(model, _TINY), axis=0)
     seen = gain > 0.0
-    if not np.any(seen):
-        raise ParameterError("gain - the plate is black about the horizon (got 0, 0, 0) - give the gain yourself")
     deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
-    return gain, float(np.sqrt(np.mean(deviation**2)))
+    return gain, float(np.sqrt(np.mean(deviation**2))) if np.any(seen) else 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.medium.closed_form import check_ray, path_integral, ray_in_water
+from mr360uw.optics import fresnel_from_below
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class RayField:
     def below_surface(self, up: ArrayLike) -> Array:
         """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
         mu = np.asarray(up, np.float64)
-        reflectance = fresnel_reflectance(mu, self.index)[..., None]
+        reflectance = fresnel_from_below(mu, self.index)[..., None]
         rising = self._source_modes(-mu) / (self.extinction[:, None] + self.rate * mu[..., None, None])
         return self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
 
@@ -89,18 +90,6 @@ def legendre_polynomials(x: Array, count: int) -> Array:
     return np.asarray(p, np.float64).reshape(*np.shape(x), count)
 
 
-def fresnel_reflectance(mu: ArrayLike, index: float) -> Array:
-    """Return the reflectance (0 to 1) of a flat surface for unpolarised light from below, mu = cosine in the water."""
-    c1 = np.maximum(np.asarray(mu, np.float64), 1e-300)
-    if index == 1.0:
-        return np.zeros(c1.shape)
-    sine2 = index * index * (1.0 - c1 * c1)
-    c2 = np.sqrt(np.maximum(1.0 - sine2, 0.0))
-    rs = (index * c1 - c2) / (index * c1 + c2)
-    rp = (c1 - index * c2) / (c1 + index * c2)
-    return np.where(sine2 < 1.0, 0.5 * (rs * rs + rp * rp), 1.0)
-
-
 def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:
     """Return the integral over azimuth of max(0, cos) between directions at height mu and a normal at `normal_up`."""
     mu, n = np.asarray(mu, np.float64), np.clip(np.asarray(normal_up, np.float64), -1.0, 1.0)
@@ -109,8 +98,3 @@ def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:
     ratio = np.divide(-along, across, out=np.array(-np.sign(along)), where=across > np.abs(along))
     half = np.arccos(np.clip(ratio, -1.0, 1.0))
     return 2.0 * (along * half + across * np.sin(half))
-
-
-def critical_cosine(index: float) -> float:
-    """Return the cosine of the critical angle in the water (0 without a change of index): above it shines the sky."""
-    return float(np.sqrt(1.0 - 1.0 / index**2)) if index > 1.0 else 0.0

@@ -30,6 +30,11 @@ REC709_FROM_XYZ = np.array(
 VISIBLE_NM = (400.0, 700.0)
 """The range the bands cover unless told otherwise: all tables of waters reach over it, sensors see little beyond."""
 
+DEFAULT_SENSOR = "Insta360 X5"
+"""Plates are filmed by cameras, and the channels of a camera have no negative parts."""
+DEFAULT_ILLUMINANT = "D65"
+"""The white of Rec.709, in which plates are."""
+
 _CAMERA_STEP = (380.0, 780.0, 81)
 
 

@@ -7,14 +7,14 @@ from math import radians, sin
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase
 from mr360uw.medium.plate import fit_gain
-from mr360uw.medium.sensor import named_sensor
+from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.spectral_bands import Rule
 from mr360uw.medium.transfer import SurfaceKind
 from mr360uw.medium.water import Diffuse, Inherent, JerlovType, Water
@@ -47,8 +47,12 @@ class WaterSettings(Parameters):
     mode: Mode = parameter("table", "how the veil is computed; kd = as published, table = solved light field")
     bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
     rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
-    sensor: str = parameter("CIE 1931", "CIE 1931, a built-in camera, or a CSV file with wavelength_nm, R, G, B")
-    illuminant: str = parameter("D65", "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ...")
+    sensor: str | Path = parameter(
+        DEFAULT_SENSOR, "a built-in camera, CIE 1931, or a CSV file with wavelength_nm, R, G, B"
+    )
+    illuminant: str = parameter(
+        DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ..."
+    )
     surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
     sun_share: float = parameter(
         0.0, "share of the sun's beam in the light below the surface; 0 = uniform sky", unit="1", low=0.0, high=1.0
@@ -59,6 +63,11 @@ class WaterSettings(Parameters):
     gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
         "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour"
     )
+
+    @field_validator("sensor", mode="before")
+    @classmethod
+    def _file(cls, value: object) -> object:
+        return Path(value) if isinstance(value, str) and value.lower().endswith(".csv") else value
 
     @model_validator(mode="after")
     def _check(self) -> WaterSettings:
@@ -100,7 +109,7 @@ class WaterSettings(Parameters):
             return None
         medium = Medium(
             water,
-            named_sensor(self.sensor),
+            named_sensor(str(self.sensor)),
             self.mode,
             camera_depth_m,
             band_count=self.bands,

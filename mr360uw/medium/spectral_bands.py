@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium.sensor import VISIBLE_NM, Sensor, illuminant
+from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, VISIBLE_NM, Sensor, illuminant
 
 Array = NDArray[np.float64]
 
@@ -38,21 +38,51 @@ class Bands:
         """Whether some weight is negative, so that colours can leave the gamut."""
         return bool(np.any(self.weight < 0.0))
 
+    @property
+    def lobes(self) -> Array:
+        """The weights (n, 3) with which light fades: none negative, columns that sum to 1.
+
+        A camera's own. Of a response with negative parts, the lobe about its peak: a sum that passes through zero fades
+        infinitely fast there and grows behind it, which no light does, and the observer's red has a second lobe in the
+        violet, through which red would outlive green in clear water.
+        """
+        if not self.signed:
+            return self.weight
+        kept = np.zeros_like(self.weight)
+        for channel, column in enumerate(self.weight.T):
+            peak, other = int(column.argmax()), np.flatnonzero(column < 0.0)
+            start = max((int(i) + 1 for i in other if i < peak), default=0)
+            end = min((int(i) for i in other if i > peak), default=len(column))
+            kept[start:end, channel] = column[start:end]
+        return kept / kept.sum(axis=0)
+
+    def log_light(self, log_spectrum: Array) -> Array:
+        """Return the logarithm (..., 3) of the light seen through `lobes`, of that of a spectrum (..., n).
+
+        Ratios of it are what fading does to a grey colour. Nothing is too dark for it.
+        """
+        x, result = np.asarray(log_spectrum), np.empty((*np.shape(log_spectrum)[:-1], 3))
+        for channel, weight in enumerate(self.lobes.T):
+            part = x[..., weight > 0.0]
+            top = part.max(axis=-1, keepdims=True)
+            result[..., channel] = top[..., 0] + np.log(np.exp(part - top) @ weight[weight > 0.0])
+        return result
+
 
 def bands(
     n: int,
     sensor: Sensor | None = None,
     rule: Rule = "rectangle",
-    illuminant_name: str = "equal-energy",
+    illuminant_name: str = DEFAULT_ILLUMINANT,
     range_nm: tuple[float, float] = VISIBLE_NM,
 ) -> Bands:
-    """Return n bands (1 to 1000) of a sensor (CIE 1931 in Rec.709 unless given).
+    """Return n bands (1 to 1000) of a sensor (the default camera unless given).
 
     rectangle: n equal intervals, response and illuminant at their midpoints. integrated: the same midpoints, response
     times illuminant averaged over each interval. fitted: wavelengths and weights that reproduce the colours of water
     best (n = 2 to 24; see `fitted`); its weights are never negative unless the sensor's own are.
     """
-    sensor = sensor or Sensor.cie1931()
+    sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
     if not 1 <= n <= 1000:
         raise ParameterError(f"bands - out of range (got {n!r}) - choose 1 to 1000")
     if rule not in get_args(Rule):

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,8 +40,9 @@ def medium_table(medium: Medium, length_m: float) -> MediumTable:
         length_m=length_m,
         veil=_veil(medium, length_m).astype(np.float32),
         attenuation=_attenuation(medium, length_m).astype(np.float32),
-        diffuse=_depth_attenuation(medium.ambient_log, medium, length_m).astype(np.float32),
-        beam=_depth_attenuation(medium.beam_log, medium, length_m).astype(np.float32),
+        diffuse=_diffuse(medium, length_m).astype(np.float32),
+        beam=_along_beam(medium, medium.model.extinction, length_m).astype(np.float32),
+        unscattered=_along_beam(medium, medium.model.attenuation, length_m).astype(np.float32),
     )
 
 
@@ -70,9 +70,14 @@ def _attenuation(medium: Medium, length_m: float) -> Array:
     return -medium.transmittance_log(s, depth) / s[..., None]
 
 
-def _depth_attenuation(log_of: Callable[[Array], Array], medium: Medium, length_m: float) -> Array:
+def _diffuse(medium: Medium, length_m: float) -> Array:
     camera = medium.camera_depth_m
     step = _STEP * (length_m + camera)
     depth = np.minimum(lengths(DEPTH_SIZE, length_m), medium.deepest_m)
     depth = np.where(np.abs(depth - camera) > step, depth, camera + step)
-    return -(log_of(depth) - log_of(np.array(camera))) / (depth - camera)[:, None]
+    return -(medium.ambient_log(depth) - medium.ambient_log(np.array(camera))) / (depth - camera)[:, None]
+
+
+def _along_beam(medium: Medium, extinction: Array, length_m: float) -> Array:
+    path = np.maximum(lengths(DEPTH_SIZE, length_m), _STEP * length_m)
+    return -medium.beam_log(path, extinction) / path[:, None]

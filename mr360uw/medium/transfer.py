@@ -26,7 +26,8 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, phase_moments
-from mr360uw.medium.rays import RayField, cosine_kernel, critical_cosine, fresnel_reflectance, legendre_polynomials
+from mr360uw.medium.rays import RayField, cosine_kernel, legendre_polynomials
+from mr360uw.optics import critical_cosine, fresnel_from_below
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ class LightField:
         spread = 0.5 / np.sqrt(mu * w)[:, None]
         down, up = spread * (total + net), spread * (total - net)
 
-        reflectance = fresnel_reflectance(mu, self.refractive_index)[:, None]
+        reflectance = fresnel_from_below(mu, self.refractive_index)[:, None]
         transmitted = (1.0 - reflectance[:, 0]) / (2.0 * PI * np.sum(w * mu * (1.0 - reflectance[:, 0])))
         boundary = np.broadcast_to((1.0 - sun_share) * transmitted, (len(c), len(mu)))
         beam = sun_share / sun_mu

@@ -106,7 +106,8 @@ class WaterFit:
 def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None = None) -> WaterFit:
     """Return the nearest Jerlov type of a plate's radiance map (32, 64, 3), linear, at a camera depth [m].
 
-    Raises `ParameterError` where the plate is black about the horizon.
+    sensor: what filmed it, the default camera unless given. Raises `ParameterError` where the plate is black about the
+    horizon.
     """
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= _REACH_RAD]
@@ -142,7 +143,7 @@ def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None
 
 def _level_light(name: JerlovType, up: Array, depth_m: float, sensor: Sensor | None) -> tuple[Array, Array]:
     """The model's radiance (r, 3) and the attenuation (3,) of its downwelling irradiance at a depth."""
-    medium = Medium(Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT, illuminant="D65")
+    medium = Medium(Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT)
     light = medium.display(medium.model.radiance(depth_m, up))
     log = medium.ambient_log(np.array([0.95, 1.05]) * depth_m)
     return light, (log[0] - log[1]) / (0.1 * depth_m)

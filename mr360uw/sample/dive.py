@@ -20,8 +20,10 @@ from mr360uw.caustics.lookup import caustic_lookup, mip_levels, periodic_triline
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.medium import Medium, Sensor, Water
+from mr360uw.files import write_whole
+from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, caustic_contrast, transmittance_lookup, veil_lookup
+from mr360uw.medium.sensor import named_sensor
 from mr360uw.progress import Progress
 from mr360uw.sample.whale import write_whale
 from mr360uw.sphere import direction_from_angles, directions
@@ -31,7 +33,9 @@ _SUN_SHARE = 0.7
 """Part of the downwelling irradiance that is the sun's beam, a clear sky with the sun high."""
 _GLOW_RAD = 0.035
 """Angular radius over which forward scattering spreads the sun's disc in a few metres of water."""
-_LEVEL_BRIGHTNESS = 0.11
+_SENSOR = "CIE 1931"
+"""Who looks at the plate: its code values are colours, not a raw picture."""
+_LEVEL_BRIGHTNESS = 0.035
 """Luminance the exposure gives the level water."""
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _SAND_TILE_M = 6.0
@@ -54,7 +58,7 @@ class DiveSettings:
 
     camera_depth_m: float = 4.0
     floor_depth_m: float = 7.5
-    water: str = "II"
+    water: str = "IB"
     sun_azimuth_rad: float = 0.6
     sun_elevation_rad: float = 1.0
     seed: int = 1
@@ -75,9 +79,8 @@ class DivePlate:
 
     def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
         self._settings = settings
-        self._table = Medium(
-            Water.jerlov(settings.water), Sensor.cie1931(), camera_depth_m=settings.camera_depth_m
-        ).table
+        sensor = named_sensor(_SENSOR)
+        self._table = Medium(Water.jerlov(settings.water), sensor, camera_depth_m=settings.camera_depth_m).table
         self._view = directions(width, height)
         up = self._view[..., 1]
         camera = settings.camera_depth_m
@@ -188,8 +191,8 @@ def sample_dive(
                 progress(index + 1, frames)
 
     record(dive.plate, images(), frame_rate, settings.seed)
-    dive.truth.write_text(json.dumps(_truth(settings), indent=2) + "\n", "utf-8")
-    dive.scene.write_text(scene_text(_scene(settings)), "utf-8")
+    write_whole(dive.truth, json.dumps(_truth(settings), indent=2) + "\n")
+    write_whole(dive.scene, scene_text(_scene(settings)))
     return dive
 
 
@@ -198,7 +201,7 @@ def _scene(settings: DiveSettings) -> dict[str, object]:
     return {
         "plate": {"path": "dive.mp4"},
         "camera": {"depth_m": settings.camera_depth_m},
-        "water": {"type": settings.water},
+        "water": {"type": settings.water, "sensor": _SENSOR},
         "sea": settings.sea.model_dump(exclude_unset=True),
         "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "rotation_deg": [-60.0, 4.0, 0.0]}],
         "receiver": {"height_m": settings.camera_depth_m - settings.floor_depth_m},

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mr360uw.files import write_whole
 from mr360uw.types import Floats
 
 _STATIONS, _SIDES = 64, 40
@@ -94,4 +95,4 @@ def write_whale(path: Path, length_m: float = 4.0) -> None:
     mesh.fix_normals()
     rgba = np.concatenate([np.concatenate(colours), np.ones((offset, 1))], axis=1)
     mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.round(255 * rgba).astype(np.uint8))
-    path.write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(mesh)))
+    write_whole(path, trimesh.exchange.gltf.export_glb(trimesh.Scene(mesh)))

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mr360uw.video.exr import read_rgb as read_rgb
     from mr360uw.video.exr import write_exr as write_exr
     from mr360uw.video.frame import VideoFrame as VideoFrame
+    from mr360uw.video.grain import with_grain as with_grain
     from mr360uw.video.images import read_picture as read_picture
     from mr360uw.video.plain import transcode as transcode
     from mr360uw.video.reader import VideoReader as VideoReader
@@ -42,6 +43,7 @@ _HOME = {
     "read_rgb": "exr",
     "read_spherical": "spherical",
     "transcode": "plain",
+    "with_grain": "grain",
     "write_exr": "exr",
     "write_spherical": "spherical",
 }
@@ -59,6 +61,7 @@ __all__ = [
     "read_rgb",
     "read_spherical",
     "transcode",
+    "with_grain",
     "write_exr",
     "write_spherical",
 ]

@@ -110,6 +110,8 @@ class ContainerWriter(VideoWriter):
         known = [format_.name for format_ in codec.video_formats]
         plain = wanted.replace("yuvj", "yuv")
         deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
+        if self._settings.pixel_format:
+            deeper = []  # what was asked for by name is made, or refused
         for name in (wanted, plain, *(deeper if "10" in wanted or plain not in known else ())):
             if name in known:
                 return name

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats
 
+REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+"""x, y of red, green, blue and white (ITU-R BT.709-6): what light is in everywhere."""
 Compression = Literal["none", "zips", "zip", "piz", "dwaa", "dwab"]
 Part = Mapping[str, NDArray[Any]]
-"""Channels by name: "RGB" or "RGBA" (H, W, 3 or 4), "Z" (H, W), "normal" (H, W, 3) ...; float16, float32 or uint32."""
+"""Channels by name, float16, float32 or uint32: "RGB" or "RGBA" (H, W, 3 or 4), "Z" or "N.X" (H, W); an array (H, W, 3)
+of another name, as "diffuse", is diffuse.R, diffuse.G, diffuse.B in the file."""
 
 
 def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
@@ -38,9 +41,15 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
         }
 
 
-def read_rgb(path: str | Path) -> NDArray[np.float32]:
-    """Return the colour of an EXR's first part as linear RGB, (H, W, 3) float32, alpha left out."""
+def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
+    """Return the colour of an EXR's first part as linear RGB, (H, W, 3) float32, alpha left out.
+
+    depth: rather the channel Z of any part, three times, where there is one.
+    """
     parts = read_exr(path)
+    found = next((channels["Z"] for channels in parts.values() if "Z" in channels), None) if depth else None
+    if found is not None:
+        return np.repeat(np.asarray(found, np.float32)[..., None], 3, axis=-1)
     channels = next(iter(parts.values()))
     for name in ("RGBA", "RGB"):
         if name in channels:
@@ -75,6 +84,7 @@ def write_exr(
     header: dict[str, Any] = {
         "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
         "type": OpenEXR.scanlineimage,
+        "chromaticities": REC709,
         **(attributes or {}),
     }
     if latlong:

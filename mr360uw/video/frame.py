@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Tile, YuvImage
+
+if TYPE_CHECKING:
+    from mr360uw.video.grain import Grain
 
 Blend = Callable[[Floats, Tile], Floats]
 """(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
@@ -66,10 +69,21 @@ class VideoFrame:
         row, column, height, width = rectangle
         return linear_from_codes(self.rgb[row : row + height, column : column + width], self.spec.transfer)
 
-    def over(self, layer: Layer, blend: Blend) -> VideoFrame:
+    @cached_property
+    def grain(self) -> Grain:
+        """The grain of the picture."""
+        from mr360uw.video.grain import grain_of_planes, grain_of_rgb
+
+        if self.yuv is not None:
+            return grain_of_planes(self.yuv, self.wrap)
+        assert self.rgb is not None
+        return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
+
+    def over(self, layer: Layer, blend: Blend, grain: float = 0.0) -> VideoFrame:
         """Return the frame with the layer's tiles laid over it.
 
-        blend: the compositing formula of one tile. The frame itself is left alone; where the layer has no tile, and
+        blend: the compositing formula of one tile. grain: how much of the plate's grain is added where the layer covers
+        it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
         at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
         Light above 1 is clipped to the top code (EXR plates keep it).
         """
@@ -87,23 +101,29 @@ class VideoFrame:
                     f"frame {self.index} - a tile reaches out of the frame (got rows {rows.start}:{rows.stop}, columns "
                     f"{columns.start}:{columns.stop}) - cut it at the edges"
                 )
-        return self._over_planes(layer, blend) if self.yuv is not None else self._over_codes(layer, blend)
+        grain = grain if any(np.any(tile.alpha > 0.0) for tile in layer.tiles) else 0.0
+        return (self._over_planes if self.yuv is not None else self._over_codes)(layer, blend, grain)
 
-    def _over_planes(self, layer: Layer, blend: Blend) -> VideoFrame:
+    def _over_planes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
+        from mr360uw.video.grain import NO_GRAIN
         from mr360uw.video.native import copy_planes
         from mr360uw.video.planes import changed_pixels, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
+        grain = self.grain if amount > 0.0 else NO_GRAIN
         for tile in layer.tiles:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = (tile.row, tile.column, *tile.alpha.shape)
                 linear = blend(self._linear(rectangle), tile)
-                lay_over_planes(self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap)
+                lay_over_planes(
+                    self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
+                )
         return replace(self, yuv=_read_only(planes), native=native)
 
-    def _over_codes(self, layer: Layer, blend: Blend) -> VideoFrame:
+    def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
+        from mr360uw.video.grain import add_grain
         from mr360uw.video.planes import changed_pixels
         from mr360uw.video.rgb import lay_over_codes
 
@@ -114,6 +134,8 @@ class VideoFrame:
             if changed.any():
                 rectangle = (tile.row, tile.column, *tile.alpha.shape)
                 linear = blend(self._linear(rectangle), tile)
+                if amount > 0.0:
+                    linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes)

@@ -25,8 +25,8 @@ _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
 class ImageWriter(VideoWriter):
     """One picture, or a sequence numbered by the frames' index; each appears complete or not at all.
 
-    EXR: linear Rec.709 half floats with the `envmap` attribute. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG
-    and PNG are marked as panoramas (XMP).
+    EXR: linear Rec.709 with the `envmap` attribute, in single precision for plates of floats, which then keep every
+    bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked as panoramas (XMP).
     """
 
     def __init__(self, path: Path, like: Clip, overwrite: bool) -> None:
@@ -60,7 +60,8 @@ class ImageWriter(VideoWriter):
 def write_picture(path: Path, frame: VideoFrame) -> None:
     """Write a frame as a picture, by a temporary name and a rename; the kind follows the suffix."""
     if path.suffix.lower() == ".exr":
-        write_exr(path, frame.image_linear.astype(np.float16), latlong=frame.wrap)
+        depth = np.float32 if frame.spec.bits == 32 else np.float16
+        write_exr(path, frame.image_linear.astype(depth, copy=False), latlong=frame.wrap)
         return
     part = path.with_name(path.name + ".part")
     try:

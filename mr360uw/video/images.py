@@ -74,14 +74,17 @@ def picture_files(path: Path) -> list[Path] | None:
     return files
 
 
-def read_picture(path: Path) -> NDArray[Any]:
-    """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or linear float32 of EXR and HDR files."""
+def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
+    """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or linear float32 of EXR and HDR files.
+
+    depth: EXR files are read by their channel Z where they have one.
+    """
     from mr360uw.video.exr import read_rgb
     from mr360uw.video.probe import check_file
 
     check_file(path)
     if path.suffix.lower() == ".exr":
-        return read_rgb(path)
+        return read_rgb(path, depth=depth)
     import cv2
 
     codes = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
@@ -105,11 +108,12 @@ class ImageReader(VideoReader):
         transfer: Transfer | None,
         eye: Eye | None,
         equirectangular: bool,
+        depth: bool = False,
     ) -> None:
         if frame_rate <= 0:
             raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
-        first = read_picture(files[0])
-        self._files, self._wrap = files, equirectangular
+        first = read_picture(files[0], depth=depth)
+        self._files, self._wrap, self._depth = files, equirectangular, depth
         self._crop = panorama_crop(path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular)
         own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")
         super().__init__(
@@ -145,7 +149,7 @@ class ImageReader(VideoReader):
             yield VideoFrame(index, index, self.time_base, time_s, 1, self.spec, rgb=rgb, wrap=self._wrap)
 
     def _codes(self, path: Path) -> NDArray[Any]:
-        codes = read_picture(path)
+        codes = read_picture(path, depth=self._depth)
         if (codes.shape[1], codes.shape[0]) != self._crop.frame_size or 8 * codes.dtype.itemsize != self.spec.bits:
             raise VideoError(
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "

@@ -2,7 +2,9 @@
 """The pixel loops of `planes`: serial, compiled, outside Python's lock.
 
 k: coefficients, in this order: offset and span of luma, offset and span of chroma; R', G', B' from (Cb, Cr), six;
-Y', Cb, Cr from R'G'B', nine. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet.
+Y', Cb, Cr from R'G'B', nine. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain: noise of
+variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of the span,
+times how much of it is wanted, even over Y' from 0 to 1.
 """
 
 from __future__ import annotations
@@ -23,11 +25,11 @@ ENCODE_STEPS = 36 << (23 - ENCODE_STEP_BITS)
 
 # Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True)
-_inlined: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True, inline="always")
+kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True)
+inlined: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True, inline="always")
 
 
-@_kernel
+@kernel
 def _chroma_row(
     plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
 ) -> None:
@@ -54,7 +56,7 @@ def _chroma_row(
             out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
 
 
-@_inlined
+@inlined
 def _lookup(table: Any, position: Any) -> Any:
     """The table at a fractional index, held at its ends."""
     position = min(max(position, np.float32(0.0)), np.float32(DECODE_STEPS - 1.01))
@@ -63,7 +65,7 @@ def _lookup(table: Any, position: Any) -> Any:
     return low + (position - np.float32(i)) * (table[i + np.uint32(1)] - low)
 
 
-@_kernel
+@kernel
 def read_rectangle(
     y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
 ) -> None:
@@ -87,7 +89,7 @@ def read_rectangle(
             pixels[c, 2] = _lookup(table, (luma + blue_cb * cb[c] + blue_cr * cr[c]) * scale)
 
 
-@_kernel
+@kernel
 def _encode_row(
     codes: Any, cb: Any, cr: Any, light_bits: Any, alpha: Any, k: Any, channel: int, table: Any, out: Any
 ) -> None:
@@ -113,7 +115,7 @@ def _encode_row(
         out[c] = min(max(code, clear * min(old, zero)), one + clear * max(old - one, zero)) - old
 
 
-@_inlined
+@inlined
 def _noise(row: int, column: int, frame: int) -> Any:
     """Interleaved gradient noise in (0, 1), off the ends so that rounding errors change no code."""
     shift = np.float32(5.588238) * np.float32(frame & 63)
@@ -122,12 +124,12 @@ def _noise(row: int, column: int, frame: int) -> Any:
     return np.float32(0.001) + np.float32(0.998) * (value - np.float32(int(value)))
 
 
-@_inlined
+@inlined
 def _quantise(code: Any, noise: Any, peak: Any) -> Any:
     return int(min(max(code + noise, np.float32(0.0)), peak))
 
 
-@_inlined
+@inlined
 def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
     """How much of a chroma code reading and filtering do not return: the code less its blur [1 6 1]/8."""
     rows, columns = plane.shape
@@ -143,16 +145,37 @@ def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
     return np.float32(plane[j, i]) - blur / eight
 
 
-@_kernel
+@inlined
+def _strength(luma: Any, strength: Any) -> Any:
+    """The strength of the grain where Y' is `luma`."""
+    place = luma * np.float32(strength.size - 1) + np.float32(0.5)
+    return strength[np.int32(min(max(place, np.float32(0.0)), np.float32(strength.size - 1)))]
+
+
+@kernel
+def _grain_row(codes: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps: Any) -> None:
+    """Add a row's luma grain to the steps of R', G', B' (3, w): grey has no chroma, and the luma weights sum to 1."""
+    for c in range(codes.size):
+        if alpha[c] > np.float32(0.0):
+            old = (np.float32(codes[c]) - k[0]) / k[1]
+            luma = old + k[10] * steps[0, c] + k[11] * steps[1, c] + k[12] * steps[2, c]
+            step = alpha[c] * grain[c] * _strength(luma, strength)
+            for n in range(3):
+                steps[n, c] += step
+
+
+@kernel
 def write_luma(
     y: Any, u: Any, v: Any, y_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
-    k: Any, table: Any, peak: Any, light_bits: Any, alpha: Any, changed: Any, frame: int, chroma: Any,
+    k: Any, table: Any, peak: Any, light_bits: Any, alpha: Any, changed: Any, frame: int,
+    grain: Any, strength: Any, chroma: Any,
 ) -> None:  # fmt: skip
     """Write the luma of the changed pixels, and the change of their chroma in codes into `chroma` (2, h, w)."""
     height, width = changed.shape
     cb = np.empty(width, np.float32)
     cr = np.empty(width, np.float32)
     steps = np.empty((3, width), np.float32)  # of R', G', B'
+    grainy = grain.size > 0
     for r in range(height):
         _chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
         _chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
@@ -160,6 +183,8 @@ def write_luma(
         codes_out = y_out[row + r, column : column + width]
         for n in range(3):
             _encode_row(codes, cb, cr, light_bits[r, :, n], alpha[r], k, n, table, steps[n])
+        if grainy:
+            _grain_row(codes, alpha[r], grain[r], strength, k, steps)
         red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
         for c in range(width):
             if changed[r, c]:
@@ -172,14 +197,15 @@ def write_luma(
                 chroma[plane, r, c] = step if changed[r, c] else np.float32(0.0)
 
 
-@_kernel
+@kernel
 def write_chroma(
-    u: Any, v: Any, u_out: Any, v_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
-    peak: Any, alpha: Any, changed: Any, frame: int, chroma: Any,
+    u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
+    k: Any, peak: Any, alpha: Any, changed: Any, frame: int, grain: Any, strength: Any, chroma: Any,
 ) -> None:  # fmt: skip
     """Add the change of the pixels' chroma to the samples of the blocks with a changed pixel.
 
-    Adding lets two rectangles share a block.
+    Adding lets two rectangles share a block. grain: (2, blocks down, blocks across); strength: (2, n); the luma `y_out`
+    has been written.
     """
     height, width = alpha.shape
     # Sums down a block, for the pixels of a row and one more to either side.
@@ -187,6 +213,7 @@ def write_chroma(
     touched = np.empty(width + 2, np.bool_)
     scale = np.float32(1.0) / np.float32((4 if sx else 1) * (2 if sy else 1))
     side, middle = np.float32(1.0 if sx else 0.0), np.float32(2.0 if sx else 1.0)
+    grainy = grain.size > 0
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
         steps[:] = np.float32(0.0)
         touched[:] = False
@@ -209,12 +236,17 @@ def write_chroma(
             if sx and cover > np.float32(0.0):
                 cb -= cover * scale * _lost_detail(u, j, i, sy, wrap)
                 cr -= cover * scale * _lost_detail(v, j, i, sy, wrap)
+            if grainy and cover > np.float32(0.0):
+                luma = (np.float32(y_out[j << sy, i << sx]) - k[0]) / k[1]
+                m, n = j - (row >> sy), i - (column >> sx)
+                cb += cover * scale * grain[0, m, n] * _strength(luma, strength[0]) * k[3]
+                cr += cover * scale * grain[1, m, n] * _strength(luma, strength[1]) * k[3]
             # Other corners of the noise than luma's, so that the three do not round up together.
             u_out[j, i] = _quantise(cb, _noise(j + 17, i + 59, frame), peak)
             v_out[j, i] = _quantise(cr, _noise(j + 101, i + 31, frame), peak)
 
 
-@_kernel
+@kernel
 def find_changes(alpha: Any, ratio: Any, radiance: Any, out: Any) -> None:
     """Write into `out` (h, w) where a tile covers, adds light or changes the plate's light."""
     one, zero = np.float32(1.0), np.float32(0.0)

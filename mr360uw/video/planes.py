@@ -9,7 +9,7 @@ Chroma of 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pa
 interpolated linearly for reading and filtered [1 2 1]/4 along, [1 1]/2 across for writing; a chroma sample is written
 only where a pixel of its own block changed. Round a panorama, the column after the last one is the first.
 
-    code' = code + span (E(new) - E(old)) + dither,    E: linear light -> R'G'B' -> Y' or C
+    code' = code + span (E(new) - E(old)) + alpha grain + dither,    E: linear light -> R'G'B' -> Y' or C
 
 Where an object of coverage alpha covers the plate, the detail of the old chroma that linear interpolation and the
 filter do not return is scaled by 1 - alpha, so that no plate shines through an opaque object.
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, rgb_from_ycbcr, ycbcr_from_rgb
 from mr360uw.types import Floats, Tile, YuvImage
+from mr360uw.video.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.kernels import (
     DECODE_HIGH,
     DECODE_LOW,
@@ -111,12 +112,15 @@ def lay_over_planes(
     changed: NDArray[np.bool_],
     frame_index: int,
     wrap: bool = True,
+    grain: Grain = NO_GRAIN,
+    amount: float = 0.0,
 ) -> None:
     """Write linear Rec.709 light (h, w, 3) into a rectangle of the planes `new`, which hold a copy of `old`.
 
     Only pixels where `changed` (h, w) get a new luma code, and only chroma samples of 2x2 (or 2x1, 1x1) blocks with
     such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that is itself
-    brighter or darker keeps its excursion where it is not covered). alpha: (h, w) coverage of the plate.
+    brighter or darker keeps its excursion where it is not covered). alpha: (h, w) coverage of the plate. amount: of
+    the grain that covered pixels get, 1 for as much as the plate has.
     """
     row, column, _, _ = rectangle
     if old.spec.matrix == "bt2020":
@@ -125,14 +129,42 @@ def lay_over_planes(
     coefficients, peak = _coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
     light, cover = np.ascontiguousarray(linear, np.float32), np.ascontiguousarray(alpha, np.float32)
     chroma = np.empty((2, *alpha.shape), np.float32)
+    strength = np.float32(amount) * grain.deviation
+    noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
+    if amount > 0.0 and strength.any() and cover.any():
+        r, c, h, w = covered_box(cover)
+        noise, blotches = _noise(grain, rectangle, (row + r, column + c, h, w), old, frame_index)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
         coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
-        chroma,
+        noise, strength[0], chroma,
     )  # fmt: skip
     write_chroma(
-        old.u, old.v, new.u, new.v, row, column, sx, sy, wrap, peak, cover, changed, frame_index, chroma
+        old.u, old.v, new.y, new.u, new.v, row, column, sx, sy, wrap,
+        coefficients, peak, cover, changed, frame_index, blotches, strength[1:], chroma,
     )  # fmt: skip
+
+
+def _samples(rectangle: Rectangle, sx: int, sy: int) -> Rectangle:
+    """Return the samples of a subsampled plane that a rectangle of pixels touches."""
+    row, column, height, width = rectangle
+    j, i = row >> sy, column >> sx
+    return j, i, ((row + height - 1) >> sy) - j + 1, ((column + width - 1) >> sx) - i + 1
+
+
+def _noise(
+    grain: Grain, rectangle: Rectangle, covered: Rectangle, image: YuvImage, frame_index: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return noise for the luma (h, w) and the chroma samples (2, ...) of a rectangle, 0 outside of `covered`."""
+    found = []
+    for n, plane in enumerate((image.y, image.u, image.v)):
+        sx, sy = subsampling(image) if n else (0, 0)
+        all_, part = _samples(rectangle, sx, sy), _samples(covered, sx, sy)
+        row, column = part[0] - all_[0], part[1] - all_[1]
+        noise = np.zeros(all_[2:], np.float32)
+        noise[row : row + part[2], column : column + part[3]] = grain.noise(n, frame_index, part, plane.shape[1])
+        found.append(noise)
+    return found[0], np.stack(found[1:])
 
 
 def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> None:

@@ -57,13 +57,14 @@ def open_video(
     eye: Eye | None = None,
     frame_rate: Fraction | float = 30,
     equirectangular: bool = True,
+    depth: bool = False,
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
     path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
     transfer: curve from code values to linear light; by default sRGB, and none for EXR and HDR pictures.
     eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
-    equirectangular: refuse what is not a 2:1 panorama.
+    equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
 
     VideoError where the plate cannot be used.
     """
@@ -72,7 +73,7 @@ def open_video(
     files = picture_files(Path(path))
     if files is not None:
         rate = Fraction(frame_rate).limit_denominator(1001)
-        return ImageReader(Path(path), files, rate, transfer, eye, equirectangular)
+        return ImageReader(Path(path), files, rate, transfer, eye, equirectangular, depth)
     from mr360uw.video.container import ContainerReader
 
     return ContainerReader(Path(path), transfer, eye, equirectangular)

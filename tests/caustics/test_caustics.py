@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from scipy.ndimage import uniform_filter
 
 from mr360uw.caustics import (
     CausticSettings,
@@ -18,6 +21,7 @@ from mr360uw.caustics import (
 )
 from mr360uw.caustics.cell import cell_light, intensities, opened
 from mr360uw.caustics.coverage import edge_coverage, twice_area
+from mr360uw.caustics.deposit import deposit_exact
 from mr360uw.caustics.irradiance import pass_indices
 from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
 from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint, marginal_kernel
@@ -96,10 +100,16 @@ def test_energy_of_any_sea_on_opengl(seed, folding, zenith_deg, depth, tile_m):
     np.testing.assert_allclose(stack.ratio.mean(axis=(1, 2, 3)), 1.0, atol=tol.CAUSTICS_MEAN_GL)
 
 
-def gl_stack(*arguments):
-    from mr360uw.caustics.gl import caustic_renderer
+@functools.cache
+def drawing_renderer():
+    """Return a renderer that draws stacks, as graphics hardware does, on whatever device there is."""
+    from mr360uw.caustics.gl import CausticRenderer
 
-    return caustic_renderer().stack(*arguments)
+    return CausticRenderer(draws_stacks=True)
+
+
+def gl_stack(*arguments):
+    return drawing_renderer().stack(*arguments)
 
 
 @pytest.mark.parametrize("name", ["calm", "choppy"])
@@ -206,6 +216,29 @@ def test_pixels_share_the_whole_cell(rng):
             assert total == pytest.approx(1.0, abs=tol.SHARED_CELL)
 
 
+@pytest.mark.parametrize(("size", "cells", "reach"), [(24, 8, 3.0), (9, 5, 20.0), (16, 4, 0.0)])
+def test_edges_share_light_as_pixels_do(rng, size, cells, reach):
+    """Cells thrown about the tile and beyond it, against the closed form in every pixel that a cell touches."""
+    at = np.stack(np.meshgrid(*(np.arange(cells + 1) * (size / cells),) * 2), axis=-1)
+    moved = rng.uniform(-reach, reach, (cells, cells, 2))
+    hit = at + np.pad(moved, ((0, 1), (0, 1), (0, 0)), mode="wrap") + 0.37
+    hit[1:3, 1:3] = hit[1, 1]  # some cells are points, and their neighbours lines
+    flux = rng.uniform(0.1, 1.0, (cells, cells, 2))
+    expected, evenly = np.zeros((size, size)), 0.0
+    for j, i in np.ndindex(cells, cells):
+        corners = np.array(opened(*hit[j, i], *hit[j, i + 1], *hit[j + 1, i + 1], *hit[j + 1, i]))
+        low = np.floor(corners.reshape(4, 2).min(axis=0)).astype(int)
+        high = np.ceil(corners.reshape(4, 2).max(axis=0)).astype(int)
+        if np.any(high - low >= size):
+            evenly += flux[j, i].sum()
+            continue
+        light = intensities(*corners, *flux[j, i])
+        for y in range(low[1], high[1]):
+            for x in range(low[0], high[0]):
+                expected[y % size, x % size] += cell_light(*(corners - np.tile((x, y), 4)), *light)
+    np.testing.assert_allclose(deposit_exact(hit, flux, size), expected + evenly / size**2, atol=tol.EDGE_SUM)
+
+
 @pytest.mark.usefixtures("gl")
 def test_cell_twins(rng):
     corners = rng.uniform(-1.0, 2.0, (400, 8))
@@ -273,50 +306,105 @@ def test_kernels_have_the_discs_variance(radius):
 
 
 @pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("planes", [1, 2, 3, 6])
 @pytest.mark.parametrize("chromatic", [1, 3])
 @pytest.mark.parametrize("method", ["exact", "scrolling"])
-def test_stacks_agree_with_maps_and_each_other(chromatic, method):
+def test_stacks_agree(chromatic, method, planes):
     s = CausticSettings(size=64, grid=64, chromatic=chromatic, method=method)
-    depths = stack_depths(1.0, 9.0, 3)
+    depths = stack_depths(1.0, 9.0, planes)
     sea = SEAS["ripples"]
     reference, on_gl = caustic_stack(sea, SLANTED, depths, 0.5, s), gl_stack(sea, SLANTED, depths, 0.5, s)
     downloaded = on_gl.download()
     np.testing.assert_allclose(downloaded.sun_direction, reference.sun_direction)
-    assert reference.ratio.shape == downloaded.ratio.shape == (3, 64, 64, 3)
-    for channel, index in enumerate(pass_indices(s)):
-        direct = caustic_map(sea, SLANTED, depths[1], 0.5, 64, 64, index, method=method)
-        np.testing.assert_array_equal(reference.ratio[1, :, :, channel], direct)
+    np.testing.assert_array_equal(downloaded.depth_m, depths)
+    assert reference.ratio.shape == downloaded.ratio.shape == (planes, 64, 64, 3)
     assert relative_rmse(downloaded.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
     same = np.ptp(reference.ratio, axis=-1).max() < tol.FALSE_COLOUR
     assert same == (chromatic == 1)
 
 
+@pytest.mark.parametrize("method", ["exact", "scrolling"])
+def test_stacks_are_maps_below_an_overhead_sun(method):
+    s = CausticSettings(size=64, grid=64, chromatic=3, method=method)
+    depths = stack_depths(1.0, 9.0, 3)
+    stack = caustic_stack(SEAS["ripples"], ZENITH, depths, 0.5, s)
+    for channel, index in enumerate(pass_indices(s)):
+        direct = caustic_map(SEAS["ripples"], ZENITH, depths[1], 0.5, 64, 64, index, method=method)
+        np.testing.assert_allclose(stack.ratio[1, :, :, channel], direct, rtol=tol.FLOAT64)
+
+
 @pytest.mark.usefixtures("gl")
-def test_the_atlas_on_the_gpu_is_the_one_that_lookups_read():
-    stack = gl_stack(SEAS["gerstner"], SLANTED, [2.0, 5.0], 0.5, CausticSettings(size=64, grid=32))
-    data = np.frombuffer(stack.texture.read(alignment=1), np.float32).reshape(2, 128, 64, 1)
-    expected = mip_atlas(mip_levels(stack.download().ratio))[..., :1]
+@pytest.mark.parametrize("planes", [1, 2, 5])
+def test_the_drawn_atlas_is_the_one_that_lookups_read(planes):
+    settings = CausticSettings(size=64, grid=32)
+    stack = gl_stack(SEAS["gerstner"], SLANTED, stack_depths(2.0, 5.0, planes), 0.5, settings)
+    expected = mip_atlas(mip_levels(stack.download().ratio[..., :1]))
+    data = np.frombuffer(stack.texture.read(alignment=1), np.float32).reshape(expected.shape)
     np.testing.assert_allclose(data, expected, atol=tol.FLOAT32_TWIN)
 
 
-def test_the_stack_between_planes_of_a_calm_sea(shared):
-    """A choppy sea's filaments move by more than their width between planes that far apart."""
-    sun = (0.2, 1.0, 0.0)
-    sea = truth_sea(np.load(shared / "truth" / "caustics_truth.npz"), "calm")
+@pytest.mark.usefixtures("gl")
+def test_a_software_device_reads_the_stack_of_the_reference():
+    from mr360uw.caustics.gl import CausticRenderer
+
+    arguments = (SEAS["gerstner"], SLANTED, [2.0, 5.0], 0.5, CausticSettings(size=64, grid=32))
+    got = CausticRenderer(draws_stacks=False).stack(*arguments).download()
+    np.testing.assert_allclose(got.ratio, caustic_stack(*arguments).ratio, rtol=tol.FLOAT32_TWIN)
+
+
+def test_planes_of_a_stack_lie_along_the_beam():
+    """A ripple too low to focus: its pattern stands still in the maps, and moves with the beam in the world."""
+    period = 0.5
+    sea = GerstnerSea.from_waves([[2.0 * np.pi / period, 0.0]], 1e-3, 0.0, 0.0, tile_m=8.0)
+    sun = direction_from_angles(np.pi / 2, np.radians(60.0))
+    stack = caustic_stack(sea, sun, [4.0, 4.3], 0.0, CausticSettings(size=256, grid=256))
+    wave = np.exp(2j * np.pi * np.arange(256) * 8.0 / 256 / period)
+    shallow, deep = (np.angle(ratio[..., 0].mean(axis=0) @ wave) for ratio in stack.ratio)
+    assert (deep - shallow) * period / (2.0 * np.pi) == pytest.approx(0.0, abs=tol.BEAM_SHIFT)
+    x, levels = (np.arange(256) + 0.5) * 8.0 / 256, mip_levels(stack.ratio)
+    seen = [np.angle(caustic_lookup(stack, levels, x, d, 0.0, 0.0)[:, 0] @ wave) for d in (4.0, 4.3)]
+    moved = np.remainder(seen[1] - seen[0] + np.pi, 2.0 * np.pi) - np.pi
+    travel = -0.3 * stack.sun_direction[0] / stack.sun_direction[1]
+    assert moved * period / (2.0 * np.pi) == pytest.approx(travel, abs=tol.BEAM_SHIFT)
+
+
+@pytest.mark.parametrize("zenith_deg", [0.0, 11.0, 40.0])
+@pytest.mark.parametrize("name", ["calm", "choppy"])
+def test_between_the_planes_of_a_stack(shared, name, zenith_deg):
+    """Eight planes from 4 to 8 m read halfway between planes, against a plane right there read in the same way."""
+    sun = direction_from_angles(0.6, np.radians(90.0 - zenith_deg))
+    sea = truth_sea(np.load(shared / "truth" / "caustics_truth.npz"), name)
     s = CausticSettings(size=256, grid=256)
     stack = caustic_stack(sea, sun, stack_depths(4.0, 8.0, 8), 0.0, s)
     levels = mip_levels(stack.ratio)
-    x, z = np.meshgrid(*((np.arange(256) + 0.5) * 8.0 / 256,) * 2)
+    x, z = np.random.default_rng(5).uniform(0.0, 8.0, (2, 20_000))
     for above, below in zip(stack.depth_m[:-1], stack.depth_m[1:], strict=True):
         depth = 0.5 * (above + below)
-        direct = caustic_stack(sea, sun, [depth], 0.0, s).ratio[0]
-        between = caustic_lookup(stack, levels, x, np.full_like(x, depth), z, np.zeros_like(x))
-        assert relative_rmse(between, direct) < tol.STACK_BETWEEN
+        there = caustic_stack(sea, sun, [depth], 0.0, s)
+        direct = caustic_lookup(there, mip_levels(there.ratio), x, depth, z, 0.0)
+        assert relative_rmse(caustic_lookup(stack, levels, x, depth, z, 0.0), direct) < tol.STACK_BETWEEN[name]
+
+
+@pytest.mark.parametrize("across", [1.75, 2.5, 4.0])
+def test_a_lookup_averages_over_its_footprint(across):
+    """Against the mean over a square of a map eight times as fine: as much contrast, and much the same pattern."""
+    stack, fine = (
+        caustic_stack(SEAS["gerstner"], SLANTED, [4.0], 0.0, CausticSettings(size=n, grid=128)) for n in (128, 1024)
+    )
+    width = round(8 * across)
+    mean = uniform_filter(fine.ratio[0, :, :, 0], width, mode="wrap")  # of an even width: about the pixels' corners
+    x, z = np.meshgrid(*(np.arange(1024) * 8.0 / 1024,) * 2)
+    up = 4.0 / stack.sun_direction[1]
+    x, z = x - stack.sun_direction[0] * up, z - stack.sun_direction[2] * up
+    got = caustic_lookup(stack, mip_levels(stack.ratio), x, 4.0, z, across * 8.0 / 128)[..., 0]
+    assert got.std() == pytest.approx(mean.std(), rel=tol.FOOTPRINT_CONTRAST)
+    assert relative_rmse(got, mean) < tol.FOOTPRINT_PATTERN
 
 
 def test_stack_depths():
-    np.testing.assert_allclose(stack_depths(1.0, 16.0, 3), [1.0, 4.0, 16.0])
-    np.testing.assert_allclose(stack_depths(2.0, 8.0, 1), [4.0])
+    np.testing.assert_allclose(stack_depths(3.0, 15.0, 3), [3.0, 8.0, 15.0])
+    np.testing.assert_allclose(stack_depths(3.0, 15.0, 1), [8.0])
+    np.testing.assert_array_equal(stack_depths(2.1, 8.3, 5)[[0, -1]], [2.1, 8.3])
     for bad in ((0.0, 1.0, 2), (3.0, 2.0, 2), (1.0, 2.0, 0), (np.nan, 2.0, 2)):
         with pytest.raises(ParameterError, match="stack"):
             stack_depths(*bad)

@@ -11,8 +11,8 @@ import numpy as np
 from mr360uw.color import encode
 from mr360uw.composite.material import Material
 from mr360uw.composite.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh_file import Part
 from mr360uw.composite.motion import rigid, rotation_matrix
+from mr360uw.composite.part import Part
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.texture import make_texture
 from mr360uw.sphere import directions, row_solid_angle, unit
@@ -53,7 +53,7 @@ def medium(camera_depth_m: float = 5.0, absorption: tuple[float, ...] = (0.35, 0
         ratio[:-1] = np.where(s[:, None] > 0, -np.expm1(-a * s[:, None]) / -np.expm1(-s[:, None] / length), a * length)
     veil = np.broadcast_to(far * ratio, (17, count, 3)).copy()
     table = np.broadcast_to(a, (32, 3)).copy()
-    return MediumTable(camera_depth_m, length, veil, np.broadcast_to(a, (9, 8, 3)).copy(), table, table)
+    return MediumTable(camera_depth_m, length, veil, np.broadcast_to(a, (9, 8, 3)).copy(), table, table, 1.5 * table)
 
 
 def caustics(rng: np.random.Generator) -> CausticStack:

@@ -170,15 +170,17 @@ def test_layers_recombine_to_the_composite() -> None:
     scene = shot(placed(sphere(), (0.1, -0.5, -1.2)), medium=medium(), receiver=Receiver(plane_y=-1.2))
     layer, variables = render_aovs(scene)
     ground = plate(128)
-    parts = {name: next(iter(p.values())).astype(np.float32) for name, p in exr_parts(layer, variables, ground).items()}
+    channels = exr_parts(layer, variables, ground)
+    parts = {name: np.stack(list(p.values()), axis=-1).astype(np.float32) for name, p in channels.items()}
+    parts = {name: image[..., 0] if image.shape[-1] == 1 else image for name, image in parts.items()}
     beauty = sum(parts[name] for name in ("diffuse", "glossy", "sun", "emission", "veil"))
-    np.testing.assert_allclose(beauty, parts["beauty"][..., :3], atol=tol.HALF_FLOAT)
-    rebuilt = beauty + (1.0 - parts["alpha"][..., None]) * (ground + parts["receiver_difference"])
+    np.testing.assert_allclose(beauty, parts["rgba"][..., :3], atol=tol.HALF_FLOAT)
+    rebuilt = beauty + (1.0 - parts["rgba"][..., 3:]) * (ground + parts["receiver_difference"])
     np.testing.assert_allclose(rebuilt, over(ground, layer), atol=tol.HALF_FLOAT)
     assert np.abs(receiver_difference(ground, layer)).max() > 0.01
     seen = layer.alpha > 0.999
-    np.testing.assert_allclose(np.linalg.norm(parts["position"][seen], axis=-1), parts["depth"][seen], rtol=0.1)
-    np.testing.assert_allclose(np.linalg.norm(parts["normal"][seen], axis=-1), 1.0, atol=tol.HALF_FLOAT)
+    np.testing.assert_allclose(np.linalg.norm(parts["P"][seen], axis=-1), parts["depth"][seen], rtol=0.1)
+    np.testing.assert_allclose(np.linalg.norm(parts["N"][seen], axis=-1), 1.0, atol=tol.HALF_FLOAT)
     assert set(np.unique(parts["id"])) == {0.0, 1.0}
 
 

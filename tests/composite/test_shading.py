@@ -6,14 +6,23 @@ import pytest
 
 from mr360uw.composite.gl_upload import list_texture, upload_mesh
 from mr360uw.composite.material import Material
-from mr360uw.composite.shading import dielectric_f0, ggx_distribution, reflectance, smith_visibility, sun_highlight
+from mr360uw.composite.reference import render_aovs
+from mr360uw.composite.shading import (
+    dielectric_f0,
+    ggx_distribution,
+    lobe_axis,
+    reflectance,
+    smith_visibility,
+    sun_highlight,
+)
 from mr360uw.composite.shadow import ambient_blocked, basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.texture import Texture, make_texture, texture_level, texture_lookup
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.gl.context import texture_from_array
-from mr360uw.sphere import unit
+from mr360uw.ibl.lighting import environment as sky_light
+from mr360uw.sphere import directions, unit
 from tests import tolerances as tol
-from tests.composite.scenes import quad
+from tests.composite.scenes import placed, quad, shot, sphere
 from tests.glsl import glsl_call
 
 COUNT = 2000
@@ -24,6 +33,56 @@ def test_facets_cover_the_plane_once() -> None:
     for alpha in (0.05, 0.3, 1.0):
         total = 2.0 * np.pi * np.mean(ggx_distribution(cosine, np.float64(alpha)) * cosine)
         np.testing.assert_allclose(total, 1.0, rtol=tol.QUADRATURE)
+
+
+def coat_lobe(roughness: float, view: np.ndarray, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    """Return directions (m, 3) that a GGX coat about +z reflects to `view`, and their weights (m,): f cos / density.
+
+    Half vectors spread as the distribution times the cosine; masking as in the module, no Fresnel term.
+    """
+    alpha = roughness * roughness
+    u = (np.arange(count) + 0.5) / count
+    cos_h = np.sqrt((1.0 - u) / (1.0 + (alpha * alpha - 1.0) * u))[:, None]
+    sin_h, phi = np.sqrt(1.0 - cos_h**2), 2.0 * np.pi * u
+    half = np.stack(np.broadcast_arrays(sin_h * np.cos(phi), sin_h * np.sin(phi), cos_h), axis=-1).reshape(-1, 3)
+    v_dot_h = half @ view
+    light = 2.0 * v_dot_h[:, None] * half - view
+    lit = (light[:, 2] > 0.0) & (v_dot_h > 0.0)
+    n_dot_l = np.where(lit, light[:, 2], 1.0)
+    weight = smith_visibility(view[2], n_dot_l, np.float64(alpha)) * 4.0 * v_dot_h * n_dot_l / half[:, 2]
+    return light, np.where(lit, weight, 0.0) / len(half)
+
+
+def test_the_lobe_leans_from_the_mirror_to_the_normal() -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    error = []
+    for roughness in np.linspace(0.1, 1.0, 10):
+        for n_dot_v in (0.1, 0.3, 0.5, 0.7, 0.9):
+            view = np.array([np.sqrt(1.0 - n_dot_v**2), 0.0, n_dot_v])
+            light, weight = coat_lobe(roughness, view)
+            axis = lobe_axis(up[None], view[None], np.array([n_dot_v]), np.array([roughness]))[0]
+            error.append(np.degrees(np.arccos(np.clip(axis @ unit(weight @ light), -1.0, 1.0))))
+    assert np.sqrt(np.mean(np.square(error))) < tol.LOBE_AXIS_DEG
+    mirror, rough = lobe_axis(up, view, np.full(2, n_dot_v), np.array([0.0, 1.0]))
+    np.testing.assert_allclose(mirror, view * [-1, 1, 1], atol=tol.FLOAT64)
+    np.testing.assert_allclose(rough, up, atol=tol.FLOAT64)
+
+
+def test_rough_metal_in_light_from_one_side() -> None:
+    """White metal whose right half of the sky shines, with the light of all bounces: int f cos L / int f cos."""
+    sky = np.where(directions(256, 128)[..., :1] > 0.0, 1.0, 0.0) * np.ones(3)
+    light = sky_light(sky.astype(np.float32), expansion="none", sun=None, glossy=True)
+    ball = placed(sphere(32, Material(base_color=(1.0, 1.0, 1.0, 1.0), metallic=1.0, roughness=0.9)), (0.0, 0.0, -2.0))
+    layer, variables = render_aovs(shot(ball, width=128, sun=None, environment=light))
+    seen = np.argwhere(layer.alpha > 0.999)[::4]
+    got, expected = [], []
+    for j, i in seen:
+        normal, view = variables.normal[j, i].astype(float), -unit(variables.position[j, i])
+        frame = basis(normal)
+        reflected, weight = coat_lobe(0.9, frame @ view, 64)
+        expected.append(weight @ ((reflected @ frame)[:, 0] > 0.0) / weight.sum())
+        got.append(variables.glossy[j, i, 0])
+    assert np.sqrt(np.mean((np.array(got) - expected) ** 2)) < tol.ONE_SIDED_METAL
 
 
 def test_water_takes_most_of_a_coats_reflection() -> None:
@@ -100,6 +159,10 @@ def test_shading_twins(rng: np.random.Generator) -> None:
     got = glsl_call("composite/shading.glsl", "sun_highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d)
     expected = sun_highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
     np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP)
+    n, v = (unit(rng.normal(size=(COUNT, 3))).astype(np.float32) for _ in range(2))
+    got = glsl_call("composite/shading.glsl", "lobe_axis(n, v, a, b)", 3, n=n, v=v, a=a, b=b)
+    expected = lobe_axis(n.astype(float), v.astype(float), double[0], double[1])
+    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_LOOKUP)
 
 
 @pytest.mark.usefixtures("gl")

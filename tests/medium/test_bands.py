@@ -14,8 +14,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import Sensor, Water, bands, cameras, compress_gamut, multiple_scattering, reflectance
 from mr360uw.medium.fitted import search
 from mr360uw.medium.sensor import illuminant, named_sensor
-from tests.glsl import glsl_call
-from tests.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT32_TWIN, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
+from tests.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
 
 SENSORS = [Sensor.cie1931(), Sensor.camera("Insta360 X5")]
 
@@ -140,13 +139,6 @@ def test_gamut(rng: np.random.Generator) -> None:
     # monotone: more red before is more red after
     ramp = np.column_stack([np.linspace(-0.5, 1.0, 200), np.full(200, 0.5), np.ones(200)])
     assert np.all(np.diff(compress_gamut(ramp)[:, 0] / compress_gamut(ramp)[:, 2]) > 0.0)
-
-
-@pytest.mark.usefixtures("gl")
-def test_gamut_twin(rng: np.random.Generator) -> None:
-    colour = rng.uniform(-0.3, 1.0, (2000, 3)).astype(np.float32)
-    got = glsl_call("medium/gamut.glsl", "compress_gamut(c)", 3, c=colour)
-    np.testing.assert_allclose(got, compress_gamut(colour), atol=FLOAT32_TWIN)
 
 
 def test_reflectances_reproduce_their_colour(rng: np.random.Generator) -> None:

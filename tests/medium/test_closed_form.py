@@ -11,11 +11,8 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
-from mr360uw.medium.closed_form import closed_form, mean_transmittance, path_integral, ray_in_water
-from tests.glsl import glsl_call
-from tests.tolerances import CLOSED_FORM_FLOAT32, FLOAT32_SMALLEST, FLOAT64, SERIES
-
-FILE = "medium/closed_form.glsl"
+from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
+from tests.tolerances import FLOAT64, SERIES
 
 
 def golden(shared: Path) -> np.ndarray:
@@ -27,20 +24,6 @@ def golden(shared: Path) -> np.ndarray:
 def test_reference_values(shared: Path) -> None:
     b, c, k, y, mu, s, expected = golden(shared).T
     np.testing.assert_allclose(closed_form(b, c, k, s, y, mu), expected, rtol=FLOAT64, atol=0.0)
-
-
-@pytest.mark.usefixtures("gl")
-def test_reference_values_in_glsl(shared: Path) -> None:
-    rows = golden(shared)
-    rows = rows[(rows[:, 6] == 0.0) | (rows[:, 6] > FLOAT32_SMALLEST)]
-    b, c, k, y, mu, s, expected = rows.T
-    got = glsl_call(
-        FILE, "closed_form(p.x, p.y, p.z, q.x, q.y, q.z)", p=np.column_stack([b, c, k]), q=np.column_stack([s, y, mu])
-    )
-    # the inputs are rounded to single precision before the shader sees them
-    exact = closed_form(*(x.astype(np.float32).astype(np.float64) for x in (b, c, k, s, y, mu)))
-    np.testing.assert_allclose(got, exact, rtol=CLOSED_FORM_FLOAT32, atol=0.0)
-    np.testing.assert_allclose(exact, expected, rtol=CLOSED_FORM_FLOAT32, atol=0.0)
 
 
 def test_a_million_random_cases_are_finite(rng: np.random.Generator) -> None:
@@ -84,20 +67,6 @@ def test_path_integral_is_an_integral(rng: np.random.Generator) -> None:
         0.5 * s[:, None] * w * np.exp(-c[:, None] * t - k[:, None] * (y[:, None] - t * mu[:, None])), axis=1
     )
     np.testing.assert_allclose(path_integral(c, k, s, y, mu), integral, rtol=FLOAT64)
-
-
-@pytest.mark.usefixtures("gl")
-def test_twin(rng: np.random.Generator) -> None:
-    x = np.concatenate([10.0 ** rng.uniform(-8, 2, 500), [0.0, 0.5]]).astype(np.float32)
-    np.testing.assert_allclose(
-        glsl_call(FILE, "mean_transmittance(x)", x=x), mean_transmittance(x), rtol=CLOSED_FORM_FLOAT32
-    )
-    p = np.column_stack([rng.uniform(0, 50, 500), rng.uniform(0, 20, 500), rng.uniform(-1, 1, 500)]).astype(np.float32)
-    np.testing.assert_allclose(
-        glsl_call(FILE, "ray_in_water(p.x, p.y, p.z)", p=p),
-        ray_in_water(*p.T.astype(np.float64)),
-        rtol=CLOSED_FORM_FLOAT32,
-    )
 
 
 def test_public_call() -> None:

@@ -16,7 +16,7 @@ START_M = 5.0
 
 @pytest.fixture(scope="module")
 def medium() -> Medium:
-    return Medium(Water.jerlov("II"), camera_depth_m=START_M, illuminant="D65", band_count=31)
+    return Medium(Water.jerlov("II"), camera_depth_m=START_M, band_count=31)
 
 
 @pytest.mark.parametrize("depth_m", [0.7, 4.87, 12.3])
@@ -44,7 +44,7 @@ def test_a_node_is_exact_and_nothing_jumps_there(medium: Medium) -> None:
 
 def test_another_depth_is_another_camera_in_the_same_water(medium: Medium) -> None:
     deeper = medium.at_depth(9.0)
-    fresh = Medium(Water.jerlov("II"), camera_depth_m=9.0, illuminant="D65", band_count=31)
+    fresh = Medium(Water.jerlov("II"), camera_depth_m=9.0, band_count=31)
     np.testing.assert_allclose(deeper.veil(5.0, 9.0, -0.3), fresh.veil(5.0, 9.0, -0.3), rtol=FLOAT32)
     distance = np.array([1.0, 6.0, 30.0])
     np.testing.assert_allclose(

@@ -12,7 +12,8 @@ import pytest
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
-from mr360uw.medium.rays import cosine_kernel, fresnel_reflectance
+from mr360uw.medium.rays import cosine_kernel
+from mr360uw.optics import fresnel_from_below
 from tests.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
 
 SETTINGS = {
@@ -95,9 +96,9 @@ def test_snells_window() -> None:
     field = LightField(np.array([0.05]), np.array([0.001]), "water")
     inside, outside = field.radiance(0.5, np.array([0.7, 0.6]))[:, 0]
     assert inside > 100.0 * outside
-    assert fresnel_reflectance(0.6, 1.34) == 1.0
-    np.testing.assert_allclose(fresnel_reflectance(1.0, 1.34), (0.34 / 2.34) ** 2, rtol=FLOAT64)
-    np.testing.assert_array_equal(fresnel_reflectance([0.0, 0.5], 1.0), 0.0)
+    assert fresnel_from_below(0.6, 1.34) == 1.0
+    np.testing.assert_allclose(fresnel_from_below(1.0, 1.34), (0.34 / 2.34) ** 2, rtol=FLOAT64)
+    np.testing.assert_array_equal(fresnel_from_below([0.0, 0.5], 1.0), 0.0)
 
 
 def test_irradiance_lies_between_plane_cases() -> None:

@@ -14,13 +14,11 @@ from mr360uw.medium.phase import (
     backscatter_ratio,
     henyey_greenstein,
     mean_cosine,
-    molecular,
     phase_function,
     phase_moments,
     wide_angle_moments,
 )
-from tests.glsl import glsl_call
-from tests.tolerances import FLOAT32_TWIN, FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
+from tests.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
 
 VISIBLE = np.arange(400.0, 701.0, 5.0)
 PHASES = ["isotropic", "petzold", "water", ("hg", 0.9), ("hg", -0.3), ("fournier-forand", 1.10, 3.5835)]
@@ -159,13 +157,3 @@ def test_unknown_phase_is_refused() -> None:
     for bad in ("rayleigh", ("hg", 1.0), ("fournier-forand", 1.1, 6.0), ("mie", 3.0)):
         with pytest.raises(ParameterError, match="phase - "):
             phase_moments(bad, 3)
-
-
-@pytest.mark.usefixtures("gl")
-def test_phase_twins(rng: np.random.Generator) -> None:
-    v = np.column_stack([rng.uniform(-1, 1, 2000), rng.uniform(-0.95, 0.95, 2000)]).astype(np.float32)
-    cosine, g = v.T.astype(np.float64)
-    got = glsl_call("medium/phase.glsl", "henyey_greenstein(v.x, v.y)", v=v)
-    np.testing.assert_allclose(got, henyey_greenstein(cosine, g), rtol=FLOAT32_TWIN)
-    got = glsl_call("medium/phase.glsl", "molecular(v.x, abs(v.y))", v=v)
-    np.testing.assert_allclose(got, molecular(cosine, np.abs(g)), rtol=FLOAT32_TWIN)

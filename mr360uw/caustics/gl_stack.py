@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stack of caustic maps on the device, as lookup.glsl reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.lookup import layer_planes, mip_atlas, mip_levels, plane_steps
+from mr360uw.gl.context import texture_array_from_array, texture_from_array
+from mr360uw.types import CausticStack
+
+Array = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class GlCausticStack:
+    """A `CausticStack` on the GPU, as lookup.glsl reads it.
+
+    texture: the mip_atlas. plane_depth: its plane_steps. depth_m: (planes,) on the host. sun_direction: (3,) in the
+    water.
+    """
+
+    texture: moderngl.TextureArray
+    plane_depth: moderngl.Texture
+    depth_m: Array
+    tile_m: float
+    sun_direction: Array
+
+    def download(self) -> CausticStack:
+        """Return the stack as an array."""
+        width, height, layers = self.texture.size
+        size, planes = width - 2, layer_planes(len(self.depth_m))
+        data = np.frombuffer(self.texture.read(alignment=1), np.float32)
+        level = data.reshape(len(planes), layers // len(planes), height, width, -1)[:, :, 1 : size + 1, 1:-1]
+        maps = np.zeros((len(self.depth_m), size, size, level.shape[1]))
+        for layer, held in zip(level, planes, strict=True):
+            maps[held] = layer.transpose(3, 1, 2, 0)
+        ratio = np.broadcast_to(maps, (*maps.shape[:3], 3))
+        return CausticStack(ratio, self.depth_m, self.tile_m, self.sun_direction)
+
+
+def upload(stack: CausticStack) -> GlCausticStack:
+    """Return a stack on the device, with its mip levels."""
+    grey = np.array_equal(stack.ratio[..., 0], stack.ratio[..., 1]) and np.array_equal(
+        stack.ratio[..., 0], stack.ratio[..., 2]
+    )
+    ratio = np.asarray(stack.ratio[..., :1] if grey else stack.ratio, np.float32)
+    texture = texture_array_from_array(mip_atlas(mip_levels(ratio)))
+    return on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction)
+
+
+def on_device(texture: moderngl.TextureArray, depth_m: Array, tile_m: float, sun_in_water: Array) -> GlCausticStack:
+    """Return the stack whose atlas is a texture."""
+    # weights of 8 bits, as graphics hardware filters with, are off by up to 1/512 of what two pixels differ by
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    return GlCausticStack(texture, texture_from_array(plane_steps(depth_m)), depth_m, tile_m, sun_in_water)

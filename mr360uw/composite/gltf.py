@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The container of glTF 2.0: its JSON, buffers, accessors and images (glTF 2.0 specification, sections 3.6 and 4.4).
+
+What the JSON says is taken as it stands: a missing key or an index out of range raises what Python raises, and
+`gltf_scene.read_gltf` turns that into a `MeshError`.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import MeshError
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+FOLLOWED = frozenset(
+    {
+        "EXT_texture_webp",
+        "KHR_draco_mesh_compression",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_unlit",
+        "KHR_mesh_quantization",
+        "KHR_texture_transform",
+    }
+)
+"""Extensions that are read; others get a note, or an error where the file requires them."""
+_SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_materials_variants", "KHR_animation_pointer"})
+"""Extensions without effect on a picture at rest."""
+_HINTS = {
+    "EXT_meshopt_compression": "is compressed with meshopt",
+    "KHR_meshopt_compression": "is compressed with meshopt",
+    "KHR_texture_basisu": "has textures in KTX2",
+    "EXT_mesh_gpu_instancing": "repeats its meshes by EXT_mesh_gpu_instancing",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gltf:
+    """An opened file: its JSON as `tree`, and its buffers."""
+
+    path: Path
+    tree: dict[str, Any]
+    buffers: tuple[bytes, ...]
+
+    def listed(self, name: str) -> list[Any]:
+        """Return one of the top level lists, empty where there is none."""
+        return list(self.tree.get(name, []))
+
+    def entry(self, name: str, number: int) -> dict[str, Any]:
+        """Return one entry of a top level list."""
+        if number < 0:
+            raise IndexError(f"{name} {number}")
+        return dict(self.tree[name][number])
+
+    def view(self, number: int) -> bytes:
+        """Return the bytes of a buffer view."""
+        entry = self.entry("bufferViews", number)
+        start = entry.get("byteOffset", 0)
+        data = self.buffers[entry["buffer"]][start : start + entry["byteLength"]]
+        if len(data) < entry["byteLength"]:
+            raise ValueError(f"buffer view {number} ends beyond its buffer")
+        return data
+
+    def accessor(self, number: int) -> NDArray[Any]:
+        """Return an accessor (count, width): normalised integers as float64, others as they are stored."""
+        entry = self.entry("accessors", number)
+        width, count = _WIDTHS[entry["type"]], int(entry["count"])
+        kind = np.dtype(_COMPONENTS[entry["componentType"]])
+        if "bufferView" in entry:
+            stride = self.entry("bufferViews", entry["bufferView"]).get("byteStride", 0)
+            values = self._elements(entry["bufferView"], entry.get("byteOffset", 0), kind, (count, width), stride)
+        else:
+            values = np.zeros((count, width), kind)
+        if "sparse" in entry:
+            values = self._sparse(entry["sparse"], values)
+        return dequantised(values) if entry.get("normalized", False) else values
+
+    def _elements(self, view: int, offset: int, kind: np.dtype[Any], shape: tuple[int, int], stride: int) -> Any:
+        strides = (stride or shape[1] * kind.itemsize, kind.itemsize)
+        return np.ndarray(shape, kind, self.view(view), offset, strides)
+
+    def _sparse(self, entry: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
+        """Return values with some of them replaced."""
+        indices, places, count = entry["indices"], np.array(values), int(entry["count"])
+        kind = np.dtype(_COMPONENTS[indices["componentType"]])
+        at = self._elements(indices["bufferView"], indices.get("byteOffset", 0), kind, (count, 1), 0)[:, 0]
+        shape = (count, values.shape[1])
+        new = entry["values"]
+        places[at] = self._elements(new["bufferView"], new.get("byteOffset", 0), values.dtype, shape, 0)
+        return places
+
+    def image(self, number: int) -> bytes:
+        """Return the file of an image."""
+        entry = self.entry("images", number)
+        if "bufferView" in entry:
+            return self.view(entry["bufferView"])
+        return _resource(self.path, entry["uri"], "texture")
+
+
+def dequantised(values: NDArray[Any]) -> NDArray[Any]:
+    """Return normalised integers as float64, in [0, 1] or [-1, 1] (section 3.6.2.2); floats as they are."""
+    if values.dtype.kind == "f":
+        return values
+    return np.maximum(values.astype(np.float64) / np.iinfo(values.dtype).max, -1.0)
+
+
+def open_gltf(path: Path) -> Gltf:
+    """Return an opened .gltf or .glb; raise `MeshError` where it is none, or requires what is not supported."""
+    try:
+        text, binary = _chunks(path)
+        tree = dict(json.loads(text))
+    except (OSError, TypeError, ValueError, struct.error) as error:
+        raise MeshError(f"{path} - is not glTF (got: {error!s:.120}) - export it again") from error
+    _check_extensions(path, tree)
+    for image in tree.get("images", []):
+        uri = image.get("uri", "data:")
+        if not uri.startswith("data:") and not (path.parent / unquote(uri)).is_file():
+            raise MeshError(f"{path} - a texture is missing (got {uri!r}) - put it beside the mesh")
+    buffers = [
+        _resource(path, entry["uri"], "buffer") if "uri" in entry else binary for entry in tree.get("buffers", [])
+    ]
+    return Gltf(path, tree, tuple(buffers))
+
+
+def _chunks(path: Path) -> tuple[bytes, bytes]:
+    """Return the JSON and the binary of a file (section 4.4)."""
+    data = path.read_bytes()
+    if path.suffix.lower() != ".glb":
+        return data, b""
+    magic, version, _ = struct.unpack_from("<4sII", data)
+    length, kind = struct.unpack_from("<II", data, 12)
+    if magic != b"glTF" or version != 2 or kind != _JSON_CHUNK:
+        raise MeshError(f"{path} - is not glTF 2.0 (got header {data[:8]!r}) - export it again")
+    text, start = data[20 : 20 + length], 20 + length
+    if len(data) < start + 8:
+        return text, b""
+    size, kind = struct.unpack_from("<II", data, start)
+    return text, data[start + 8 : start + 8 + size] if kind == _BINARY_CHUNK else b""
+
+
+def _resource(path: Path, uri: str, what: str) -> bytes:
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.split(",", 1)[1])
+    file = path.parent / unquote(uri)
+    if not file.is_file():
+        raise MeshError(f"{path} - a {what} is missing (got {uri!r}) - put it beside the mesh")
+    return file.read_bytes()
+
+
+def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
+    used = set(tree.get("extensionsUsed", []))
+    if "KHR_draco_mesh_compression" in used and importlib.util.find_spec("DracoPy") is None:
+        raise MeshError(
+            f"{path} - is compressed with Draco - install the package DracoPy, or export it without compression"
+        )
+    if "EXT_meshopt_compression" in used or "KHR_meshopt_compression" in used:
+        raise MeshError(f"{path} - is compressed with meshopt - export it without compression")
+    for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT):
+        raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
+
+
+def extension_notes(gltf: Gltf) -> list[str]:
+    """Return a note for every extension that is used and not followed."""
+    return [
+        f"{gltf.path} - the extension {name} is not drawn - it looks as without"
+        for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT)
+    ]

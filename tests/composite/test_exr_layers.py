@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The layered EXR as other programs find it: names, types, windows, and the composite from the file alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from mr360uw.composite.aovs import RECIPE, exr_parts
+from mr360uw.composite.over import over
+from mr360uw.composite.reference import render_aovs
+from mr360uw.composite.shot import Receiver
+from mr360uw.types import Floats
+from mr360uw.video import write_exr
+from tests import tolerances as tol
+from tests.composite.scenes import medium, placed, plate, shot, sphere
+
+COLOURS = (
+    "diffuse", "glossy", "sun", "caustics", "emission", "veil", "transmittance", "shadow_ratio", "receiver_difference",
+)  # fmt: skip
+EXPECTED = {
+    "rgba": ("half", "A B G R"),
+    "depth": ("float", "Z"),
+    "N": ("half", "N.X N.Y N.Z"),
+    "P": ("float", "P.X P.Y P.Z"),
+    "id": ("uint", "id.Y"),
+    **{name: ("half", f"{name}.B {name}.G {name}.R") for name in COLOURS},
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Floats, Floats]:
+    """A file of layers, the plate below it, and their composite."""
+    body = placed(sphere(), (0.1, -0.5, -1.2))
+    layer, variables = render_aovs(shot(body, width=64, medium=medium(), receiver=Receiver(plane_y=-1.2)))
+    ground = plate(64)
+    path = tmp_path_factory.mktemp("layers") / "layers_0000.exr"
+    write_exr(path, exr_parts(layer, variables, ground), attributes={"comments": RECIPE})
+    return path, ground, over(ground, layer)
+
+
+def test_names_types_and_header(written: tuple[Path, Floats, Floats]) -> None:
+    kinds = {np.float16: "half", np.float32: "float", np.uint32: "uint"}
+    with OpenEXR.File(str(written[0]), separate_channels=True) as file:
+        found = {
+            part.name(): (kinds[next(iter(part.channels.values())).pixels.dtype.type], " ".join(sorted(part.channels)))
+            for part in file.parts
+        }
+        assert found == EXPECTED
+        assert file.parts[0].name() == "rgba"  # what programs that know one part show
+        every = [channel for part in file.parts for channel in part.channels]
+        assert len(set(every)) == len(every)  # so that programs that pour all parts together lose none
+        for part in file.parts:
+            assert part.header["envmap"] == OpenEXR.ENVMAP_LATLONG
+            np.testing.assert_allclose(part.header["chromaticities"], [0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329])
+            assert part.header["comments"] == RECIPE
+            for window in ("dataWindow", "displayWindow"):
+                np.testing.assert_array_equal(part.header[window], [(0, 0), (63, 31)])
+
+
+def test_another_library_lists_it_and_rebuilds_the_composite(written: tuple[Path, Floats, Floats]) -> None:
+    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is not installed: pip install OpenImageIO")
+    path, ground, expected = written
+    parts, found = {}, {}
+    for number in range(len(EXPECTED)):
+        buffer = oiio.ImageBuf(str(path), number, 0)
+        spec = buffer.spec()
+        found[spec["name"]] = (str(spec.format), " ".join(sorted(spec.channelnames)))
+        parts[spec["name"]] = buffer.get_pixels(oiio.FLOAT)
+        assert (spec.full_width, spec.full_height, spec.x, spec.y) == (64, 32, 0, 0)
+    assert found == EXPECTED
+    assert oiio.ImageBuf(str(path)).spec()["textureformat"] == "LatLong Environment"
+    rgb, alpha = parts["rgba"][..., :3], parts["rgba"][..., 3:]
+    np.testing.assert_allclose(
+        rgb + (1.0 - alpha) * (ground + parts["receiver_difference"]), expected, atol=tol.HALF_FLOAT
+    )
+    total = sum(parts[name] for name in ("diffuse", "glossy", "sun", "emission", "veil"))
+    np.testing.assert_allclose(total, rgb, atol=tol.HALF_FLOAT)
+
+
+def test_what_is_too_bright_for_half_floats_stays_finite() -> None:
+    layer, variables = render_aovs(shot(placed(sphere(), (0.0, 0.0, -1.2)), width=32))
+    bright = [replace(tile, radiance=np.full_like(tile.radiance, 1e6)) for tile in layer.tiles]
+    parts = exr_parts(replace(layer, tiles=tuple(bright)), variables, plate(32))
+    assert np.all(np.isfinite(parts["rgba"]["RGBA"]))
+    assert parts["rgba"]["RGBA"].max() == np.finfo(np.float16).max

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a scene's caustics are made for: the depths of all its time, the finest picture of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mr360uw.camera_path import CameraPath
+from mr360uw.caustic_depths import CausticDepths
+from mr360uw.composite import Shot, load_object, load_receiver
+from mr360uw.types import Floats
+from tests import tolerances as tol
+from tests.composite.scenes import environment
+from tests.scenes import scene_with
+
+RISING = {
+    "position_m": [0.0, -3.0, -3.0],
+    "key": [
+        {"time_s": 0.0, "position_m": [0.0, -3.0, -3.0], "rotation_deg": [0.0, 0.0, 0.0]},
+        {"time_s": 1.0, "position_m": [0.5, 0.0, -3.0], "rotation_deg": [60.0, 20.0, 0.0]},
+        {"time_s": 2.0, "position_m": [0.5, 1.0, -6.0], "rotation_deg": [90.0, 20.0, 30.0]},
+    ],
+}
+CAMERA = {"depth_m": 5.0}
+
+
+class Moving:
+    """A scene's caustic depths, and its shots without light."""
+
+    def __init__(self, folder: Path, mesh: Path, objects: list[dict[str, Any]], height: int = 960, **tables: Any):
+        objects = [{"mesh": str(mesh)} | table for table in objects]
+        scene = scene_with(folder, None, object=objects, **{"camera": CAMERA} | tables)
+        self.objects = tuple(load_object(settings) for settings in scene.objects)
+        receiver = load_receiver(scene.receiver) if scene.receiver is not None else None
+        self.depths = CausticDepths.of(scene, self.objects, receiver, CameraPath.of(scene), height)
+
+    def planes(self, time_s: float) -> tuple[Floats, list[tuple[float, float]]]:
+        """Return the planes of a time, and the depths that each object takes up."""
+        placed = tuple(o.at(time_s, 0, np.zeros(3), np.eye(3)) for o in self.objects)
+        planes = self.depths.planes(Shot(64, 32, placed, environment(), camera_depth_m=5.0))
+        depths = [5.0 - p.to_world(p.mesh.positions)[..., 1] for p in placed]
+        return planes, [(float(d.min()), float(d.max())) for d in depths]
+
+
+def test_a_rising_body_has_planes_about_it_at_all_times(tmp_path: Path, whale: Path) -> None:
+    scene = Moving(tmp_path, whale, [RISING, {"position_m": [1.0, -2.0, -3.0]}], caustics={"planes": 6})
+    together: set[float] = set()
+    for time_s in np.linspace(0.0, 2.0, 21):
+        planes, spans = scene.planes(time_s)
+        together.update(np.round(planes, 9).tolist())
+        assert len(planes) <= 6
+        assert planes[0] <= min(least for least, _ in spans) + tol.PLANE_SLACK_M
+        assert planes[-1] >= max(greatest for _, greatest in spans) - tol.PLANE_SLACK_M
+    assert len(together) < 20  # of one ladder, not some of each frame's own
+
+
+def test_a_still_scene_keeps_to_what_it_needs(tmp_path: Path, whale: Path) -> None:
+    planes, spans = Moving(tmp_path, whale, [{"position_m": [0.0, 0.0, -3.0]}]).planes(0.0)
+    assert (planes[0], planes[-1]) == pytest.approx(spans[0], abs=tol.PLANE_SLACK_M)
+    assert 2 <= len(planes) <= 4
+
+
+@pytest.mark.parametrize(("wanted", "there"), [(True, True), (False, False)])
+def test_a_flat_receiver_of_caustics_has_its_own_plane(tmp_path: Path, whale: Path, wanted: bool, there: bool) -> None:
+    receiver = {"height_m": -4.2, "caustics": wanted}
+    planes, _ = Moving(tmp_path, whale, [{"position_m": [0.0, 0.0, -3.0]}], receiver=receiver).planes(0.0)
+    assert (np.abs(planes - 9.2).min() < tol.PLANE_SLACK_M) == there
+
+
+@pytest.mark.parametrize(
+    ("objects", "height", "expected"),
+    [
+        ([{"position_m": [0.0, 1.0, -3.0]}], 1920, 512),
+        ([{"position_m": [0.0, -3.0, -3.0]}], 1920, 256),  # the sun's image is wide down there
+        ([{"position_m": [0.0, 1.0, -25.0]}], 540, 128),
+        ([{"position_m": [0.0, 1.0, -25.0]}, {"position_m": [0.0, 1.0, -3.0]}], 540, 512),
+        ([{"position_m": [0.0, 1.0, -25.0], "key": [{"time_s": 0.0}, {"time_s": 1.0, "position_m": [0, 1, -3.0]}]}],
+         540, 512),
+        ([{"position_m": [0.0, 1.0, -3.0], "attach": "camera"}], 1920, 512),
+    ],
+)  # fmt: skip
+def test_maps_are_as_fine_as_the_nearest_picture_of_the_scene(
+    tmp_path: Path, whale: Path, objects: list[dict[str, Any]], height: int, expected: int
+) -> None:
+    assert Moving(tmp_path, whale, objects, height).depths.settings.size == expected
+
+
+def test_a_camera_that_comes_near_sees_fine_maps(tmp_path: Path, whale: Path) -> None:
+    track = tmp_path / "track.csv"
+    track.write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,-20,0,0,0,1\n")
+    far = [{"position_m": [0.0, 1.0, -25.0]}]
+    moving = Moving(tmp_path, whale, far, 540, camera=CAMERA | {"track": str(track)})
+    assert moving.depths.settings.size > Moving(tmp_path, whale, far, 540).depths.settings.size

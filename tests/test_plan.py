@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What runs and what is left out, and that what is left out changes nothing that can be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mr360uw.plan import ObjectFacts, Plan, make_plan
+from mr360uw.renderer import SceneRenderer
+from tests.scenes import scene_with
+
+
+def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
+    return SceneRenderer(scene_with(folder, mesh, **tables), 128, 64, "reference").plan
+
+
+@pytest.mark.parametrize(
+    ("tables", "skipped"),
+    [
+        ({}, {"shadow", "grain"}),
+        ({"receiver": {"height_m": -2.0}}, {"grain"}),
+        ({"receiver": {"height_m": -2.0, "shadow": False}}, {"shadow", "grain"}),
+        ({"light": {"sun": "none"}, "receiver": {"height_m": -2.0}}, {"sun", "caustics", "shadow", "grain"}),
+        ({"water": {"type": "none"}}, {"medium", "caustics", "shadow", "grain"}),
+        ({"caustics": {"enabled": False}}, {"caustics", "shadow", "grain"}),
+        ({"camera": {"depth_m": 120.0}, "water": {"type": "5C"}}, {"sun", "caustics", "shadow", "grain"}),
+        ({"object": []}, {"environment", "sun", "caustics", "glossy", "shadow", "layer", "grain"}),
+    ],
+)
+def test_a_stage_runs_where_it_is_needed(
+    tables: dict[str, Any], skipped: set[str], tmp_path: Path, whale: Path
+) -> None:
+    plan = plan_of(tmp_path, None if "object" in tables else whale, **tables)
+    assert {step.stage for step in plan.steps if not step.runs} - {"glossy"} == skipped - {"glossy"}
+    assert all(step.why for step in plan.steps)
+    with pytest.raises(KeyError):
+        plan.runs("no such stage")
+
+
+def test_an_object_that_rises_from_the_deep_gets_its_caustics(tmp_path: Path, whale: Path) -> None:
+    deep = {"mesh": str(whale), "position_m": [0.0, -180.0, -3.0]}
+    assert not plan_of(tmp_path, None, object=[deep]).runs("caustics")
+    rising = {**deep, "key": [{"time_s": 0.0}, {"time_s": 60.0, "position_m": [0.0, -0.6, -3.0]}]}
+    assert plan_of(tmp_path, None, object=[rising]).runs("caustics")
+    fixed = {**deep, "attach": "camera"}
+    track = tmp_path / "up.csv"
+    track.write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n60,0,180,0,0,0,0,1\n")
+    camera = {"depth_m": 185.0, "track": str(track)}
+    below = [{**fixed, "position_m": [0.0, -1.0, -3.0]}]
+    assert plan_of(tmp_path, None, camera=camera, object=below).runs("caustics")
+    assert not plan_of(tmp_path, None, camera={"depth_m": 185.0}, object=below).runs("caustics")
+
+
+def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:
+    scene = scene_with(tmp_path, whale)
+    text = str(make_plan(scene, (ObjectFacts(4.0, True, False),), None))
+    assert "glossy       runs     a material is smoother than diffuse" in text
+    assert "medium       skipped" in text
