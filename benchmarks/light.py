@@ -212,9 +212,9 @@ def sun(count: int = 200) -> None:
         for image, place in rotations(name, count):
             for label in ("HDR", *STOPS, *BRIGHTER):
                 plate = image if label == "HDR" else clipped(image, exposure * 2.0**label)
-                disc = find_disc(LinearPlate.of(plate))
-                ok = disc is not None and disc.confidence >= 0.5
-                error = angle(disc.blob.direction, place) if disc is not None and ok else np.nan
+                found_sun = ibl.detect_sun(plate)
+                ok = found_sun is not None and found_sun.confidence >= 0.5
+                error = angle(found_sun.direction, place) if found_sun is not None and ok else np.nan
                 found.setdefault(str(label), {}).setdefault(name, []).append(error)
     rows, judged = [], []
     for label, maps in found.items():

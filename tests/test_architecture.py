@@ -59,7 +59,7 @@ def test_only_gl_modules_of_a_physics_package_know_opengl(package: str) -> None:
 def test_the_ground_floor_stands_on_numpy_alone() -> None:
     for name in GROUND:
         used = {n.split(".")[0] for n in imports(ROOT / f"{name}.py")}
-        assert used <= {"mr360uw", "numpy", "pydantic", "__future__", "math", "dataclasses", "typing"}, name
+        assert used <= {"mr360uw", "numpy", "pydantic", "__future__", "math", "dataclasses", "typing", "pathlib"}, name
 
 
 def test_every_pure_shader_has_its_python_twin() -> None:

@@ -54,7 +54,7 @@ def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path,
     )
     plate, made = frames_of(dive.plate), frames_of(out)
     assert report.frames == len(plate) == len(made) == 8
-    assert seen == [(k, 8) for k in range(1, 9)]
+    assert seen == 2 * [(k, 8) for k in range(1, 9)]  # the sun is looked for in a pass of its own
     assert [f.time_s for f in made] == [f.time_s for f in plate]
     assert audio_packets(out) == audio_packets(dive.plate)
     metadata = read_spherical(out)

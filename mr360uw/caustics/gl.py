@@ -23,8 +23,9 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.gerstner import GerstnerSea, Waves
+from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.gl_passes import Passes, Textures
+from mr360uw.caustics.gl_sea import field_image, wave_table
 from mr360uw.caustics.gl_stack import GlCausticStack, on_device, upload
 from mr360uw.caustics.irradiance import (
     AnySea,
@@ -155,7 +156,7 @@ class CausticRenderer:
             inputs["waves"] = texture_from_array(wave_table(sea.waves, sea.tile_m, time_s))
             uniforms["wave_count"] = len(sea.waves.amplitude_m)
         else:
-            inputs["fields"] = texture_from_array(_field_image(sea, grid, time_s))
+            inputs["fields"] = texture_from_array(field_image(sea, grid, time_s))
             uniforms["FIELDS"] = 1
         detail = sea.detail(time_s)
         if detail is not None:
@@ -272,22 +273,3 @@ class _Plane:
         disc = footprint(self.sun, self.refractive_index, self.sun_half_angle_rad, self.depth_m)
         x, z = np.linalg.norm(disc, axis=1) * (self.size / self.tile_m)
         return float(x), float(z)
-
-
-def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32]:
-    """Return the (2, n, 4) table that gerstner.glsl reads: cycles and tiles instead of radians and metres."""
-    table = np.zeros((2, len(waves.amplitude_m), 4))
-    table[0, :, :2] = waves.wave_vector * (tile_m / (2.0 * np.pi))
-    table[0, :, 2] = np.remainder((waves.phase_rad - waves.angular_frequency * time_s) / (2.0 * np.pi), 1.0)
-    table[0, :, 3] = waves.amplitude_m / tile_m
-    direction = waves.wave_vector / np.linalg.norm(waves.wave_vector, axis=1, keepdims=True)
-    table[1, :, :2] = (waves.steepness * waves.amplitude_m)[:, None] * direction / tile_m
-    return table.astype(np.float32)
-
-
-def _field_image(sea: AnySea, grid: int, time_s: float) -> NDArray[np.float32]:
-    f = sea.grid_fields(grid, time_s)
-    lengths = [f.height / sea.tile_m, f.shift_x / sea.tile_m, f.shift_z / sea.tile_m]
-    first = np.stack([*lengths, f.slope_x], axis=-1)
-    second = np.stack([f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz], axis=-1)
-    return np.concatenate([first, second]).astype(np.float32)

@@ -25,10 +25,10 @@ from mr360uw.ibl.plate import (
 )
 from mr360uw.ibl.tangent import patch_directions
 from mr360uw.ibl.upward import LEVEL, elevation_sine
-from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
+from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 
-_PATCH = 81
+_PATCH = 121
 _REACH = 2.0  # how far out, in radii of the spot, its light is gathered
 _MARGIN_RAD = np.pi / COARSE_ROWS  # and looked at, so that coarse pixels at the rim are seen as a whole
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
@@ -54,10 +54,11 @@ def threshold(coarse: Floats) -> float:
     return mean + 2.0 * float(np.sqrt((np.square(value - mean) * weight).sum()))
 
 
-def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: float) -> Split:
+def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: float, *, centred: bool = False) -> Split:
     """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
 
-    `radius_rad`: radius of the bright spot, which becomes the sun's half angle.
+    radius_rad: of the bright spot, which becomes the sun's half angle. centred: its direction becomes the centroid of
+    that light.
     """
     reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
     look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
@@ -72,6 +73,8 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     residual = plate.coarse.copy()
     residual[cell] -= removed
     energy = (removed * coarse_solid_angle()[cell[0]]).sum(axis=0)
+    if centred:
+        direction = unit((value * share).ravel() @ look.reshape(-1, 3))
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
     return Split(residual, sun)
 

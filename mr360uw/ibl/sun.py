@@ -110,8 +110,9 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
 
 
 def split_disc(plate: Plate, disc: Disc) -> Split:
-    """Return the plate's expanded map split into this sun and the rest."""
-    return split_sun(plate, disc.blob.direction, disc.blob.radius_rad, disc.confidence)
+    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
+    blob = disc.blob
+    return split_sun(plate, blob.direction, blob.radius_rad, disc.confidence, centred=not blob.clipped)
 
 
 def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | None = None) -> Sun | None:

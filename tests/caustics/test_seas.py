@@ -222,7 +222,7 @@ def test_times_and_places_that_are_none():
 
 @pytest.mark.usefixtures("gl")
 def test_gerstner_twin(rng):
-    from mr360uw.caustics.gl import wave_table
+    from mr360uw.caustics.gl_sea import wave_table
     from mr360uw.gl.context import texture_from_array
 
     sea, tile = lattice_sea(rng), 8.0
