@@ -13,8 +13,6 @@ ever divided by what came in: that the mean is 1 is a result.
 
 from __future__ import annotations
 
-import functools
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -45,6 +43,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.gl.context import (
     gl_context,
     gl_device,
+    per_thread,
     read_framebuffer,
     texture_from_array,
 )
@@ -57,14 +56,10 @@ _NO_BLUR_PIXELS = 0.25
 _DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
 
 
-@functools.cache
-def _renderer_of_thread(_thread_id: int) -> CausticRenderer:
-    return CausticRenderer()
-
-
+@per_thread
 def caustic_renderer() -> CausticRenderer:
     """Return this thread's renderer, made at the first call."""
-    return _renderer_of_thread(threading.get_ident())
+    return CausticRenderer()
 
 
 class CausticRenderer:
