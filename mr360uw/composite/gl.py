@@ -54,8 +54,8 @@ class LayerRenderer:
             return Layer(shot.height, shot.width, ())
         self._light.update(shot, self._buffers)
         drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
-        for rectangle, images in self._objects.draw(shot, object_parts, frame):
-            paste(drawn, rectangle, shot.width, **images)
+        if object_parts:
+            self._objects.draw(shot, drawn, frame)
         for rectangle, images in self._receiver.draw(shot, receiver_parts):
             paste(drawn, rectangle, shot.width, **images)
         return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
