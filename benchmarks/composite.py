@@ -194,7 +194,7 @@ def speed() -> None:
     print(f"{'receiver':8} {'moving':6} {'samples':>7} {'processor ms':>13} {'wall ms':>8} {'covered':>8}  tiles")
     for receiver in (False, True):
         for moving in (False, True):
-            for samples in (17, 29):
+            for samples in (17, 41):
                 spent = []
                 for k in range(12):
                     scene = two_meshes(2048, 0.01 * k if moving else 0.0, receiver=receiver)
