@@ -48,16 +48,16 @@ class LayerRenderer:
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
         object_parts = object_rectangles(shot)
-        receiver_parts = self._receiver.rectangles(shot)
-        tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
+        changes = self._receiver.find(shot)
+        parts = object_parts + (changes.rectangles if changes is not None else [])
+        tiles = even_tiles(parts, shot.width, shot.height)
         if not tiles:
             return Layer(shot.height, shot.width, ())
         self._light.update(shot, self._buffers)
         drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
         for rectangle, images in self._objects.draw(shot, object_parts, frame):
             paste(drawn, rectangle, shot.width, **images)
-        for rectangle, images in self._receiver.draw(shot, receiver_parts):
-            paste(drawn, rectangle, shot.width, **images)
+        self._receiver.draw(shot, changes, drawn)
         return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:
