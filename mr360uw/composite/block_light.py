@@ -14,7 +14,16 @@ from mr360uw.composite.geometry import view_directions
 from mr360uw.composite.ground import BLOCK, Ground, Indices
 from mr360uw.composite.light import Light, unblocked
 from mr360uw.composite.occlusion import ambient_blocked, surfel_table
-from mr360uw.composite.receiver_kernel import CORNER_CHANNELS, FREE, SEEN, SHARE, VEIL, PixelImages
+from mr360uw.composite.receiver_kernel import (
+    CORNER_CHANNELS,
+    FREE,
+    SEEN,
+    SHARE,
+    VEIL,
+    Gathered,
+    PixelImages,
+    gather_images,
+)
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
@@ -29,9 +38,11 @@ def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArr
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
     light = Light(replace(shot, caustics=None, objects=()), np.zeros((0, 3, 3)))
-    level = shot.receiver is not None and shot.receiver.plane_y is not None
-    one = slice(int(np.argmax(point[:, 1] != 0.0)), None) if level else slice(None)
-    corner[j, i, SHARE] = light.receiver_share(point[one][:1] if level else point, normal[one][:1] if level else normal)
+    of = slice(None)
+    if shot.receiver is not None and shot.receiver.plane_y is not None:
+        there = int(np.argmax(point[:, 1] != 0.0))
+        of = slice(there, there + 1)  # a level plane has one share all over
+    corner[j, i, SHARE] = light.receiver_share(point[of], normal[of])
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
         corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
@@ -41,18 +52,18 @@ def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArr
 
 
 def free_images(shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indices) -> PixelImages:
-    """Return the part of the ambient light that bodies leave in the pixels of those blocks whose corners do not tell."""
+    """Return the part of the ambient light that bodies leave in the pixels of the blocks whose corners do not tell."""
     rough = ground.rough[j, i]
     at_middle = _free(shot, ground.middle_point[j, i], ground.middle_normal[j, i])
     uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)) > SMOOTH)
-    at, images = np.full(len(j), -1, np.int32), [np.zeros((0, BLOCK, BLOCK, 1), np.float32)]
-    for wanted in (uneven, rough):
-        if np.any(wanted):
-            at[wanted] = np.arange(np.count_nonzero(wanted)) + sum(len(image) for image in images)
-            images.append(
-                _free(shot, *_pixel_places(shot, ground, j[wanted], i[wanted], rough=wanted is rough))[..., None]
-            )
-    return PixelImages(at, np.concatenate(images))
+    parts: Gathered = []
+    if np.any(uneven):
+        of = j[uneven], i[uneven]
+        places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
+        parts.append((uneven, _free(shot, *places)[..., None]))
+    if np.any(rough):
+        parts.append((rough, _free(shot, *_pixel_places(shot, ground, j[rough], i[rough]))[..., None]))
+    return gather_images(len(j), 1, parts)
 
 
 def _free(shot: Shot, point: Floats, normal: Floats) -> Floats:
@@ -63,10 +74,8 @@ def _free(shot: Shot, point: Floats, normal: Floats) -> Floats:
     return unblocked(ambient_blocked(point, normal, surfel_table(casters, shot.camera_position)))
 
 
-def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices, *, rough: bool) -> tuple[Floats, Floats]:
+def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
     """Return points and normals (n, B, B, 3) of the pixels of blocks, float32."""
-    if not rough:
-        return ground.between(ground.corner_point, j, i), ground.between(ground.corner_normal, j, i)
     pixels = ground.pixels(shot, j, i)
     inside = np.arange(BLOCK) + 0.5
     x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]

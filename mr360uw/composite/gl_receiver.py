@@ -2,8 +2,8 @@
 """The receiver on OpenGL 3.3: what objects and waves change on the ground of the plate.
 
 What varies slowly along the ground is found at the corners of blocks of pixels (ground.py) and followed by straight
-lines; blocks in which a shadow has an edge, waves, or a shape of their own are drawn pixel by pixel. Only those are read
-back.
+lines. Blocks in which a shadow has an edge, waves, or a shape of their own are drawn pixel by pixel; only those are
+read back.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.block_light import SMOOTH, corner_light, free_images
+from mr360uw.composite.gl_ground import GroundShader
 from mr360uw.composite.gl_light import LightTextures
-from mr360uw.composite.gl_targets import Targets, bind
+from mr360uw.composite.gl_targets import Targets
 from mr360uw.composite.ground import BLOCK, Ground, Indices
-from mr360uw.composite.light import FADE_FROM
 from mr360uw.composite.receiver import (
     CoarseGrid,
     ReceiverShape,
@@ -27,20 +27,18 @@ from mr360uw.composite.receiver import (
     receiver_rectangles,
     touched_cells,
 )
-from mr360uw.composite.receiver_kernel import SEEN, BlockLight, PixelImages, lay_receiver
+from mr360uw.composite.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.shadow import effective_half_angle
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.tiles import Rectangle
-from mr360uw.gl.context import set_uniforms, texture_from_array
 from mr360uw.types import Floats, Tile
 
-_BLOCKS_ACROSS = 32
-_PLACES_ACROSS = 256
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
 _WIDE = 1.5
 """A penumbra so many times as wide as a block reaches has no detail that the corners and the middle do not show."""
 _HALVED = 12.0
-"""Half the pixels along a block miss a sixteenth of what its corners miss, or a little more."""
+"""What straight lines miss goes with the square of their length: with a sample at every second pixel, a sixteenth of
+what the corners of a block miss. Some of the sixteen are kept for penumbrae that bend unevenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +54,7 @@ class ReceiverPass:
     """Draws the receivers of shots; keeps what is known of one that stands still before the camera."""
 
     def __init__(self, targets: Targets, light: LightTextures) -> None:
-        self._targets, self._light = targets, light
+        self._shader = GroundShader(targets, light)
         self._shape: tuple[Receiver, bytes, ReceiverShape] | None = None
         self._grid: tuple[object, Floats | None, CoarseGrid] | None = None
         self._ground: tuple[object, Ground] | None = None
@@ -75,7 +73,7 @@ class ReceiverPass:
             return
         ground = self._known_ground(shot, shot.receiver)
         blocks = _blocks(changes.grid, changes.touched.at_all, ground)
-        shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._light.defines)
+        shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
         ground.know(shot, blocks)
         light = self._block_light(shot, shot.receiver, ground, blocks, shaded)
         for tile in tiles:
@@ -116,10 +114,10 @@ class ReceiverPass:
         corner = corner_light(shot, ground, blocks)
         free = free_images(shot, ground, corner, j, i)
         edge, umbra = self._see_sun(shot, ground, shaded, corner, j, i)
-        wavy = ~umbra if receiver.caustics and "CAUSTICS" in self._light.defines else np.zeros(len(j), np.bool_)
-        seen, waves, shape = _Images(len(j), 1), _Images(len(j), 3), _Images(len(j), 7)
+        of_sun = self._shader.of_sun & _wanted(receiver)
+        wavy = ~umbra & ("CAUSTICS" in of_sun)
         if receiver.plane_y is None:
-            edge[edge == _SOFT] = _SHARP  # only the pixels of other shapes are known
+            edge[edge == _SOFT] = _SHARP  # of other shapes the pixels are known, nothing between them
         # blocks of one kind each: which, what is asked of them, samples along a block
         kinds = (
             (~rough & (edge == _SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
@@ -128,23 +126,22 @@ class ReceiverPass:
             (~rough & (edge == _NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
             (rough, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
         )
-        for which, wanted, side in kinds:
+        seen: Gathered = []
+        waves: Gathered = []
+        shape: Gathered = []
+        for which, asked, side in kinds:
             if not np.any(which):
                 continue
-            wanted &= {"ROUGH", *self._wanted(receiver)}
-            falls, *own = self._draw_pixels(shot, ground, j[which], i[which], wanted, side)
+            wanted = frozenset(asked) & {"ROUGH", *of_sun}
+            falls, *own = self._shader.pixels(shot, ground, j[which], i[which], wanted, side)
             if "SHADOW" in wanted:
-                seen.add(which, falls[..., -1:] if side == BLOCK else _enlarged(falls))
+                seen.append((which, falls[..., -1:] if side == BLOCK else _enlarged(falls)))
             if "CAUSTICS" in wanted:
-                waves.add(which, falls[..., :3])
+                waves.append((which, falls[..., :3]))
             if own:
-                shape.add(which, np.concatenate([own[0], own[1][..., :3]], axis=-1))
-        return BlockLight(j, i, corner, free, seen.done(), waves.done(), shape.done())
-
-    def _wanted(self, receiver: Receiver) -> set[str]:
-        """Return what of the sun the receiver shows."""
-        off = {"SHADOW": not receiver.shadow, "CAUSTICS": not receiver.caustics}
-        return {name for name in ("SHADOW", "CAUSTICS") if name in self._light.defines and not off[name]}
+                shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
+        own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape)))
+        return BlockLight(j, i, corner, free, *own_pixels)
 
     def _see_sun(
         self,
@@ -155,8 +152,10 @@ class ReceiverPass:
         j: Indices,
         i: Indices,
     ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-        """Set the part of the sun seen at the corners of blocks. Return which edge of a shadow each of the blocks (j, i)
-        holds that its corners do not tell, and which lie wholly in the umbra.
+        """Set the part of the sun seen at the corners of the shaded blocks (R, C).
+
+        Returns which edge of a shadow each of the blocks (j, i) holds that its corners do not tell, and which of them
+        lie wholly in the umbra.
         """
         edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
         if np.any(shaded) and shot.sun is not None:
@@ -165,7 +164,7 @@ class ReceiverPass:
             places = np.zeros((len(cj) + len(mj), 4), np.float32)
             places[: len(cj), :3] = ground.corner_point[cj, ci]
             places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-            sun = self._sun_at(shot, places)
+            sun = self._shader.sun_at(places)
             corner[cj, ci, SEEN] = sun[: len(cj), 0]
             seen, between, dark, gap = sun[len(cj) :].T
             spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
@@ -176,95 +175,23 @@ class ReceiverPass:
             edge[mj, mi] = np.where((between > 0.5) & (dark < 0.5), found, _NO_EDGE)
         return edge[j, i], umbra[j, i]
 
-    # --- on the device -----------------------------------------------------------------------------------------------
 
-    def _sun_at(self, shot: Shot, places: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what coarse.frag says of places (n, 4), (n, 4)."""
-        rows = -(-len(places) // _PLACES_ACROSS)
-        listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
-        listed[: len(places)] = places
-        defines = dict.fromkeys(("SUN", "SHADOW"), 1)
-        shader = self._targets.program("coarse", defines)
-        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **self._light.textures})
-        self._light.set(shader, 0.0)
-        self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
-        (sun,) = self._targets.read("coarse", _PLACES_ACROSS, rows)
-        return sun.reshape(-1, 4)[: len(places)]
-
-    def _draw_pixels(
-        self, shot: Shot, ground: Ground, j: Indices, i: Indices, wanted: set[str], side: int
-    ) -> list[NDArray[np.float32]]:
-        """Return the images of receiver.frag of blocks, each (n, side, side, k)."""
-        assert shot.receiver is not None
-        rows = -(-len(j) // _BLOCKS_ACROSS)
-        width, height = _BLOCKS_ACROSS * side, rows * side
-        blocks = np.zeros((rows * _BLOCKS_ACROSS, 2), np.float32)
-        blocks[: len(j)] = BLOCK * np.stack([i, j], axis=-1)
-        defines = wanted | (set(self._light.defines) & {"SUN", "MEDIUM"})
-        textures = {"blocks": texture_from_array(blocks.reshape(rows, -1, 2)), **self._light.textures}
-        if shot.receiver.plane_y is not None and "ROUGH" not in wanted:
-            defines.add("PLANE")
-        else:
-            textures["shape"] = texture_from_array(_atlas(ground.pixels(shot, j, i), rows))
-        shader = self._targets.program("receiver", dict.fromkeys(defines, 1) | {"SIDE": side, "SPACING": BLOCK // side})
-        bind(shader, textures)
-        self._light.set(shader, 0.0)
-        extent = shot.receiver.extent_m
-        set_uniforms(
-            shader,
-            world_from_camera=shot.world_from_camera.T,
-            frame_size=(shot.width, shot.height),
-            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.camera_position[1]),
-            fade=(FADE_FROM * extent, extent),
-        )
-        channels = (4, 4, 4) if "ROUGH" in wanted else (4,) if "CAUSTICS" in wanted else (1,)
-        name = f"receiver {len(channels)} {channels[0]}"
-        self._targets.draw(shader, name, width, height, channels)
-        return [_images_of_atlas(image, len(j)) for image in self._targets.read(name, width, height)]
-
-
-class _Images:
-    """Gathers images of some of n blocks."""
-
-    def __init__(self, count: int, channels: int) -> None:
-        self._at = np.full(count, -1, np.int32)
-        self._images = [np.zeros((0, BLOCK, BLOCK, channels), np.float32)]
-
-    def add(self, which: NDArray[np.bool_], images: NDArray[np.float32]) -> None:
-        """Add the images of the blocks (n,) that are set."""
-        self._at[which] = np.arange(len(images)) + sum(len(image) for image in self._images)
-        self._images.append(images)
-
-    def done(self) -> PixelImages:
-        """Return all of them."""
-        return PixelImages(self._at, np.concatenate(self._images))
-
-
-def _atlas(images: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    """Return images (n, side, side, k) next to each other, `_BLOCKS_ACROSS` in a row."""
-    side, channels = images.shape[2:]
-    whole = np.zeros((rows * _BLOCKS_ACROSS, side, side, channels), np.float32)
-    whole[: len(images)] = images
-    apart = whole.reshape(rows, _BLOCKS_ACROSS, side, side, channels).transpose(0, 2, 1, 3, 4)
-    return apart.reshape(rows * side, _BLOCKS_ACROSS * side, channels)
-
-
-def _images_of_atlas(atlas: Floats, count: int) -> NDArray[np.float32]:
-    """Return the first images (count, side, side, k) of an atlas."""
-    side, channels = atlas.shape[1] // _BLOCKS_ACROSS, atlas.shape[-1]
-    apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, channels).transpose(0, 2, 1, 3, 4)
-    return np.ascontiguousarray(apart).reshape(-1, side, side, channels)[:count]
+def _wanted(receiver: Receiver) -> frozenset[str]:
+    """Return what of the sun a receiver shows."""
+    shown = {"SHADOW": receiver.shadow, "CAUSTICS": receiver.caustics}
+    return frozenset(name for name, shows in shown.items() if shows)
 
 
 def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return images (n, s, s, 1) at the pixels of blocks, (n, B, B, 1): straight lines, also beyond the outer samples."""
+    """Return images (n, s, s, 1) at the pixels of blocks, (n, B, B, 1): straight lines, also past the outer samples."""
     side = images.shape[1]
     place = (np.arange(BLOCK) + 0.5) * side / BLOCK - 0.5
     lower = np.clip(np.floor(place).astype(np.int64), 0, side - 2)
     weights = np.zeros((BLOCK, side), np.float32)
     weights[np.arange(BLOCK), lower] = 1.0 - (place - lower)
     weights[np.arange(BLOCK), lower + 1] = place - lower
-    return np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None]
+    enlarged: NDArray[np.float32] = np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None]
+    return enlarged
 
 
 def _blocks(grid: CoarseGrid, marks: NDArray[np.bool_], ground: Ground) -> NDArray[np.bool_]:

@@ -44,7 +44,7 @@ def ambient_blocked(point: Floats, normal: Floats, surfels: Floats) -> Floats:
     return out.reshape(point.shape[:-1])
 
 
-@_inlined
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
 def _sum(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, surfels: Any, pi: Any, nearest: Any) -> Any:
     """Return twice the sum at one place. The two numbers are arguments to be of the arrays' precision."""
     sx, sy, sz, ax, ay, az, area = surfels[0], surfels[1], surfels[2], surfels[3], surfels[4], surfels[5], surfels[6]
@@ -58,14 +58,14 @@ def _sum(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, surfels: Any, pi:
     return total
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def _sums(point: Any, normal: Any, surfels: Any, pi: Any, nearest: Any, out: Any) -> None:
     for i in range(len(out)):
         p, n = point[i], normal[i]
         out[i] = _sum(p[0], p[1], p[2], n[0], n[1], n[2], surfels, pi, nearest) / 2
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def mark_occluded(
     point: Any, normal: Any, reach_m: Any, center: Any, radius: Any, surfels: Any, least: Any, marks: Any
 ) -> None:
@@ -93,7 +93,7 @@ def mark_occluded(
             marks[i] = _sum(p[0], p[1], p[2], n[0], n[1], n[2], surfels, np.pi, 1e-12) > 2.0 * least
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread: Any, marks: Any) -> None:
     """Set the marks (n,) of places between which and the sun a body's box may be.
 

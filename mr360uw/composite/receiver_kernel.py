@@ -32,6 +32,20 @@ class PixelImages:
     image: NDArray[np.float32]
 
 
+Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
+"""Images (m, B, B, k) and the m of n blocks (n,) that they are of, some such pairs."""
+
+
+def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
+    """Return images of some of `count` blocks, each block in one part at most."""
+    at, first = np.full(count, -1, np.int32), 0
+    for which, images in parts:
+        at[which] = first + np.arange(len(images))
+        first += len(images)
+    none = np.zeros((0, BLOCK, BLOCK, channels), np.float32)
+    return PixelImages(at, np.concatenate([none, *(images for _, images in parts)]))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockLight:
     """What falls on blocks of the receiver.
@@ -58,7 +72,7 @@ def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None
     )  # fmt: skip
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
     shape_at: Any, shape: Any, width: int, height: int, first_row: int, first_column: int, ratio: Any, veil: Any,

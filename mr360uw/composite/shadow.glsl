@@ -138,4 +138,3 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
     } while (k < count);
     return umbra ? 0.0 : 1.0 - blocked / float(count);
 }
-

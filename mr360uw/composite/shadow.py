@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What keeps the sun's light off: its disc behind a body.
 
-The sun's visibility is the mean over directions that fill its disc. Water widens the
-disc by forward scattering; a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment,
-radius^2 = half_angle^2 + 4 sigma^2. Twin: shadow.glsl.
+The sun's visibility is the mean over directions that fill its disc. Water widens the disc by forward scattering; a
+Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 = half_angle^2 +
+4 sigma^2. Twin: shadow.glsl.
 """
 
 from __future__ import annotations
