@@ -13,5 +13,5 @@ void main() {
     bool umbra;
     int between = bodies_between(sun_map, casters, lights.casters, lights.slot_size, p, place.w,
                                  tan(lights.half_angle), gap, umbra);
-    sun = vec4(visibility(lights, sun_map, casters, slopes, place.xyz), float(between != 0), float(umbra), gap);
+    sun = vec4(visibility(lights, sun_map, casters, slopes, place.xyz, true), float(between != 0), float(umbra), gap);
 }

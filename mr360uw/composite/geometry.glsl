@@ -135,15 +135,3 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     s.normal = normal * side;
     return s;
 }
-
-bool masked_out(sampler2D triangles, sampler2D materials, sampler2D store, Triangle triangle,
-                vec3 direction, vec3 next_column, vec3 next_row) {
-    Facet facet = make_facet(triangle.a, triangle.b, triangle.c);
-    vec3 weights = barycentric(facet, direction).xyz;
-    mat3x2 uv_corners = fetch_uv(triangles, triangle.first);
-    vec2 uv = uv_corners * weights;
-    float alpha = base_color(triangles, materials, store, triangle, weights, uv,
-                             uv_change(facet, uv_corners, uv, next_column),
-                             uv_change(facet, uv_corners, uv, next_row)).a;
-    return alpha < listed(materials, triangle.material * MATERIAL_TEXELS + 3).x;
-}

@@ -13,7 +13,7 @@ from mr360uw.composite.material import Material
 from mr360uw.composite.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.texture import Texture, texture_level, texture_lookup
-from mr360uw.composite.tiles import Rectangle, rectangle_of_triangles
+from mr360uw.composite.tiles import Rectangle, rectangles_of_bodies
 from mr360uw.sphere import direction_from_frame
 from mr360uw.types import Floats
 
@@ -73,13 +73,13 @@ def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Float
 
 def object_rectangles(shot: Shot) -> list[Rectangle]:
     """Return the frame's rectangle of every visible object; those over the seam are not yet split."""
-    rectangles = []
+    seen = []
     for placed in shot.objects:
         if placed.visible:
-            seen = (placed.to_world(placed.mesh.hull) - shot.camera_position) @ shot.world_from_camera
-            rectangle = rectangle_of_triangles(seen, shot.width, shot.height)
-            rectangles += [rectangle] if rectangle and rectangle[3] > 0 else []
-    return rectangles
+            hull = placed.mesh.hull
+            points = (placed.to_world(hull.reshape(-1, 3)) - shot.camera_position) @ shot.world_from_camera
+            seen.append(points.reshape(hull.shape))
+    return [r for r in rectangles_of_bodies(seen, shot.width, shot.height) if r[3] > 0]
 
 
 def view_directions(shot: Shot, x: Floats, y: Floats) -> Floats:

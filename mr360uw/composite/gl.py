@@ -18,7 +18,7 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import even_tiles, paste
+from mr360uw.composite.tiles import even_tiles
 from mr360uw.gl.context import gl_context
 from mr360uw.types import Layer
 
@@ -55,8 +55,8 @@ class LayerRenderer:
             return Layer(shot.height, shot.width, ())
         self._light.update(shot, self._buffers)
         drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
-        for rectangle, images in self._objects.draw(shot, object_parts, frame):
-            paste(drawn, rectangle, shot.width, **images)
+        if object_parts:
+            self._objects.draw(shot, drawn, frame)
         self._receiver.draw(shot, changes, drawn)
         return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
 

@@ -36,7 +36,7 @@ class GroundShader:
         listed[: len(places)] = places
         shader = self._targets.program("coarse", {"SUN": 1, "SHADOW": 1})
         bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **self._light.textures})
-        self._light.set(shader, 0.0)
+        self._light.set(shader)
         self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
         (sun,) = self._targets.read("coarse", _PLACES_ACROSS, rows)
         return sun.reshape(-1, 4)[: len(places)]
@@ -61,7 +61,7 @@ class GroundShader:
             textures["shape"] = texture_from_array(_atlas(ground.pixels(shot, j, i), rows))
         shader = self._targets.program("receiver", dict.fromkeys(defines, 1) | {"SIDE": side, "SPACING": BLOCK // side})
         bind(shader, textures)
-        self._light.set(shader, 0.0)
+        self._light.set(shader)
         extent = shot.receiver.extent_m
         set_uniforms(
             shader,

@@ -79,6 +79,7 @@ class LightTextures:
             "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
             "lights__half_angle": half_angle,
             "lights__slot_size": float(size),
+            "lights__bias_scale": max(_BIASED_SLOT / size, 1.0),
             "lights__sun_axes": axes.T,
             "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
             "lights__casters": min(len(casters), MAXIMUM_SLOTS),
@@ -91,10 +92,9 @@ class LightTextures:
             self.textures["sun_map"], self.textures["casters"] = maps
             self._keys["sun_map"] = key
 
-    def set(self, shader: moderngl.Program, bias_m: float) -> None:
-        """Give a program the numbers of the light; `bias_m`: how far off a body its shadow rays start."""
-        coarser = _BIASED_SLOT / self._uniforms.get("lights__slot_size", _BIASED_SLOT)
-        set_uniforms(shader, **self._uniforms, lights__bias_m=bias_m * max(coarser, 1.0))
+    def set(self, shader: moderngl.Program) -> None:
+        """Give a program the numbers of the light."""
+        set_uniforms(shader, **self._uniforms)
         for name, values in self._arrays.items():
             write_uniform(shader, name, np.asarray(values, np.float32))
 

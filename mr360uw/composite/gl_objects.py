@@ -1,293 +1,157 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects on OpenGL 3.3: the samples that see them, and the light of every group of samples.
+"""Objects on OpenGL 3.3: the surfaces that pixels show, lit one by one and added up.
 
-Objects that overlap in the frame share a window. Its raster holds every sample of its pixels (sampling.py); each
-triangle is drawn there as its rectangle of longitudes and latitudes, and a sample keeps it where its own ray meets it:
-neither the seam nor the poles are special. Then every object's pixels are lit, once for each group of samples.
+What is lit is a list, a texel each (layer.frag), so that no pixel waits for another that shows more. Objects of one
+mesh are lit together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.aovs import SUMS, AovFrame
+from mr360uw.composite.blocks import LANE_COLUMNS, in_lane_order, lane_rows
+from mr360uw.composite.fragments import Fragments, add_behind, through
+from mr360uw.composite.gl_facets import camera_centred
 from mr360uw.composite.gl_light import LightTextures
-from mr360uw.composite.gl_targets import Targets, bind
-from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
-from mr360uw.composite.material import AlphaMode
+from mr360uw.composite.gl_surfaces import SurfacePass
+from mr360uw.composite.gl_targets import Targets, bind, read_attachment
+from mr360uw.composite.gl_upload import MeshBuffers, list_texture
 from mr360uw.composite.mesh import Mesh
-from mr360uw.composite.sampling import Pattern, pattern, raster_from_frame
+from mr360uw.composite.sampling import filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import Rectangle, common_part, joined
-from mr360uw.gl.context import gl_context, set_uniforms
-from mr360uw.types import Floats
+from mr360uw.gl.context import set_uniforms
+from mr360uw.types import Floats, Tile
 
-if TYPE_CHECKING:
-    import moderngl
-
-BLEND_LAYERS = 4
-_RASTER_SIDE = 2048
-_KEPT_WINDOWS = 8
-
-
-@dataclass(slots=True)
-class _Raster:
-    """A target that samples are drawn into. key: what it shows; None for nothing that may be used again."""
-
-    framebuffer: moderngl.Framebuffer
-    seen: moderngl.Texture
-    key: object = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """A part of the frame and its raster: `origin` and `size` in cells; column + width may pass the seam."""
-
-    rectangle: Rectangle
-    origin: tuple[int, int]
-    size: tuple[int, int]
+_CHANNELS = ((4, 1), (4,) * 5, (4,) * 4)
+"""Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
+_AT_ONCE = 1 << 19
+_KEPT = 1 << 21
 
 
 class ObjectPass:
-    """Draws and lights the objects of shots; keeps the samples of a window whose objects and camera stand still.
+    """Draws and lights the objects of shots; keeps the surfaces while objects and camera stand still.
 
     buffers: gives the device's copy of a mesh.
     """
 
     def __init__(self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._targets, self._light, self._buffers = targets, light, buffers
-        self._rasters: dict[tuple[int, int], _Raster] = {}
+        self._surfaces = SurfacePass(targets, buffers)
+        self._kept: tuple[object, list[Fragments], NDArray[np.int64]] | None = None
 
-    def draw(
-        self, shot: Shot, parts: Sequence[Rectangle], frame: AovFrame | None
-    ) -> Iterator[tuple[Rectangle, dict[str, Floats]]]:
-        """Yield the rectangles of the frame that hold objects, each with its radiance, alpha and distance_m.
+    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None) -> None:
+        """Lay the objects of a shot behind what tiles hold. frame: gathers output variables where there is one."""
+        objects = [placed for placed in shot.objects if placed.visible]
+        layers, first = self._find(shot, objects)
+        for number, fragments in enumerate(layers):
+            if len(fragments) == 0:
+                continue
+            body = np.searchsorted(first, fragments.triangle, side="right") - 1
+            lit = (shot, objects, fragments, body, fragments.triangle - first[body], number < len(layers) - 1)
+            values = self._light_up(*lit, 0)
+            share = fragments.weight * values[:, 3]
+            if frame is not None:
+                seen = through(tiles, fragments)[fragments.pixel()] * share
+                variables = np.concatenate([self._light_up(*lit, half) for half in (1, 2)], axis=1)
+                _add_variables(frame, fragments, seen, variables, body)
+            color = fragments.sums(np.append(values[:, :3] * share[:, None], share[:, None], axis=1))
+            add_behind(tiles, fragments, color, fragments.smallest(values[:, 4]))
 
-        parts: the rectangle of every visible object. frame: gathers output variables where they are asked for.
-        """
-        visible = [placed for placed in shot.objects if placed.visible]
-        samples = pattern(shot.samples)
-        windows = _windows(joined(parts, shot.width), samples)
-        for index, window in enumerate(windows):
-            radiance, alpha, distance = self._draw_window(
-                shot, visible, parts, samples, window, index, keep=len(windows) <= _KEPT_WINDOWS, frame=frame
-            )
-            yield window.rectangle, {"radiance": radiance, "alpha": alpha, "distance_m": distance}
-
-    def _draw_window(
-        self,
-        shot: Shot,
-        visible: Sequence[PlacedObject],
-        parts: Sequence[Rectangle],
-        samples: Pattern,
-        window: _Window,
-        index: int,
-        *,
-        keep: bool,
-        frame: AovFrame | None,
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return radiance, alpha, distance of a window's pixels."""
-        inside = [
-            (k, placed, common)
-            for k, (placed, part) in enumerate(zip(visible, parts, strict=True))
-            if (common := common_part(part, window.rectangle, shot.width)) is not None
-        ]
-        modes = {m.alpha_mode for _, placed, _ in inside for m in placed.mesh.materials}
-        layers = BLEND_LAYERS + 1 if "BLEND" in modes else 1
-        first = np.concatenate([[0], np.cumsum([len(p.mesh.positions) for p in visible])])
+    def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         key = (
-            window.rectangle, shot.width, shot.samples, shot.camera_position.tobytes(),
-            shot.world_from_camera.tobytes(),
-            tuple((id(p.mesh), p.world_from_object.tobytes(), int(first[k])) for k, p, _ in inside),
+            shot.width, shot.height, shot.samples, shot.shading, shot.camera_position.tobytes(),
+            shot.world_from_camera.tobytes(), tuple((p.mesh, p.world_from_object.tobytes()) for p in objects),
         )  # fmt: skip
-        rasters = [self._raster(index if keep else 0, layer, window.size) for layer in range(layers)]
-        if not keep or any(raster.key != (key, layers) for raster in rasters):
-            solid = rasters[-1]
-            self._draw_samples(shot, inside, first, samples, window, solid, ("OPAQUE", "MASK"))
-            for layer in range(layers - 1):
-                nearer = rasters[layer - 1] if layer else None
-                self._draw_samples(shot, inside, first, samples, window, rasters[layer], ("BLEND",), solid, nearer)
-            for raster in rasters:
-                raster.key = (key, layers)
-        _, _, width, height = window.rectangle
-        radiance, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
-        distance = np.full((height, width), np.inf, np.float32)
-        for layer, raster in enumerate(rasters):
-            through = 1.0 - alpha
-            for k, placed, common in inside:
-                if layer < layers - 1 and not any(m.alpha_mode == "BLEND" for m in placed.mesh.materials):
-                    continue
-                where = np.s_[common[1] : common[1] + common[3], common[0] : common[0] + common[2]]
-                color, near = self._light_object(
-                    shot, placed, int(first[k]), samples, window, common, raster, blended=layer < layers - 1
-                )
-                share = through[where]
-                radiance[where] += share[..., None] * color[..., :3]
-                alpha[where] += share * color[..., 3]
-                distance[where] = np.minimum(distance[where], near)
-                if frame is not None:
-                    lit = (shot, placed, int(first[k]), samples, window, common, raster)
-                    sums = [self._light_object(*lit, blended=layer < layers - 1, aovs=n) for n in (1, 2)]
-                    rows = window.rectangle[1] + np.arange(height)[where[0], None]
-                    columns = (window.rectangle[0] + np.arange(width)[where[1]]) % shot.width
-                    for name, image in zip(SUMS, sums[0] + sums[1], strict=True):
-                        frame.sums[name][rows, columns] += share[..., None] * image[..., :3]
-                    part = share * color[..., 3]
-                    larger = part > frame.share[rows, columns]
-                    frame.share[rows, columns] = np.where(larger, part, frame.share[rows, columns])
-                    frame.object_id[rows, columns] = np.where(larger, k + 1, frame.object_id[rows, columns])
-        return radiance, alpha, distance
+        if self._kept is None or self._kept[0] != key:
+            layers, first = self._surfaces.find(shot, objects)
+            if sum(len(layer) for layer in layers) > _KEPT:
+                self._kept = None
+                return layers, first
+            self._kept = key, layers, first
+        return self._kept[1], self._kept[2]
 
-    def _draw_samples(
+    def _light_up(
         self,
         shot: Shot,
-        inside: Sequence[tuple[int, PlacedObject, Rectangle]],
-        first: Any,
-        samples: Pattern,
-        window: _Window,
-        raster: _Raster,
-        modes: tuple[AlphaMode, ...],
-        solid: _Raster | None = None,
-        nearer: _Raster | None = None,
-    ) -> None:
-        """Fill a raster with the nearest triangles; with `solid`, those in front of it and behind `nearer`."""
-        context = gl_context()
-        width, height = window.size
-        raster.framebuffer.use()
-        raster.framebuffer.viewport = (0, 0, width, height)
-        raster.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0, viewport=(0, 0, width, height))
-        column, row, columns, rows = window.rectangle
-        for k, placed, _ in inside:
-            buffers = self._buffers(placed.mesh)
-            world = _camera_centred(placed, shot)
-            for mode in modes:
-                start, count = buffers.ranges[mode]
-                if count == 0:
-                    continue
-                defines = {"MASKED": 1, "BASE_MAP": 1} if mode == "MASK" else {}
-                if solid is not None:
-                    defines["PEELED"] = int(nearer is not None)
-                shader = self._targets.program(
-                    "visible", defines, vertex="composite/visible.vert", geometry="composite/visible.geom"
-                )
-                textures = {"triangles": buffers.triangles, "materials": buffers.materials, "store": buffers.store}
-                if solid is not None:
-                    textures |= {"opaque": solid.seen, "nearer": (nearer or solid).seen}
-                bind(shader, textures)
-                set_uniforms(
-                    shader,
-                    camera_from_object=(_homogeneous(shot.world_from_camera.T) @ world).T,
-                    placed_world=world.T,
-                    world_from_camera=shot.world_from_camera.T,
-                    frame_size=(shot.width, shot.height),
-                    window=(column, row, columns, rows),
-                    gaussian=(samples.a, samples.b),
-                    raster_origin=window.origin,
-                    raster_size=window.size,
-                    first_number=float(first[k] + start + 1),
-                    first_triangle=float(start),
-                )
-                vertex_array = context.vertex_array(shader, [(buffers.corners, "4f", "corner")])
-                with context.scope(raster.framebuffer, context.DEPTH_TEST):
-                    vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * start)
-
-    def _light_object(
-        self,
-        shot: Shot,
-        placed: PlacedObject,
-        first: int,
-        samples: Pattern,
-        window: _Window,
-        common: Rectangle,
-        raster: _Raster,
-        *,
+        objects: Sequence[PlacedObject],
+        fragments: Fragments,
+        body: NDArray[np.int64],
+        triangle: NDArray[np.int64],
         blended: bool,
-        aovs: int = 0,
-    ) -> list[Floats]:
-        """Return the outputs of layer.frag over a part of a window (relative to it): [(h, w, 4) radiance and alpha,
-        (h, w) distance], or what `aovs` asks for.
+        outputs: int,
+    ) -> Floats:
+        """Return the outputs of layer.frag (n, channels) for every fragment.
+
+        body: (n,) object of each, triangle: (n,) number in its mesh. outputs: see `_CHANNELS`.
         """
-        buffers = self._buffers(placed.mesh)
-        defines = {"SAMPLES": samples.count, "AOVS": aovs} | _map_defines(placed.mesh) | self._light.defines
-        if shot.shading == "sample":
-            defines["BY_SAMPLE"] = 1
-        shader = self._targets.program("layer", defines)
+        table = np.zeros((len(objects), 4, 4))
+        for row, placed in zip(table, objects, strict=True):
+            row[:3], row[3, 0] = camera_centred(placed, shot)[:3], placed.bias_m
+        bodies = list_texture(table)
+        entries = np.concatenate([triangle[:, None], fragments.place, body[:, None]], axis=1)
+        meshes = list(dict.fromkeys(placed.mesh for placed in objects))
+        of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
+        values = np.empty((len(fragments), sum(_CHANNELS[outputs])), np.float32)
+        for number, mesh in enumerate(meshes):
+            chosen = np.flatnonzero(of_mesh == number)
+            for start in range(0, len(chosen), _AT_ONCE):
+                part = chosen[start : start + _AT_ONCE]
+                values[part] = self._light_mesh(shot, mesh, entries[part], bodies, blended, outputs)
+        return values
+
+    def _light_mesh(self, shot: Shot, mesh: Mesh, entries: Floats, bodies: Any, blended: bool, outputs: int) -> Floats:
+        buffers = self._buffers(mesh)
+        shader = self._targets.program("layer", {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines)
         bind(
             shader,
             {
-                "seen": raster.seen,
+                "fragments": list_texture(entries),
+                "bodies": bodies,
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
                 **self._light.textures,
             },
         )
-        self._light.set(shader, placed.bias_m)
-        write_uniform(shader, "offsets", samples.offsets.astype(np.int32))
+        self._light.set(shader)
         set_uniforms(
             shader,
-            placed_world=_camera_centred(placed, shot).T,
             world_from_camera=shot.world_from_camera.T,
             frame_size=(shot.width, shot.height),
-            window=window.rectangle[:2],
-            gaussian=(samples.a, samples.b),
-            raster_origin=window.origin,
-            raster_shift=common[:2],
-            numbers=(float(first), float(first + len(placed.mesh.positions))),
+            count=len(entries),
+            filter_width=filter_width(shot.samples, shot.shading),
             blended=blended,
         )
-        channels = {0: (4, 1), 1: (4,) * 5, 2: (4,) * 4}[aovs]
-        self._targets.draw(shader, f"layer {aovs}", common[2], common[3], channels)
-        images = self._targets.read(f"layer {aovs}", common[2], common[3])
-        if aovs == 0:
-            images[1] = np.where(images[0][..., 3] > 0.0, images[1][..., 0], np.float32(np.inf))
-        return images
+        rows = lane_rows(len(entries))
+        target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
+        part = (0, 0, LANE_COLUMNS, rows)
+        self._targets.fill(target, shader, part)
+        images = [read_attachment(target, k, part) for k in range(len(_CHANNELS[outputs]))]
+        return np.concatenate([in_lane_order(image)[: len(entries)] for image in images], axis=1)
 
-    def _raster(self, index: int, layer: int, size: tuple[int, int]) -> _Raster:
-        """Return a raster of at least a size, made anew where the one there is too small."""
-        kept = self._rasters.get((index, layer))
-        if kept is None or kept.seen.width < size[0] or kept.seen.height < size[1]:
-            had = (0, 0) if kept is None else kept.seen.size
-            whole = max(-(-size[0] // 128) * 128, had[0]), max(-(-size[1] // 128) * 128, had[1])
-            seen = gl_context().texture(whole, 2, dtype="f4")
-            depth = gl_context().depth_renderbuffer(whole)
-            kept = _Raster(gl_context().framebuffer([seen], depth), seen)
-            self._rasters[index, layer] = kept
-        return kept
+
+def _add_variables(
+    frame: AovFrame, fragments: Fragments, share: Floats, values: Floats, body: NDArray[np.int64]
+) -> None:
+    """Add the output variables (n, 36) of fragments that have a share (n,) in their pixels."""
+    at = fragments.row, fragments.column
+    for k, name in enumerate(SUMS):
+        frame.sums[name][at] += fragments.sums(share[:, None] * values[:, 4 * k : 4 * k + 3])
+    pixel = fragments.pixel()
+    order = np.lexsort((-np.arange(len(pixel)), share))  # of several in a pixel, the largest is written last
+    largest = np.full(len(fragments.row), -1, np.int64)
+    largest[pixel[order]] = order
+    larger = share[largest] > frame.share[at]
+    rows, columns, chosen = fragments.row[larger], fragments.column[larger], largest[larger]
+    frame.share[rows, columns], frame.object_id[rows, columns] = share[chosen], body[chosen] + 1
 
 
 def _map_defines(mesh: Mesh) -> dict[str, int]:
     """Return a define for every kind of map that some material of a mesh has."""
     kinds = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
     return {kind.upper(): 1 for kind in kinds if any(getattr(m, kind) is not None for m in mesh.materials)}
-
-
-def _homogeneous(rotation: Floats) -> Floats:
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    return matrix
-
-
-def _camera_centred(placed: PlacedObject, shot: Shot) -> Floats:
-    matrix = placed.world_from_object.copy()
-    matrix[:3, 3] -= shot.camera_position
-    return matrix
-
-
-def _windows(rectangles: Sequence[Rectangle], samples: Pattern) -> list[_Window]:
-    """Return windows of the frame that cover rectangles and whose rasters are not larger than a driver likes."""
-    side = _RASTER_SIDE // (samples.a + samples.b)
-    windows = []
-    for column, row, width, height in rectangles:
-        for top in range(row, row + height, side):
-            for left in range(column, column + width, side):
-                w, h = min(side, column + width - left), min(side, row + height - top)
-                x, y = raster_from_frame(np.array([0, w, 0, w]), np.array([0, 0, h, h]), samples.a, samples.b)
-                origin = int(np.floor(x.min())) - 1, int(np.floor(y.min())) - 1
-                size = int(np.ceil(x.max())) + 1 - origin[0], int(np.ceil(y.max())) + 1 - origin[1]
-                windows.append(_Window((left, top, w, h), origin, size))
-    return windows

@@ -190,8 +190,7 @@ def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
     weights = np.zeros((BLOCK, side), np.float32)
     weights[np.arange(BLOCK), lower] = 1.0 - (place - lower)
     weights[np.arange(BLOCK), lower + 1] = place - lower
-    enlarged: NDArray[np.float32] = np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None]
-    return enlarged
+    return np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None].astype(np.float32, copy=False)
 
 
 def _blocks(grid: CoarseGrid, marks: NDArray[np.bool_], ground: Ground) -> NDArray[np.bool_]:

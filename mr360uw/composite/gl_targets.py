@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mr360uw.composite.tiles import Rectangle
-from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms
+from mr360uw.gl.context import gl_context, program, set_uniforms
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -20,14 +21,36 @@ class Targets:
 
     def __init__(self) -> None:
         self._programs: dict[str, moderngl.Program] = {}
+        self._triangles: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._targets: dict[str, moderngl.Framebuffer] = {}
 
-    def program(self, name: str, defines: dict[str, int], **stages: str) -> moderngl.Program:
-        """Return the program of composite/<name>.frag with defines and further stages, compiled once."""
+    def program(self, name: str, defines: Mapping[str, str | int | float]) -> moderngl.Program:
+        """Return the full-screen program of composite/<name>.frag with defines, compiled once."""
         key = f"{name} {sorted(defines.items())}"
         if key not in self._programs:
-            self._programs[key] = program(fragment=f"composite/{name}.frag", defines=defines, **stages)
+            self._programs[key] = program(fragment=f"composite/{name}.frag", defines=defines)
         return self._programs[key]
+
+    def target(self, name: str, width: int, height: int, channels: tuple[int, ...]) -> moderngl.Framebuffer:
+        """Return a kept target of at least width x height pixels, one texture for each number of channels.
+
+        One that has to grow is made anew: what it held is lost.
+        """
+        target = self._targets.get(name)
+        if target is None or target.width < width or target.height < height:
+            w, h = (width, height) if target is None else (max(width, target.width), max(height, target.height))
+            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype="f4") for c in channels])
+            self._targets[name] = target
+        return target
+
+    def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:
+        """Run a full-screen program on a part of a target that keeps what it discards."""
+        if shader not in self._triangles:
+            self._triangles[shader] = gl_context().vertex_array(shader, [])
+        target.use()
+        target.viewport = part
+        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
+        self._triangles[shader].render(vertices=3)
 
     def draw(
         self,
@@ -42,18 +65,12 @@ class Targets:
 
         What it discards is zero. Returns the first of the target's textures, which may be larger.
         """
-        target = self._targets.get(name)
-        if target is None or target.width < width or target.height < height:
-            w, h = (width, height) if target is None else (max(width, target.width), max(height, target.height))
-            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype="f4") for c in channels])
-            self._targets[name] = target
+        target = self.target(name, width, height, channels)
         part = part or (0, 0, width, height)
         target.use()
-        target.viewport = (0, 0, width, height)
-        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         target.clear(viewport=part)
         target.scissor = part
-        draw_fullscreen(target, shader)
+        self.fill(target, shader, (0, 0, width, height))
         target.scissor = None  # type: ignore[assignment]
         image: Any = target.color_attachments[0]
         return image
@@ -61,17 +78,20 @@ class Targets:
     def read(self, name: str, width: int, height: int) -> list[Floats]:
         """Return the images (h, w, c), float32, of a kept target."""
         target = self._targets[name]
-        images = []
-        for attachment, texture in enumerate(target.color_attachments):
-            c = texture.components
-            data = target.read(
-                viewport=(0, 0, width, height), components=c, attachment=attachment, dtype="f4", alignment=1
-            )
-            images.append(np.frombuffer(data, np.float32).reshape(height, width, c))
-        return images
+        return [
+            read_attachment(target, attachment, (0, 0, width, height))
+            for attachment in range(len(target.color_attachments))
+        ]
 
 
-def bind(shader: moderngl.Program, textures: dict[str, Any]) -> None:
+def read_attachment(target: moderngl.Framebuffer, attachment: int, part: Rectangle) -> Floats:
+    """Return a part of one texture of a target, (h, w, c) float32."""
+    texture: Any = target.color_attachments[attachment]
+    data = target.read(viewport=part, components=texture.components, attachment=attachment, dtype="f4", alignment=1)
+    return np.frombuffer(data, np.float32).reshape(part[3], part[2], texture.components)
+
+
+def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
     """Bind the textures that a program uses, each to a unit of its own."""
     unit = 0
     for name, texture in textures.items():

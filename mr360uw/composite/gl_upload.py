@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,76 +23,87 @@ if TYPE_CHECKING:
 _LIST_COLUMNS = 2048
 _STORE_COLUMNS = 4096
 _STORE_ALIGNMENT = 64
-_MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
+_NO_MAP = (-1.0, 0.0, 0.0, 0.0)
+MapEntry = tuple[float, float, float, float]
+"""(address / 64, width, height, wrap) of a map in its store."""
+MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
-    corners: one vec4 a corner, (position, 1 where both sides are drawn). ranges: (first, count) triangles of each mode.
-    triangles, materials, store: as geometry.glsl and texture.glsl say.
+    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
+    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say. cut_maps: the maps whose alpha
+    cuts triangles out, as the materials number them.
     """
 
     mesh: Mesh
     corners: moderngl.Buffer
     ranges: dict[AlphaMode, tuple[int, int]]
+    pieces: int
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
+    cut_maps: tuple[Texture, ...]
 
 
 def upload_mesh(mesh: Mesh) -> MeshBuffers:
     """Return a mesh on the device."""
-    mode = np.array([_MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
+    mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
     order = np.argsort(mode, kind="stable")
     counts = np.bincount(mode, minlength=3)
-    ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(_MODES)}
-    two_sided = np.array([m.double_sided for m in mesh.materials])[mesh.material[order]]
-    corners = np.empty((len(order), 3, 4), np.float32)
-    corners[..., :3], corners[..., 3] = mesh.positions[order], two_sided[:, None]
+    ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
+    corners = np.zeros((len(order), 3, 4), np.float32)
+    corners[..., :3] = mesh.positions[order]
     texels = np.zeros((len(order), 10, 4), np.float32)
     texels[:, 0:9:3, :3], texels[:, 0:9:3, 3] = mesh.positions[order], mesh.uv[order, :, 0]
     texels[:, 1:9:3, :3], texels[:, 1:9:3, 3] = mesh.normals[order], mesh.uv[order, :, 1]
     texels[:, 2:9:3] = mesh.colors[order]
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
-    store, address = _store(mesh.materials)
-    materials = np.stack([_material_texels(m, address) for m in mesh.materials])
+    store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
+    cut_maps = _cut_maps(mesh)
+    materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
     return MeshBuffers(
         mesh=mesh,
         corners=gl_context().buffer(corners.tobytes()),
         ranges=ranges,
+        pieces=int(mesh.patch.max()) + 1,
         triangles=list_texture(texels),
         materials=list_texture(materials),
         store=store,
+        cut_maps=cut_maps,
     )
 
 
-def list_texture(texels: Floats) -> moderngl.Texture:
-    """Return a texture of texels (..., 4) in rows of 2048."""
-    flat = np.asarray(texels, np.float32).reshape(-1, 4)
-    rows = -(-len(flat) // _LIST_COLUMNS)
-    padded = np.zeros((rows * _LIST_COLUMNS, 4), np.float32)
+def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
+    """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
+    flat = np.asarray(values).reshape(-1)
+    row = _LIST_COLUMNS * channels
+    rows = max(-(-len(flat) // row), 1)
+    padded = np.zeros(rows * row, np.float32)
     padded[: len(flat)] = flat
-    return texture_from_array(padded.reshape(rows, _LIST_COLUMNS, 4))
+    return texture_from_array(padded.reshape(rows, _LIST_COLUMNS, channels))
 
 
-def _store(materials: tuple[Material, ...]) -> tuple[moderngl.Texture, dict[int, int]]:
-    """Return all levels of all maps in one texture, and the address of each map by its identity."""
-    maps: dict[int, Texture] = {}
-    for m in materials:
-        for texture in (m.base_map, m.metallic_roughness_map, m.normal_map, m.occlusion_map, m.emission_map):
-            if texture is not None:
-                maps[id(texture)] = texture
+def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[int, MapEntry]]:
+    """Return chosen channels of all levels of textures in one texture, and by identity what texture.glsl wants of each.
+
+    Raises `MeshError` where it is larger than OpenGL allows.
+    """
     pieces: list[Any] = []
-    address: dict[int, int] = {}
-    total = 0
-    for key, texture in maps.items():
-        address[key] = total // _STORE_ALIGNMENT
-        pieces += [level.reshape(-1, 4) for level in texture.levels]
+    entries: dict[int, MapEntry] = {}
+    total, width = 0, len(range(4)[channels])
+    for texture in textures:
+        if id(texture) in entries:
+            continue
+        wrap = WRAPS.index(texture.wrap[0]) + 3 * WRAPS.index(texture.wrap[1])
+        columns, rows = texture.size
+        entries[id(texture)] = float(total // _STORE_ALIGNMENT), float(columns), float(rows), float(wrap)
+        pieces += [level[..., channels].reshape(-1, width) for level in texture.levels]
         size = sum(level.shape[0] * level.shape[1] for level in texture.levels)
         pad = -size % _STORE_ALIGNMENT
-        pieces.append(np.zeros((pad, 4), np.float16))
+        pieces.append(np.zeros((pad, width), np.float16))
         total += size + pad
     rows = max(-(-total // _STORE_COLUMNS), 1)
     limit = int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
@@ -100,37 +112,36 @@ def _store(materials: tuple[Material, ...]) -> tuple[moderngl.Texture, dict[int,
             f"textures - are too large for this OpenGL (got {total / 1e6:.0f} million texels of one mesh) - "
             f"scale them down to {limit * _STORE_COLUMNS / 1e6:.0f} million"
         )
-    pieces.append(np.zeros((rows * _STORE_COLUMNS - total, 4), np.float16))
-    return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, 4), "f2"), address
+    pieces.append(np.zeros((rows * _STORE_COLUMNS - total, width), np.float16))
+    return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, width), "f2"), entries
 
 
-def _material_texels(m: Material, address: dict[int, int]) -> Floats:
-    def entry(texture: Texture | None) -> tuple[float, float, float, float]:
-        if texture is None:
-            return -1.0, 0.0, 0.0, 0.0
-        wrap = WRAPS.index(texture.wrap[0]) + 3 * WRAPS.index(texture.wrap[1])
-        return float(address[id(texture)]), float(texture.size[0]), float(texture.size[1]), float(wrap)
+def _cut_maps(mesh: Mesh) -> tuple[Texture, ...]:
+    """Return the maps whose alpha cuts triangles out."""
+    maps = (m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
+    return tuple(dict.fromkeys(maps))
 
+
+def _material_texels(m: Material, entries: dict[int, MapEntry], cut_maps: Sequence[Texture]) -> Floats:
+    cut = m.alpha_mode == "MASK" and m.base_map is not None
+    maps = (m.base_map, m.metallic_roughness_map, m.normal_map, m.occlusion_map, m.emission_map)
+    cut_map = float(cut_maps.index(m.base_map)) if cut else -1.0
     return np.array(
         [
             m.base_color,
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
             (*m.emission, 0.0),
-            (m.alpha_cutoff, 0.0, m.refractive_index, 0.0),
-            entry(m.base_map),
-            entry(m.metallic_roughness_map),
-            entry(m.normal_map),
-            entry(m.occlusion_map),
-            entry(m.emission_map),
+            (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
+            *(_NO_MAP if texture is None else entries[id(texture)] for texture in maps),
         ],
         np.float32,
     )
 
 
 def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
-    """Set an array of numbers or vectors, float32 or int32; a name the compiler removed is passed over."""
+    """Set an array of numbers or vectors, float32 or int32; what the compiler removed of it is passed over."""
     import moderngl
 
     uniform = shader.get(name, None)
     if isinstance(uniform, moderngl.Uniform):
-        uniform.write(np.ascontiguousarray(values).tobytes())
+        uniform.write(np.ascontiguousarray(values[: uniform.array_length]).tobytes())

@@ -26,7 +26,7 @@ struct Lights {
     int sun_count;
     int casters;
     float slot_size;
-    float bias_m;
+    float bias_scale;  // of how far off a body its shadow rays start
     int glossy_levels;
 };
 
@@ -81,10 +81,11 @@ vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, CausticStack st
 #endif
 }
 
-float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point) {
+float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point,
+                 bool wanted) {
     return sun_visibility(sun_map, casters, lights.casters, lights.slot_size,
                           lights.sun_axes * (point + lights.camera_position), slopes, lights.sun_count,
-                          tan(lights.half_angle));
+                          tan(lights.half_angle), wanted);
 }
 
 // `level` is the place of the roughness among the glossy levels; `irradiance` that of the sun with waves and shadow

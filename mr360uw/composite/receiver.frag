@@ -34,7 +34,7 @@ void main() {
     vec3 point = distance_m * direction;
     float seen = 1.0;
 #if defined(SHADOW)
-    seen = visibility(lights, sun_map, casters, slopes, point);
+    seen = visibility(lights, sun_map, casters, slopes, point, true);
 #endif
 #if defined(CAUSTICS) || defined(ROUGH)
     falls = vec4(waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, point,

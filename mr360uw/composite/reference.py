@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layer of a frame by ray casting in double precision: it defines what is right.
 
-Every pixel sends the rays of its pattern. Rays of one pixel that meet the same smooth piece of surface, in one plane to
-within a pixel's width, are lit once, where the ray nearest to the pixel's centre met it (`shading = "sample"` lights
-every ray by itself). Transparent surfaces form layers of their own in front of the opaque one, nearest first, at most
+Every pixel sends the rays of its pattern. Rays of one pixel that meet the same smooth piece of surface, near the plane
+of the first of them, are a group; it is lit once, where the ray in its middle met it (`shading = "sample"` lights every
+ray by itself). Transparent surfaces form layers of their own in front of the opaque one, nearest first, at most
 `BLEND_LAYERS`; the layers of a pixel are laid over each other.
 """
 
@@ -32,17 +32,13 @@ from mr360uw.composite.light import Light
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.rays import RayScene, barycentric
 from mr360uw.composite.receiver import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
-from mr360uw.composite.sampling import Pattern, pattern
+from mr360uw.composite.sampling import GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, filter_width, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, split
 from mr360uw.types import Floats, Layer, Tile
 
 BLEND_LAYERS = 4
 """Transparent surfaces in front of each other that are told apart."""
-PLANE_TOLERANCE = 1.0
-"""Samples lit together lie within so many pixel widths of one plane."""
-PIXEL_FILTER = 0.5
-"""Width in pixels that textures are filtered over where a pixel is lit once: nearest to the mean of many samples."""
 _MAXIMUM_HITS = 64
 _RAYS_AT_ONCE = 200_000
 
@@ -172,7 +168,7 @@ def trace(
     two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
     cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
     active, start = np.arange(count * n), np.zeros(count * n)
-    pixel = 1.0 / np.sqrt(n)
+    pixel = n**-0.5
     for _ in range(_MAXIMUM_HITS):
         if len(active) == 0:
             break
@@ -247,30 +243,66 @@ def groups(
     triangle: NDArray[np.int64],
     distance: Floats,
 ) -> Iterator[tuple[NDArray[np.int64], Floats, Hits]]:
-    """Yield (pixels, part of their samples, surface at the sample that stands for them) until no sample is left."""
+    """Yield (pixels, part of their samples, surface at the sample that stands for them) until no sample is left.
+
+    A group starts at the sample that is left nearest to the pixel's centre; its last is the one of `GROUPS` that takes
+    all. The sample nearest to the mean of a group's stands for it.
+    """
     left = triangle >= 0
-    by_sample = shot.shading == "sample"
-    width = 1.0 / np.sqrt(samples.count) if by_sample else PIXEL_FILTER
-    for _ in range(samples.count):
+    width = filter_width(samples.count, shot.shading)
+    rounds = samples.count if shot.shading == "sample" else GROUPS
+    for number in range(rounds):
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:
             return
         chosen = np.argmax(left[pixel], axis=1)
-        at = samples.positions[chosen]
-        hits = surface(shot, geometry, triangle[pixel, chosen], x[pixel] + at[:, 0], y[pixel] + at[:, 1], width)
-        if by_sample:
-            member = np.zeros((len(pixel), samples.count), bool)
-            member[np.arange(len(pixel)), chosen] = True
-        else:
-            fx = x[pixel, None] + samples.positions[None, :, 0]
-            fy = y[pixel, None] + samples.positions[None, :, 1]
-            points = view_directions(shot, fx, fy) * np.where(left[pixel], distance[pixel], 0.0)[..., None]
-            offset = np.einsum("nsk,nk->ns", points - hits.point[:, None], hits.geometric_normal)
-            same = geometry.patch[triangle[pixel]] == geometry.patch[hits.triangle][:, None]
-            member = left[pixel] & same & (np.abs(offset) <= PLANE_TOLERANCE * hits.footprint_m[:, None])
-            member[np.arange(len(pixel)), chosen] = True
+        member = np.zeros((len(pixel), samples.count), bool)
+        if shot.shading == "pixel":
+            member = left[pixel] & (
+                _near_plane(shot, geometry, samples, x[pixel], y[pixel], triangle[pixel], distance[pixel], chosen)
+                if number < rounds - 1
+                else True
+            )
+        member[np.arange(len(pixel)), chosen] = True
         left[pixel] &= ~member
-        yield pixel, member.mean(axis=1), hits
+        middle = _middle(samples, member)
+        at = samples.positions[middle]
+        yield (
+            pixel,
+            member.mean(axis=1),
+            surface(shot, geometry, triangle[pixel, middle], x[pixel] + at[:, 0], y[pixel] + at[:, 1], width),
+        )
+
+
+def _near_plane(
+    shot: Shot,
+    geometry: Geometry,
+    samples: Pattern,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    triangle: NDArray[np.int64],
+    distance: Floats,
+    chosen: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Return which samples (n, s) lie on the smooth piece of the chosen one's triangle (n,), near its plane."""
+    rows = np.arange(len(chosen))
+    first = triangle[rows, chosen]
+    corners = geometry.positions[first]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    seen = np.where(triangle >= 0, distance, 0.0)[..., None]
+    fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
+    off = np.einsum("nsk,nk->ns", view_directions(shot, fx, fy) * seen - corners[:, :1], normal)
+    tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.height * distance[rows, chosen]
+    same = geometry.patch[triangle] == geometry.patch[first][:, None]
+    return same & (np.abs(off) <= tolerance[:, None])
+
+
+def _middle(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the member (n,) nearest to the mean of members (n, s); in whole numbers, so that ties are ties."""
+    count = member.sum(axis=1)
+    away = count[:, None, None] * samples.cells - (member @ samples.cells)[:, None]
+    return np.argmin(np.where(member, np.sum(away**2, axis=-1), np.iinfo(np.int64).max), axis=1)
 
 
 # --- receivers -----------------------------------------------------------------------------------------------------

@@ -116,13 +116,14 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
     return between;
 }
 
-// p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest
+// p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest.
+// without `wanted` the answer does not count, and costs nothing where a whole block of pixels does not want it
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
-                     vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread) {
+                     vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread, bool wanted) {
     float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count));
     bool umbra;
     int between = bodies_between(sun_map, casters, caster_count, slot_size, p, 0.0, spread, gap, umbra);
-    int k = between == 0 || umbra ? count : 0;
+    int k = !wanted || between == 0 || umbra ? count : 0;
     do {
         int left = between;
         float most = 0.0;

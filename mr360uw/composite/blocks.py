@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which triangles may be seen in which blocks of 4 x 4 pixels.
+
+Every triangle has a rectangle of the frame; a block lists the triangles whose rectangles touch it, and for each of them
+the pixels that are touched. Blocks that nothing touches are not there. A rectangle may pass the seam or run around the
+whole frame: neither the seam nor the poles are special. Twin: blocks.glsl.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.types import Floats
+
+BLOCK = 4
+LANE_COLUMNS = 256
+"""Targets that hold numbered things are so wide."""
+KINDS = 3
+"""Triangles are solid, cut out by a mask, or blended, in this order in every list."""
+
+# what is sorted: (block, kind, place of the triangle, mask) in the bits of one integer, the first highest
+_MASK_BITS, _PLACE_BITS, _KIND_BITS = 16, 23, 2
+_KIND_AT = _MASK_BITS + _PLACE_BITS
+_BLOCK_AT = _KIND_AT + _KIND_BITS
+MOST_TRIANGLES = 1 << _PLACE_BITS
+_ROW_STARTS = np.array([0x0000, 0x0001, 0x0011, 0x0111, 0x1111], np.int32)
+"""The first bit of each of the first k rows of a block."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """n blocks of pixels and their lists, row by row.
+
+    corner: (n, 2) column and row of the first pixel. bounds: (n, 4) where in `members` the solid triangles of a block
+    begin and end, and where the cut out and the blended ones end that follow. members: (m,) numbers of triangles, in
+    the order they were given in within their kind. masks: (m,) a bit for each pixel of the block that the triangle may
+    touch, row by row.
+    """
+
+    corner: NDArray[np.int64]
+    bounds: NDArray[np.int64]
+    members: NDArray[np.integer]
+    masks: NDArray[np.int32]
+
+    def some(self, which: slice | NDArray[np.bool_]) -> Blocks:
+        """Return some of the blocks, with the same members."""
+        return replace(self, corner=self.corner[which], bounds=self.bounds[which])
+
+    def pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return rows and columns (16 n,) of all pixels, block by block; some may lie beyond the frame."""
+        at = np.arange(BLOCK * BLOCK)
+        return (self.corner[:, 1:] + at // BLOCK).ravel(), (self.corner[:, :1] + at % BLOCK).ravel()
+
+
+def make_blocks(
+    rectangles: NDArray[np.integer], numbers: NDArray[np.integer], kinds: NDArray[np.integer], width: int
+) -> Blocks:
+    """Return the blocks that triangles touch.
+
+    rectangles: (T, 4) first column, first row, last column, last row of pixels; columns start inside the frame and may
+    run beyond it, around the seam. numbers, kinds: (T,), T up to `MOST_TRIANGLES`.
+    """
+    across = -(-width // BLOCK)
+    left, top, right, bottom = np.ascontiguousarray(rectangles.T, np.int32)
+    places = np.arange(len(left))
+    over = np.flatnonzero(right >= width)
+    if len(over):  # what passes the seam goes on at column 0
+        top, bottom, places, kinds = (np.concatenate([a, a[over]]) for a in (top, bottom, places, kinds))
+        left = np.concatenate([left, np.zeros(len(over), np.int32)])
+        right = np.concatenate([np.minimum(right, width - 1), right[over] - width])
+    column, row = left // BLOCK, top // BLOCK
+    columns = right // BLOCK - column + 1
+    meetings = columns * (bottom // BLOCK - row + 1)
+    triangle = np.repeat(np.arange(len(left), dtype=np.int32), meetings)
+    step = np.arange(len(triangle), dtype=np.int32) - (np.cumsum(meetings, dtype=np.int32) - meetings)[triangle]
+    wide = columns[triangle]
+    down = step // wide
+    r, c = row[triangle] + down, column[triangle] + step - down * wide
+    masks = _masks(
+        left[triangle] - BLOCK * c, top[triangle] - BLOCK * r, right[triangle] - BLOCK * c, bottom[triangle] - BLOCK * r
+    )
+    code = (kinds.astype(np.uint64) << np.uint64(_KIND_AT)) | (places.astype(np.uint64) << np.uint64(_MASK_BITS))
+    key = ((r * across + c).astype(np.uint64) << np.uint64(_BLOCK_AT)) | code[triangle] | masks.astype(np.uint64)
+    key.sort()
+    block = (key >> np.uint64(_BLOCK_AT)).astype(np.int64)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    there = block[first]
+    bounds = np.empty((len(first), 1 + KINDS), np.int64)
+    bounds[:, 0], bounds[:, KINDS] = first, np.append(first[1:], len(key))
+    for kind in range(1, KINDS):
+        least = (there << _KIND_BITS | kind).astype(np.uint64) << np.uint64(_KIND_AT)
+        bounds[:, kind] = np.searchsorted(key, least) if kinds.any() else bounds[:, KINDS]
+    return Blocks(
+        corner=BLOCK * np.stack([there % across, there // across], axis=-1),
+        bounds=bounds,
+        members=numbers[((key >> np.uint64(_MASK_BITS)) & np.uint64(MOST_TRIANGLES - 1)).astype(np.int64)],
+        masks=(key & np.uint64((1 << _MASK_BITS) - 1)).astype(np.int32),
+    )
+
+
+def _masks(
+    left: NDArray[np.int32], top: NDArray[np.int32], right: NDArray[np.int32], bottom: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Return the bits that a rectangle sets of a block at (0, 0)."""
+    in_a_row = (2 << np.minimum(right, BLOCK - 1)) - (1 << np.maximum(left, 0))
+    row_starts = _ROW_STARTS[np.minimum(bottom, BLOCK - 1) + 1] - _ROW_STARTS[np.maximum(top, 0)]
+    return in_a_row * row_starts
+
+
+def in_lane_order(image: Floats) -> Floats:
+    """Return the texels (h, w, c) of a target as (h w, c) in the order of their numbers (`lane_number`)."""
+    height, width, channels = image.shape
+    blocked = image.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK, channels)
+    return blocked.transpose(0, 2, 1, 3, 4).reshape(-1, channels)
+
+
+def lane_rows(count: int) -> int:
+    """Return the rows of a target of `LANE_COLUMNS` that holds so many numbered things."""
+    return BLOCK * -(-count // (BLOCK * LANE_COLUMNS))

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pieces of surface in pixels, and how they add up to the tiles of a layer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.types import Floats, Tile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fragments:
+    """n pieces of surface in p pixels, the pieces of a pixel one after the other.
+
+    row, column: (p,) of the pixels, each there once. first: (p,) the first piece of each. triangle: (n,) numbers.
+    place: (n, 2) in the frame, where each piece is lit. weight: (n,) part of the pixel's samples.
+    """
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    first: NDArray[np.int64]
+    triangle: NDArray[np.int64]
+    place: Floats
+    weight: Floats
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def pixel(self) -> NDArray[np.int64]:
+        """Return the pixel (n,) of each piece."""
+        return np.repeat(np.arange(len(self.row)), np.diff(np.append(self.first, len(self))))
+
+    def sums(self, values: Floats) -> Floats:
+        """Return the sums (p, c) of values (n, c) over the pieces of each pixel."""
+        return np.add.reduceat(values, self.first, axis=0) if len(self) else values[:0]
+
+    def smallest(self, values: Floats) -> Floats:
+        """Return the smallest (p,) of values (n,) in each pixel."""
+        return np.minimum.reduceat(values, self.first) if len(self) else values[:0]
+
+
+_NONE = np.zeros(0, np.int64)
+NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros(0))
+
+
+def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
+    """Return the fragments of several sets of pixels, none of which is in two."""
+    shift = np.cumsum([0, *(len(part) for part in parts)])
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("row", "column", "triangle", "place", "weight")
+    }
+    first = np.concatenate([part.first + start for part, start in zip(parts, shift[:-1], strict=True)])
+    return Fragments(first=first, **joined)
+
+
+def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
+    """Return the part (p,) of what lies behind tiles that is seen through them."""
+    free = np.ones(len(fragments.row), np.float32)
+    for tile, inside, at in _places(tiles, fragments):
+        free[inside] = 1.0 - tile.alpha.reshape(-1)[at]
+    return free
+
+
+def add_behind(tiles: Sequence[Tile], fragments: Fragments, color: Floats, distance_m: Floats) -> None:
+    """Lay premultiplied colours (p, 4) at distances (p,) behind what tiles hold."""
+    for tile, inside, at in _places(tiles, fragments):
+        radiance, alpha, distance = tile.radiance.reshape(-1, 3), tile.alpha.reshape(-1), tile.distance_m.reshape(-1)
+        free = 1.0 - alpha[at]
+        radiance[at] += free[:, None] * color[inside, :3]
+        alpha[at] += free * color[inside, 3]
+        distance[at] = np.minimum(distance[at], distance_m[inside])
+
+
+def _places(tiles: Sequence[Tile], fragments: Fragments) -> Iterator[tuple[Tile, NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield tiles, the pixels of fragments in each, and where they are in it, row by row."""
+    for tile in tiles:
+        rows, columns = tile.alpha.shape
+        r, c = fragments.row - tile.row, fragments.column - tile.column
+        inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < columns))
+        if len(inside):
+            yield tile, inside, r[inside] * columns + c[inside]
