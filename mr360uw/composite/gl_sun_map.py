@@ -53,7 +53,6 @@ class _Kept:
 
     layout: tuple[int, int, int]
     drawn: moderngl.Framebuffer
-    halves: moderngl.Framebuffer
     atlas: moderngl.Framebuffer
 
 
@@ -64,8 +63,6 @@ class SunMaps:
         stages = {"vertex": "composite/sun_map.vert", "fragment": "composite/sun_map.frag"}
         self._bodies = {masked: program(**stages, defines={"MASKED": 1} if masked else {}) for masked in (False, True)}
         self._columns = program(fragment="composite/sun_columns.frag")
-        self._halves = program(fragment="composite/sun_halves.frag")
-        self._levels = program(fragment="composite/sun_levels.frag")
         self._kept: _Kept | None = None
 
     def draw(
@@ -97,27 +94,18 @@ class SunMaps:
         set_uniforms(self._columns, drawn=0, casters=1, slot_size=size, slot_columns=columns)
         kept.atlas.viewport = (0, 0, columns * size, rows * size)
         draw_fullscreen(kept.atlas, self._columns)
-        atlas, halves = kept.atlas.color_attachments[0], kept.halves.color_attachments[0]
-        atlas.use(0)  # type: ignore[union-attr]
-        set_uniforms(self._halves, columns=0)
-        draw_fullscreen(kept.halves, self._halves)
-        halves.build_mipmaps(0, size.bit_length() - 3)  # type: ignore[union-attr]
-        halves.filter = (gl_context().NEAREST_MIPMAP_NEAREST, gl_context().NEAREST)  # type: ignore[union-attr]
-        halves.use(0)  # type: ignore[union-attr]
-        set_uniforms(self._levels, halves=0, slot_size=size, first_column=columns * size)
-        kept.atlas.viewport = (columns * size, 0, columns * size // 2, rows * size)
-        draw_fullscreen(kept.atlas, self._levels)
+        atlas = kept.atlas.color_attachments[0]
+        atlas.build_mipmaps(0, size.bit_length() - 3)  # type: ignore[union-attr]
+        atlas.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)  # type: ignore[union-attr]
         return atlas, entries  # type: ignore[return-value]
 
     def _targets(self, columns: int, rows: int, size: int) -> _Kept:
         if self._kept is None or self._kept.layout != (columns, rows, size):
             context, width, height = gl_context(), columns * size, rows * size
-            atlas = context.texture((width + width // 2, height), 4, dtype="f4")
-            atlas.filter = (context.LINEAR, context.LINEAR)
+            atlas = context.texture((width, height), 4, dtype="f4")
             atlas.repeat_x = atlas.repeat_y = False
             drawn = context.texture((_SUPERSAMPLING * width, _SUPERSAMPLING * height), 2, dtype="f4")
-            halves = context.texture((width // 2, height // 2), 4, dtype="f4")
-            framebuffers = (context.framebuffer([texture]) for texture in (drawn, halves, atlas))
+            framebuffers = (context.framebuffer([texture]) for texture in (drawn, atlas))
             self._kept = _Kept((columns, rows, size), *framebuffers)
         return self._kept
 

@@ -1,6 +1,6 @@
 // twin: shadow.py
 // `sun_map` holds for every body (or group of them) a square slot of columns along the sun: (part that is filled, top,
-// bottom), the last two times the first, metres above the lowest; and the means of 2x2, 4x4, ... of them to the right.
+// bottom), the last two times the first, metres above the lowest; and its levels are means of 2x2, 4x4, ... of them.
 // The twin shoots rays at the bodies instead. Loops test at their end, because software drivers run a body once more to
 // leave.
 const int MAXIMUM_SUN_SAMPLES = 32;
@@ -29,11 +29,8 @@ float power_below(float x) {
 // (part that is filled, top, bottom) at a place of a slot in [0, 1]^2, from the level whose texels are `texels` of the
 // finest wide: nothing beyond the slot
 vec3 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
-    vec2 whole = vec2(textureSize(sun_map, 0));
-    float size = slot_size / texels;
-    vec2 corner = texels > 1.0 ? vec2(whole.x * (2.0 / 3.0) + 0.5 * caster.slot.x, caster.slot.y + slot_size - 2.0 * size)
-                               : caster.slot;
-    return textureLod(sun_map, (corner + clamp(place * size, 0.5, size - 0.5)) / whole, 0.0).xyz;
+    vec2 inside = clamp(place * slot_size, 0.5 * texels, slot_size - 0.5 * texels);
+    return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels)).xyz;
 }
 
 // (part that is filled, top, bottom) at a place across the sun, a mean over `width` metres; edges are as wide, too

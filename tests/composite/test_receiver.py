@@ -15,6 +15,7 @@ from mr360uw.composite.material import Material
 from mr360uw.composite.receiver import ReceiverShape
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.texture import make_texture
+from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
 from tests import tolerances as tol
 from tests.composite.scenes import box, caustics, codes, environment, medium, placed, quad, shot, sphere
@@ -62,14 +63,33 @@ def assert_agrees(got: Floats, expected: Floats) -> None:
 
 
 @pytest.mark.parametrize("waves", [False, True])
-@pytest.mark.parametrize("width", [512, 1024])
+@pytest.mark.parametrize("width", [500, 1024])
 def test_blocks_tell_their_pixels(
     renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, width: int, waves: bool
 ) -> None:
-    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    """The box and its shadow lie across the seam; a frame of 500 x 250 ends within a block."""
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.1, -0.95, 1.6), (25, 0, 0))
     floor = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
     scene = shot(*bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng), receiver=floor)
     assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+@pytest.mark.parametrize("waves", [False, True])
+@pytest.mark.parametrize("kind", ["mesh", "map"])
+def test_other_shapes_of_a_plane_give_its_ratio(
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, kind: str, waves: bool
+) -> None:
+    d = directions(512, 256)[..., 1]
+    a, b, c, e = 20.0 * np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)]) + np.array([0.0, -1.2, 0.0])
+    shapes = {
+        "mesh": Receiver(mesh=np.array([(a, b, c), (a, c, e)]), caustics=waves, extent_m=8.0),
+        "map": Receiver(distance_m=np.where(d < 0.0, -1.2 / np.minimum(d, -1e-9), 0.0), caustics=waves, extent_m=8.0),
+    }
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    plane = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
+    scene = shot(*bodies, width=512, environment=sea, caustics=caustics(rng), receiver=plane)
+    got = renderer.render(replace(scene, receiver=shapes[kind])).ratio
+    assert_agrees(got[::STEP, ::STEP], pixelwise(scene)[0])
 
 
 @pytest.mark.parametrize("width", [512, 1024])
