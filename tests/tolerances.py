@@ -234,6 +234,12 @@ PIXEL_HOLES = 1e-3
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
 
+BLOCK_CODES = 10.0
+"""Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
+the sun map. With corners of blocks alone it is 30 to 100."""
+BLOCK_ERROR = 0.12
+"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.05 to 0.09 for balls a few
+pixels wide. With corners alone 0.3 and 2."""
 SHADOW_RIM_FRACTION = 0.998
 """Pixels of a 128 x 64 frame within two codes where a wide penumbra on any floor is in view: 14 of its rim are 2 to 4
 codes off, on a plane as on a map of it."""

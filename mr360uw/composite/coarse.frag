@@ -1,24 +1,17 @@
-// what bodies keep off a receiver at every STRIDE-th pixel: ambient light (part blocked), sun (part seen)
+// the sun at listed places, each with a ball around it: part of the disc seen from the place; whether bodies may shade
+// the ball; whether all of it lies in the umbra; how far the nearest of them is
 #include "composite/light.glsl"
-uniform sampler2D shape, surfels, sun_map, casters;
-uniform mat3 world_from_camera;
-uniform vec2 frame_size;
-uniform vec2 window;
-uniform ivec2 last;
-uniform int surfel_count;
+uniform sampler2D places, sun_map, casters;
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
 uniform Lights lights;
-out vec2 kept;
+out vec4 sun;
 
 void main() {
-    ivec2 pixel = min(ivec2(gl_FragCoord.xy) * STRIDE, last);
-    vec4 place = texelFetch(shape, pixel, 0);
-    vec3 point = place.w * (world_from_camera * direction_from_frame(window + vec2(pixel) + 0.5, frame_size));
-    kept = vec2(0.0, 1.0);
-#if defined(OCCLUSION)
-    kept.x = place.w > 0.0 ? ambient_blocked(surfels, 0, surfel_count, point, place.xyz) : 0.0;
-#endif
-#if defined(SHADOW)
-    kept.y = visibility(lights, sun_map, casters, slopes, point, true);
-#endif
+    vec4 place = texelFetch(places, ivec2(gl_FragCoord.xy), 0);
+    vec3 p = lights.sun_axes * (place.xyz + lights.camera_position);
+    float gap;
+    bool umbra;
+    int between = bodies_between(sun_map, casters, lights.casters, lights.slot_size, p, place.w,
+                                 tan(lights.half_angle), gap, umbra);
+    sun = vec4(visibility(lights, sun_map, casters, slopes, place.xyz, true), float(between != 0), float(umbra), gap);
 }

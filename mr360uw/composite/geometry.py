@@ -63,9 +63,9 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
 
 
 def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the triangles (T, 3, 3) that shade, from the camera: those of blended materials let light through."""
+    """Return the opaque triangles (T, 3, 3) that shade, from the camera; blended ones let light through."""
     shading = [placed for placed in objects if placed.casts_shadow]
-    opaque = [np.array([m.alpha_mode != "BLEND" for m in placed.mesh.materials]) for placed in shading]
+    opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
     solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
     placed = [p.to_world(triangles) - camera_position for p, triangles in zip(shading, solid, strict=True)]
     return np.concatenate([np.zeros((0, 3, 3)), *placed])

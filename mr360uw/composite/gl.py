@@ -18,7 +18,7 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import even_tiles, paste
+from mr360uw.composite.tiles import even_tiles
 from mr360uw.gl.context import gl_context
 from mr360uw.types import Layer
 
@@ -48,16 +48,16 @@ class LayerRenderer:
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
         object_parts = object_rectangles(shot)
-        receiver_parts = self._receiver.rectangles(shot)
-        tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
+        changes = self._receiver.find(shot)
+        parts = object_parts + (changes.rectangles if changes is not None else [])
+        tiles = even_tiles(parts, shot.width, shot.height)
         if not tiles:
             return Layer(shot.height, shot.width, ())
         self._light.update(shot, self._buffers)
         drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
         if object_parts:
             self._objects.draw(shot, drawn, frame)
-        for rectangle, images in self._receiver.draw(shot, receiver_parts):
-            paste(drawn, rectangle, shot.width, **images)
+        self._receiver.draw(shot, changes, drawn)
         return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:

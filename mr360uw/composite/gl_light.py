@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mr360uw.caustics.gl_stack import upload
-from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps
+from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps, slot_size
 from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
 from mr360uw.composite.light import MINIMUM_SUN_UP
 from mr360uw.composite.mesh import Mesh
@@ -26,9 +26,8 @@ from mr360uw.types import CausticStack, Floats
 if TYPE_CHECKING:
     import moderngl
 
-SLOT_SIZES = (512, 256)
-"""Texels across a body's sun map, for a narrow disc and for a wide one, which blurs the texels anyway."""
-_WIDE_RAD = 0.012
+_BIASED_SLOT = 256
+"""Texels across a sun map of which `PlacedObject.bias_m` is one and a half."""
 _MAXIMUM_SUN_SAMPLES = 32
 _MAXIMUM_GLOSSY = 8
 
@@ -39,7 +38,6 @@ class LightTextures:
     def __init__(self) -> None:
         self.textures: dict[str, Any] = {}
         self.defines: dict[str, int] = {}
-        self.surfels = 0
         self._keys: dict[str, object] = {}
         self._uniforms: dict[str, Any] = {}
         self._arrays: dict[str, Floats] = {}
@@ -68,35 +66,35 @@ class LightTextures:
         self._update_environment(shot)
         self._update_medium(shot)
         self._update_caustics(shot.caustics)
-        self._update_surfels(shot, casters)
         if sun is None:
             self._hold("sun_map", "none", lambda: texture_from_array(np.zeros((1, 1, 2))))
             self._hold("casters", "none", lambda: texture_from_array(np.zeros((1, 2, 4))))
             return
         half_angle = effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)
         axes = basis(sun.direction)
-        slot_size = SLOT_SIZES[half_angle >= _WIDE_RAD]
+        size = slot_size(casters, _pixels_across(shot, casters), half_angle)
         self._uniforms |= {
             "lights__sun_irradiance": sun.irradiance,
             "lights__sun_direction": sun.direction,
             "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
             "lights__half_angle": half_angle,
-            "lights__slot_size": float(slot_size),
+            "lights__slot_size": float(size),
+            "lights__bias_scale": max(_BIASED_SLOT / size, 1.0),
             "lights__sun_axes": axes.T,
             "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
             "lights__casters": min(len(casters), MAXIMUM_SLOTS),
         }
         count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
-        key = (slot_size, axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
+        key = (size, axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
         if self._keys.get("sun_map") != key:
-            maps = self._sun_maps.draw(casters, axes, slot_size, buffers)
+            maps = self._sun_maps.draw(casters, axes, size, buffers)
             self.textures["sun_map"], self.textures["casters"] = maps
             self._keys["sun_map"] = key
 
-    def set(self, shader: moderngl.Program, bias_m: float) -> None:
-        """Give a program the numbers of the light; `bias_m`: how far off a body its shadow rays start."""
-        set_uniforms(shader, **self._uniforms, lights__bias_m=bias_m)
+    def set(self, shader: moderngl.Program) -> None:
+        """Give a program the numbers of the light."""
+        set_uniforms(shader, **self._uniforms)
         for name, values in self._arrays.items():
             write_uniform(shader, name, np.asarray(values, np.float32))
 
@@ -143,14 +141,12 @@ class LightTextures:
             self.textures |= {"caustic_ratio": held.texture, "plane_depth": held.plane_depth}
             self._keys |= {"caustic_ratio": id(stack), "plane_depth": id(stack)}
 
-    def _update_surfels(self, shot: Shot, casters: list[PlacedObject]) -> None:
-        rows = [np.zeros((1, 2, 4))]
-        for placed in casters:
-            texels = np.zeros((len(placed.mesh.surfel_area), 2, 4))
-            texels[:, 0, :3] = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
-            area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
-            texels[:, 1, :3], texels[:, 1, 3] = area, np.linalg.norm(area, axis=-1)
-            rows.append(texels)
-        table = np.concatenate(rows[1:] + rows[:1])
-        self.surfels = len(table) - 1
-        self.textures["surfels"] = texture_from_array(table)
+
+def _pixels_across(shot: Shot, casters: list[PlacedObject]) -> float:
+    """Return how many pixels of the frame the largest body is wide."""
+    widest = 0.0
+    for placed in casters:
+        radius = placed.mesh.radius_m * placed.scale
+        distance = float(np.linalg.norm(placed.to_world(placed.mesh.center_m) - shot.camera_position))
+        widest = max(widest, 2.0 * radius / max(distance - radius, 1e-3))
+    return widest * shot.height / np.pi

@@ -118,7 +118,7 @@ class ObjectPass:
                 **self._light.textures,
             },
         )
-        self._light.set(shader, 0.0)
+        self._light.set(shader)
         set_uniforms(
             shader,
             world_from_camera=shot.world_from_camera.T,

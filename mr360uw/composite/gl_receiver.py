@@ -1,116 +1,206 @@
 # SPDX-License-Identifier: Apache-2.0
 """The receiver on OpenGL 3.3: what objects and waves change on the ground of the plate.
 
-What bodies keep off is found on a coarse raster first, and pixel by pixel only where it varies (receiver.frag).
+What varies slowly along the ground is found at the corners of blocks of pixels (ground.py) and followed by straight
+lines. Blocks in which a shadow has an edge, waves, or a shape of their own are drawn pixel by pixel; only those are
+read back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mr360uw.composite.block_light import SMOOTH, corner_light, free_images
+from mr360uw.composite.gl_ground import GroundShader
 from mr360uw.composite.gl_light import LightTextures
-from mr360uw.composite.gl_targets import Targets, bind
+from mr360uw.composite.gl_targets import Targets
+from mr360uw.composite.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver import (
     CoarseGrid,
     ReceiverShape,
+    Touched,
     coarse_grid,
     receiver_rectangles,
-    shadow_rectangles,
+    touched_cells,
 )
-from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import Rectangle, common_part, joined
-from mr360uw.gl.context import set_uniforms, texture_from_array
-from mr360uw.types import Floats
+from mr360uw.composite.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
+from mr360uw.composite.shadow import effective_half_angle
+from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import Rectangle
+from mr360uw.types import Floats, Tile
 
-if TYPE_CHECKING:
-    import moderngl
+_NO_EDGE, _SOFT, _SHARP = 0, 1, 2
+_WIDE = 1.5
+"""A penumbra so many times as wide as a block reaches has no detail that the corners and the middle do not show."""
+_HALVED = 12.0
+"""What straight lines miss goes with the square of their length: with a sample at every second pixel, a sixteenth of
+what the corners of a block miss. Some of the sixteen are kept for penumbrae that bend unevenly."""
 
-_STRIDE = 4
-"""What bodies keep off a receiver is found at every so many pixels, and between where it varies."""
-_KEPT_MAPS = 8
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """Where a shot changes its receiver: rectangles of the frame, and cells of a grid."""
+
+    rectangles: list[Rectangle]
+    grid: CoarseGrid
+    touched: Touched
 
 
 class ReceiverPass:
-    """Draws the receivers of shots; keeps the shape of one that stands still before the camera."""
+    """Draws the receivers of shots; keeps what is known of one that stands still before the camera."""
 
     def __init__(self, targets: Targets, light: LightTextures) -> None:
-        self._targets, self._light = targets, light
-        self._shape: tuple[object, ReceiverShape] | None = None
-        self._grid: tuple[object, CoarseGrid] | None = None
-        self._maps: dict[object, moderngl.Texture] = {}
+        self._shader = GroundShader(targets, light)
+        self._shape: tuple[Receiver, bytes, ReceiverShape] | None = None
+        self._grid: tuple[object, Floats | None, CoarseGrid] | None = None
+        self._ground: tuple[object, Ground] | None = None
 
-    def rectangles(self, shot: Shot) -> list[Rectangle]:
-        """Return the rectangles of the frame in which the receiver may change; none without one."""
+    def find(self, shot: Shot) -> Changes | None:
+        """Return where the receiver may change; None without one."""
         if shot.receiver is None:
-            return []
-        return receiver_rectangles(shot, self._coarse_grid(shot, self._receiver_shape(shot)))
+            return None
+        grid = self._coarse_grid(shot, shot.receiver)
+        touched = touched_cells(shot, grid)
+        return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
 
-    def draw(self, shot: Shot, parts: Sequence[Rectangle]) -> Iterator[tuple[Rectangle, dict[str, Floats]]]:
-        """Yield rectangles of the frame that cover `parts`, each with its ratio and veil."""
-        if not parts:
+    def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile]) -> None:
+        """Write ratio and veil of what changes into the tiles."""
+        if changes is None or not changes.rectangles or shot.receiver is None:
             return
-        shape = self._receiver_shape(shot)
-        shadow_parts = shadow_rectangles(shot, self._coarse_grid(shot, shape))
-        for rectangle in joined(parts, shot.width):
-            ratio, veil = self._draw_receiver(shot, shape, rectangle, shadow_parts)
-            yield rectangle, {"ratio": ratio, "veil": veil}
+        ground = self._known_ground(shot, shot.receiver)
+        blocks = _blocks(changes.grid, changes.touched.at_all, ground)
+        shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
+        ground.know(shot, blocks)
+        light = self._block_light(shot, shot.receiver, ground, blocks, shaded)
+        for tile in tiles:
+            lay_receiver(light, tile, shot.width, shot.height)
 
-    def _receiver_shape(self, shot: Shot) -> ReceiverShape:
-        assert shot.receiver is not None
-        key = (id(shot.receiver), shot.camera_position.tobytes())
-        if self._shape is None or self._shape[0] != key:
-            self._shape = key, ReceiverShape(shot.receiver, shot.camera_position)
-            self._maps.clear()
-        return self._shape[1]
+    # --- what is kept ------------------------------------------------------------------------------------------------
 
-    def _coarse_grid(self, shot: Shot, shape: ReceiverShape) -> CoarseGrid:
-        key = (id(shape), shot.width, shot.height, shot.world_from_camera.tobytes(), id(shot.medium))
-        if self._grid is None or self._grid[0] != key:
-            self._grid = key, coarse_grid(shot, shape)
-        return self._grid[1]
+    def _receiver_shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
+        place = shot.camera_position.tobytes()
+        if self._shape is None or self._shape[0] is not receiver or self._shape[1] != place:
+            self._shape = receiver, place, ReceiverShape(receiver, shot.camera_position)
+            self._grid = self._ground = None
+        return self._shape[2]
 
-    def _draw_receiver(
-        self, shot: Shot, shape: ReceiverShape, rectangle: Rectangle, shadow_parts: Sequence[Rectangle]
-    ) -> tuple[Floats, Floats]:
-        """Return ratio and veil of a rectangle of the frame; the sun's shadow is looked for in `shadow_parts` only."""
-        assert shot.receiver is not None
-        column, row, width, height = rectangle
-        key = (rectangle, shot.width, shot.height, shot.world_from_camera.tobytes())
-        if key not in self._maps:
-            if len(self._maps) > _KEPT_MAPS:
-                self._maps.clear()
-            x, y = column + np.arange(width) + 0.5, (row + np.arange(height) + 0.5)[:, None]
-            distance, normal = shape.meet(shot, x, y)
-            place = np.where(np.isfinite(distance), distance, 0.0)[..., None]
-            self._maps[key] = texture_from_array(np.concatenate([normal, place], axis=-1))
-        unwanted = {"SHADOW": not shot.receiver.shadow, "CAUSTICS": not shot.receiver.caustics}
-        defines = {name for name in self._light.defines if not unwanted.get(name)}
-        view = {
-            "world_from_camera": shot.world_from_camera.T, "frame_size": (shot.width, shot.height),
-            "window": (column, row), "surfel_count": self._light.surfels,
-        }  # fmt: skip
-        textures = {"shape": self._maps[key], **self._light.textures}
-        if shot.receiver.occlusion and self._light.surfels:
-            defines.add("OCCLUSION")
-        wide = width // _STRIDE + 2, height // _STRIDE + 2
-        coarse = self._targets.program(
-            "coarse", dict.fromkeys(defines & {"OCCLUSION", "SHADOW", "SUN"}, 1) | {"STRIDE": _STRIDE}
+    def _coarse_grid(self, shot: Shot, receiver: Receiver) -> CoarseGrid:
+        shape = self._receiver_shape(shot, receiver)
+        # of the water the grid needs what it lets through, which stays the same where its veil follows the plate
+        through = None if shot.medium is None else shot.medium.attenuation
+        view = shot.width, shot.height, shot.world_from_camera.tobytes()
+        if self._grid is None or self._grid[0] != view or self._grid[1] is not through:
+            self._grid = view, through, coarse_grid(shot, shape)
+        return self._grid[2]
+
+    def _known_ground(self, shot: Shot, receiver: Receiver) -> Ground:
+        shape = self._receiver_shape(shot, receiver)
+        view = shot.width, shot.height, shot.world_from_camera.tobytes()
+        if self._ground is None or self._ground[0] != view:
+            self._ground = view, Ground(shot, shape)
+        return self._ground[1]
+
+    # --- what falls on blocks ----------------------------------------------------------------------------------------
+
+    def _block_light(
+        self, shot: Shot, receiver: Receiver, ground: Ground, blocks: NDArray[np.bool_], shaded: NDArray[np.bool_]
+    ) -> BlockLight:
+        j, i = np.nonzero(blocks)
+        rough = ground.rough[j, i]
+        corner = corner_light(shot, ground, blocks)
+        free = free_images(shot, ground, corner, j, i)
+        edge, umbra = self._see_sun(shot, ground, shaded, corner, j, i)
+        of_sun = self._shader.of_sun & _wanted(receiver)
+        wavy = ~umbra & ("CAUSTICS" in of_sun)
+        if receiver.plane_y is None:
+            edge[edge == _SOFT] = _SHARP  # of other shapes the pixels are known, nothing between them
+        # blocks of one kind each: which, what is asked of them, samples along a block
+        kinds = (
+            (~rough & (edge == _SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
+            (~rough & (edge == _SHARP) & ~wavy, {"SHADOW"}, BLOCK),
+            (~rough & (edge != _NO_EDGE) & wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
+            (~rough & (edge == _NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
+            (rough, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
         )
-        bind(coarse, textures)
-        self._light.set(coarse, 0.0)
-        set_uniforms(coarse, last=(width - 1, height - 1), **view)
-        textures["coarse"] = self._targets.draw(coarse, "coarse", *wide, (2,))
-        shadowed = [part for p in shadow_parts if (part := common_part(p, rectangle, shot.width)) is not None]
-        areas = [(defines - {"SHADOW"}, (0, 0, width, height))]
-        areas += [(defines, part) for part in shadowed if "SHADOW" in defines]
-        for wanted, part in areas:
-            shader = self._targets.program("receiver", dict.fromkeys(wanted, 1) | {"STRIDE": _STRIDE})
-            bind(shader, textures)
-            self._light.set(shader, 0.0)
-            set_uniforms(shader, **view)
-            self._targets.draw(shader, "receiver", width, height, (4, 4), part)
-        ratio, veil = self._targets.read("receiver", width, height)
-        return ratio[..., :3], veil[..., :3]
+        seen: Gathered = []
+        waves: Gathered = []
+        shape: Gathered = []
+        for which, asked, side in kinds:
+            if not np.any(which):
+                continue
+            wanted = frozenset(asked) & {"ROUGH", *of_sun}
+            falls, *own = self._shader.pixels(shot, ground, j[which], i[which], wanted, side)
+            if "SHADOW" in wanted:
+                seen.append((which, falls[..., -1:] if side == BLOCK else _enlarged(falls)))
+            if "CAUSTICS" in wanted:
+                waves.append((which, falls[..., :3]))
+            if own:
+                shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
+        own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape)))
+        return BlockLight(j, i, corner, free, *own_pixels)
+
+    def _see_sun(
+        self,
+        shot: Shot,
+        ground: Ground,
+        shaded: NDArray[np.bool_],
+        corner: NDArray[np.float32],
+        j: Indices,
+        i: Indices,
+    ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+        """Set the part of the sun seen at the corners of the shaded blocks (R, C).
+
+        Returns which edge of a shadow each of the blocks (j, i) holds that its corners do not tell, and which of them
+        lie wholly in the umbra.
+        """
+        edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
+        if np.any(shaded) and shot.sun is not None:
+            cj, ci = np.nonzero(ground.corners_of(shaded))
+            mj, mi = np.nonzero(shaded)
+            places = np.zeros((len(cj) + len(mj), 4), np.float32)
+            places[: len(cj), :3] = ground.corner_point[cj, ci]
+            places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
+            sun = self._shader.sun_at(places)
+            corner[cj, ci, SEEN] = sun[: len(cj), 0]
+            seen, between, dark, gap = sun[len(cj) :].T
+            spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
+            missed = np.abs(seen - ground.middle_between(corner[..., SEEN], mj, mi))
+            sharp = (2.0 * spread * gap < _WIDE * ground.reach_m[mj, mi]) | (missed > _HALVED * SMOOTH)
+            found = np.where(sharp, _SHARP, np.where(missed > SMOOTH, _SOFT, _NO_EDGE))
+            umbra[mj, mi] = dark > 0.5
+            edge[mj, mi] = np.where((between > 0.5) & (dark < 0.5), found, _NO_EDGE)
+        return edge[j, i], umbra[j, i]
+
+
+def _wanted(receiver: Receiver) -> frozenset[str]:
+    """Return what of the sun a receiver shows."""
+    shown = {"SHADOW": receiver.shadow, "CAUSTICS": receiver.caustics}
+    return frozenset(name for name, shows in shown.items() if shows)
+
+
+def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return images (n, s, s, 1) at the pixels of blocks, (n, B, B, 1): straight lines, also past the outer samples."""
+    side = images.shape[1]
+    place = (np.arange(BLOCK) + 0.5) * side / BLOCK - 0.5
+    lower = np.clip(np.floor(place).astype(np.int64), 0, side - 2)
+    weights = np.zeros((BLOCK, side), np.float32)
+    weights[np.arange(BLOCK), lower] = 1.0 - (place - lower)
+    weights[np.arange(BLOCK), lower + 1] = place - lower
+    return np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None].astype(np.float32, copy=False)
+
+
+def _blocks(grid: CoarseGrid, marks: NDArray[np.bool_], ground: Ground) -> NDArray[np.bool_]:
+    """Return the blocks (R, C) that some marked cell (n,) overlaps."""
+    blocks = np.zeros((ground.rows, ground.columns), np.bool_)
+    width, height = grid.cell
+    row, column = np.divmod(grid.index[marks], grid.shape[1])
+    for down in range(0, height + BLOCK - 1, BLOCK):
+        for right in range(0, width + BLOCK - 1, BLOCK):
+            j = (height * row + min(down, height - 1)) // BLOCK
+            i = (width * column + min(right, width - 1)) // BLOCK
+            blocks[np.minimum(j, ground.rows - 1), np.minimum(i, ground.columns - 1)] = True
+    return blocks

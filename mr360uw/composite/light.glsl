@@ -26,7 +26,7 @@ struct Lights {
     int sun_count;
     int casters;
     float slot_size;
-    float bias_m;
+    float bias_scale;  // of how far off a body its shadow rays start
     int glossy_levels;
 };
 
@@ -81,22 +81,11 @@ vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, CausticStack st
 #endif
 }
 
-// without `wanted` the answer is 1, and costs nothing where a whole block of pixels does not want it
 float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point,
                  bool wanted) {
-    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, lights.sun_axes * (point + lights.camera_position), slopes,
-                          lights.sun_count, tan(lights.half_angle), wanted);
-}
-
-// width on the ground of the narrowest penumbra that a body throws at a point
-float narrowest_penumbra(Lights lights, sampler2D casters, vec3 point) {
-    float along = (lights.sun_axes * (point + lights.camera_position)).z, gap = 1e9;
-    int number = 0;
-    do {
-        gap = min(gap, max(fetch_caster(casters, number).reach.x - along, 0.0));
-        ++number;
-    } while (number < lights.casters);
-    return 2.0 * tan(lights.half_angle) * gap;
+    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size,
+                          lights.sun_axes * (point + lights.camera_position), slopes, lights.sun_count,
+                          tan(lights.half_angle), wanted);
 }
 
 // `level` is the place of the roughness among the glossy levels; `irradiance` that of the sun with waves and shadow
@@ -132,11 +121,4 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     parts.caustics = (parts.sun_diffuse + parts.sun_glossy) * (1.0 - 1.0 / max(waves, 1e-6));
 #endif
     return parts;
-}
-
-const float UNNOTICED = 0.02;
-
-vec3 lit_ratio(vec3 ambient, vec3 beam, float blocked, float seen, vec3 waves) {
-    float noticed = max(min(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED);
-    return (ambient * (1.0 - noticed) + beam * seen * waves) / max(ambient + beam, 1e-9);
 }

@@ -16,9 +16,11 @@ import numpy as np
 
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.composite.geometry import Hits
+from mr360uw.composite.masked import MaskedScene
+from mr360uw.composite.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.rays import RayScene
 from mr360uw.composite.shading import dielectric_f0, lobe_axis, reflectance, sun_highlight
-from mr360uw.composite.shadow import ambient_blocked, disc_directions, effective_half_angle
+from mr360uw.composite.shadow import disc_directions, effective_half_angle
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
@@ -34,6 +36,8 @@ from mr360uw.types import Floats
 
 UNNOTICED = 0.02
 """A body that blocks less than this part of the ambient light leaves it: two code values of 8 bits over metres."""
+FADE_FROM = 0.8
+"""Part of its extent from which the receiver fades out: no line across the ground where shadow or waves end."""
 REFERENCE_SUN_FACTOR = 4
 """The reference takes so many more directions over the sun's disc than asked for: it stands for the limit."""
 MINIMUM_SUN_UP = 0.05
@@ -58,12 +62,13 @@ class Radiance:
 
 
 class Light:
-    """The light of one shot, with the occluders of its sun."""
+    """The light of one shot, with the opaque triangles (T, 3, 3) that shade; it finds those with a mask itself."""
 
     def __init__(self, shot: Shot, occluders: Floats) -> None:
         self.shot = shot
         self.sun = shot.sun if shot.sun is not None and shot.sun.direction[1] > 0.0 else None
         self._scene = RayScene(occluders)
+        self._masked = MaskedScene(shot.objects, shot.camera_position)
         self._bias = np.array([placed.bias_m for placed in shot.objects if placed.visible])
         self._levels = mip_levels(shot.caustics.ratio) if shot.caustics is not None else []
         if self.sun is not None:
@@ -106,11 +111,12 @@ class Light:
 
     def visibility(self, start: Floats) -> Floats:
         """Return the part (n,) of the sun's disc that is seen from places (n, 3)."""
-        if self.sun is None or len(self._scene.triangles) == 0:
+        if self.sun is None or not (len(self._scene.triangles) or self._masked.there):
             return np.ones(len(start))
         seen = np.zeros(len(start))
         for direction in self.sun_directions:
-            seen += ~self._scene.occluded(start, np.broadcast_to(direction, start.shape))
+            rays = np.broadcast_to(direction, start.shape)
+            seen += ~(self._scene.occluded(start, rays) | self._masked.occluded(start, rays))
         return seen / len(self.sun_directions)
 
     def surface(self, hits: Hits) -> Radiance:
@@ -156,25 +162,28 @@ class Light:
         added = (sun_diffuse + sun_glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
         return Radiance(diffuse, glossy, sun_diffuse, sun_glossy, added, hits.emission)
 
-    def receiver_ratio(self, point: Floats, normal: Floats, distance_m: Floats) -> Floats:
-        """Return E_with/E_without (n, 3) at points of the receiver."""
-        shot, receiver = self.shot, self.shot.receiver
-        assert receiver is not None
+    def receiver_share(self, point: Floats, normal: Floats) -> Floats:
+        """Return the ambient part (n, 3) of what falls on the receiver without objects and waves; 0 in the dark."""
         ambient, beam = self.ambient(point, normal), self.beam(point)
         if self.sun is not None:
             beam = beam * np.maximum(normal @ self.sun.direction, 0.0)[:, None]
-        blocked: Floats = np.zeros(len(point))
+        return ambient / np.maximum(ambient + beam, 1e-9)
+
+    def receiver_ratio(self, point: Floats, normal: Floats, distance_m: Floats) -> Floats:
+        """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends."""
+        shot, receiver = self.shot, self.shot.receiver
+        assert receiver is not None
+        free: Floats = np.ones(len(point))
         waves: Floats = np.ones((len(point), 3))
         if receiver.occlusion:
-            for placed in shot.objects:
-                if placed.casts_shadow:
-                    place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
-                    area = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
-                    blocked += ambient_blocked(point, normal, place, area)
+            casters = [placed for placed in shot.objects if placed.casts_shadow]
+            free = unblocked(ambient_blocked(point, normal, surfel_table(casters, shot.camera_position)))
         seen = self.visibility(point) if receiver.shadow else np.ones(len(point))
         if receiver.caustics:
             waves = self.caustics(point, distance_m * np.pi / shot.height)
-        return lit_ratio(ambient, beam, blocked, seen, waves)
+        share = self.receiver_share(point, normal)
+        ratio = share * free[:, None] + (1.0 - share) * seen[:, None] * waves
+        return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
 
     def water(self, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
         """Return (transmittance, veil), each (n, 3), over camera rays of these lengths."""
@@ -184,11 +193,15 @@ class Light:
         return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)
 
 
-def lit_ratio(ambient: Floats, beam: Floats, blocked: Floats, seen: Floats, waves: Floats) -> Floats:
-    """Return E_with/E_without (n, 3) of ambient light, partly blocked, and a beam, partly seen and under waves.
+def unblocked(blocked: Floats) -> Floats:
+    """Return the part (...,) of the ambient light that bodies leave.
 
     What is blocked fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
     """
-    noticed = np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
-    lit = ambient * (1.0 - noticed)[:, None] + beam * seen[:, None] * waves
-    return lit / np.maximum(ambient + beam, 1e-9)
+    return 1.0 - np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
+
+
+def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:
+    """Return how much (...,) of its change the receiver shows: 1, and from `FADE_FROM` of its extent on less, to 0."""
+    t = np.clip((np.asarray(distance_m) / extent_m - FADE_FROM) / (1.0 - FADE_FROM), 0.0, 1.0)
+    return 1.0 - t * t * (3.0 - 2.0 * t)

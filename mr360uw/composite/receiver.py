@@ -8,15 +8,16 @@ than `UNNOTICED` of its ambient light.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.geometry import view_directions
-from mr360uw.composite.light import MINIMUM_SUN_UP, UNNOTICED
+from mr360uw.composite.light import UNNOTICED
+from mr360uw.composite.occlusion import mark_occluded, mark_shaded, surfel_table
 from mr360uw.composite.rays import RayScene, barycentric
-from mr360uw.composite.shadow import ambient_blocked, effective_half_angle
+from mr360uw.composite.shadow import basis, effective_half_angle
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import Rectangle, rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
@@ -127,57 +128,70 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     return CoarseGrid(cell, seen.shape, index, direction * distance[:, None], normal, reach)
 
 
-def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
-    """Return the rectangles of the frame in which objects, or caustics, change the receiver."""
-    receiver = shot.receiver
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """Which cells of a grid (n,) something changes: by the sun's shadow at most, and by anything."""
+
+    by_shadow: NDArray[np.bool_]
+    at_all: NDArray[np.bool_]
+
+
+def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
+    """Return which cells of the receiver objects, or caustics, change."""
+    receiver, sun = shot.receiver, shot.sun
     assert receiver is not None
-    touched = [_touched(shot, receiver, placed, grid) for placed in shot.objects if placed.casts_shadow]
-    if receiver.caustics and shot.caustics is not None and shot.sun is not None:
-        touched.append(np.ones(len(grid.index), bool))
-    return _rectangles(shot, grid, touched)
-
-
-def shadow_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
-    """Return the rectangles of the frame in which the sun's shadow can fall on the receiver."""
-    assert shot.receiver is not None
-    only = replace(shot.receiver, occlusion=False)
     casters = [placed for placed in shot.objects if placed.casts_shadow]
-    return _rectangles(shot, grid, [_touched(shot, only, placed, grid) for placed in casters])
+    marks = np.zeros(len(grid.index), np.bool_)
+    lit = sun is not None and sun.direction[1] > 0.0
+    boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.camera_position) for placed in casters]
+    if receiver.shadow and sun is not None and lit:
+        spread = float(np.tan(effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)))
+        for box in boxes:
+            mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
+    by_shadow = marks.copy()
+    if receiver.occlusion:
+        for placed, box in zip(casters, boxes, strict=True):
+            surfels = surfel_table([placed], shot.camera_position)
+            # a cell's middle stands for all of it
+            least = 0.75 * UNNOTICED
+            mark_occluded(grid.point, grid.normal, grid.reach_m, box.center, box.radius, surfels, least, marks)
+    if receiver.caustics and shot.caustics is not None and lit:
+        marks[:] = True
+    return Touched(by_shadow, marks)
 
 
-def _rectangles(shot: Shot, grid: CoarseGrid, touched: list[NDArray[np.bool_]]) -> list[Rectangle]:
-    """Return rectangles of the frame around the cells of the grid that one of the sets (n,) holds."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Box:
+    """A box around a body: its axes (3, 3), one a row, where it begins and ends along them (3,), and a ball about its
+    centre (3,) that holds the body.
+    """
+
+    axes: Floats
+    low: Floats
+    high: Floats
+    center: Floats
+    radius: float
+
+
+def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
+    """Return a box whose third axis is given and whose first is that of the greatest extent across it."""
+    linear, offset = placed.world_from_object[:3, :3], placed.world_from_object[:3, 3] - camera_position
+    corners = linear @ placed.mesh.hull.reshape(-1, 3).T + offset[:, None]
+    across = axes[:2] @ (corners - corners.mean(axis=1, keepdims=True))
+    turned = np.concatenate([np.linalg.eigh(across @ across.T)[1].T[::-1] @ axes[:2], axes[2:]])
+    along = turned @ corners
+    low, high = along.min(axis=1), along.max(axis=1)
+    center = 0.5 * (low + high)
+    radius = float(np.sqrt(np.max(np.sum((along - center[:, None]) ** 2, axis=0))))
+    return _Box(turned, low, high, center @ turned, radius)
+
+
+def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[Rectangle]:
+    """Return rectangles of the frame around the cells that are changed."""
     mask = np.zeros(grid.shape, bool)
-    if touched:
-        mask.flat[grid.index[np.any(touched, axis=0)]] = True
+    mask.flat[grid.index[touched.at_all]] = True
     width, height = grid.cell
     return [
         (c * width, r * height, min(columns * width, shot.width), min(rows * height, shot.height - r * height))
         for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
     ]
-
-
-def _touched(shot: Shot, receiver: Receiver, placed: PlacedObject, grid: CoarseGrid) -> NDArray[np.bool_]:
-    """Return which cells (n,) a body may change."""
-    center = placed.to_world(placed.mesh.center_m) - shot.camera_position
-    radius = placed.mesh.radius_m * placed.scale
-    towards = center - grid.point
-    squared = np.einsum("ij,ij->i", towards, towards)
-    near = radius + grid.reach_m
-    touched = squared < near * near
-    if receiver.shadow and shot.sun is not None and shot.sun.direction[1] > MINIMUM_SUN_UP:
-        along = towards @ shot.sun.direction
-        spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
-        limit = near + np.maximum(along + radius, 0.0) * spread
-        touched |= (along > -near) & (squared - along * along < limit * limit)
-    if receiver.occlusion:
-        place = placed.to_world(placed.mesh.surfel_position) - shot.camera_position
-        vectors = placed.mesh.surfel_area @ placed.world_from_object[:3, :3].T * placed.scale
-        area = float(np.linalg.norm(vectors, axis=-1).sum())
-        # no surfel blocks more than its area in the nearest place
-        gap = np.maximum(np.sqrt(squared) - near, 0.1 * radius)
-        rising = np.maximum(np.einsum("ij,ij->i", towards, grid.normal) + near, 0.0)
-        possible = ~touched & (area * rising > UNNOTICED * np.pi * gap**3)
-        blocked = ambient_blocked(grid.point[possible], grid.normal[possible], place, vectors)
-        touched[possible] = blocked > 0.75 * UNNOTICED  # a cell's middle stands for all of it
-    return touched

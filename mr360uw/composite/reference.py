@@ -31,7 +31,7 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.light import Light
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.rays import RayScene, barycentric
-from mr360uw.composite.receiver import ReceiverShape, coarse_grid, receiver_rectangles
+from mr360uw.composite.receiver import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
 from mr360uw.composite.sampling import GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, filter_width, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, split
@@ -75,7 +75,10 @@ def _render(shot: Shot, frame: AovFrame | None) -> Layer:
     geometry = gather(visible, shot.camera_position)
     shape = ReceiverShape(shot.receiver, shot.camera_position) if shot.receiver is not None else None
     object_parts = object_rectangles(shot)
-    receiver_parts = receiver_rectangles(shot, coarse_grid(shot, shape)) if shape is not None else []
+    receiver_parts: list[Rectangle] = []
+    if shape is not None:
+        grid = coarse_grid(shot, shape)
+        receiver_parts = receiver_rectangles(shot, grid, touched_cells(shot, grid))
     tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
     if not tiles:
         return Layer(shot.height, shot.width, ())

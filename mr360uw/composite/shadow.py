@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps light off: the sun behind a body, and bodies in the ambient light.
+"""What keeps the sun's light off: its disc behind a body.
 
-The sun's visibility is the mean over directions that fill its disc, on a Fermat spiral (Vogel 1979). Water widens the
-disc by forward scattering; a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment,
-radius^2 = half_angle^2 + 4 sigma^2.
-
-The ambient light that a body keeps off a place is the sum of the form factors of its surfels (Bunnell 2005),
-
-    F = sum A |n.w| max(0, N.w) / (pi r^2 + A)
-
-with w towards the surfel, A n its area vector. Twin: shadow.glsl.
+The sun's visibility is the mean over directions that fill its disc. Water widens the disc by forward scattering; a
+Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 = half_angle^2 +
+4 sigma^2. Twin: shadow.glsl.
 """
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +16,10 @@ from numpy.typing import ArrayLike
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
-_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+_PIECES = 2.7
+"""Points in the innermost ring."""
+_TURN = np.pi * (3.0 - np.sqrt(5.0))
+"""From ring to ring, so that no pieces line up."""
 
 
 def effective_half_angle(half_angle_rad: float, spread_rad: float) -> float:
@@ -38,10 +37,19 @@ def basis(axis: ArrayLike) -> Floats:
 
 
 def disc_offsets(count: int) -> Floats:
-    """Return points (count, 2) that fill the unit disc evenly; a single one is its centre."""
-    k = np.arange(count)
-    radius = np.sqrt((k + 0.5) / count) if count > 1 else np.zeros(1)
-    return radius[:, None] * np.stack([np.cos(k * _GOLDEN_ANGLE), np.sin(k * _GOLDEN_ANGLE)], axis=-1)
+    """Return points (count, 2) of the unit disc that stand for equal parts of it; a single one is its centre.
+
+    The parts are pieces of rings of equal width, each point as far out as is the root mean square of its piece. Over
+    the straight edge of a shadow they err by half of what a Fermat spiral of as many points does.
+    """
+    rings = max(round(np.sqrt(count / _PIECES)), 1)
+    ends = np.round(count * (np.arange(rings + 1) / rings) ** 2).astype(np.int64)
+    points = []
+    for ring, (first, last) in enumerate(itertools.pairwise(ends.tolist())):
+        radius = np.sqrt(0.5 * (first + last) / count) if last > 1 else 0.0
+        angle = 2.0 * np.pi * (np.arange(last - first) + 0.5) / max(last - first, 1) + ring * _TURN
+        points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    return np.concatenate(points)
 
 
 def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Floats:
@@ -49,18 +57,3 @@ def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Float
     u, v, w = basis(axis)
     offsets = np.tan(half_angle_rad) * disc_offsets(count)
     return unit(w + offsets[:, :1] * u + offsets[:, 1:] * v)
-
-
-def ambient_blocked(point: Floats, normal: Floats, surfel_position: Floats, surfel_area: Floats) -> Floats:
-    """Return the part (...,) of the ambient irradiance on (point, normal), each (..., 3), that surfels block.
-
-    Not clipped to 1, because several bodies add up. surfel_position, surfel_area: (s, 3); the area vectors' lengths are
-    areas in m^2.
-    """
-    total = np.zeros(point.shape[:-1])
-    for place, vector in zip(surfel_position, surfel_area, strict=True):
-        towards = place - point
-        squared = np.maximum(np.sum(towards * towards, -1), 1e-12)
-        facing = np.abs(towards @ vector) * np.maximum(np.sum(towards * normal, -1), 0.0)
-        total += facing / (squared * (np.pi * squared + np.linalg.norm(vector)))
-    return total

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.sphere import frame_from_direction
-from mr360uw.types import Floats, Tile
+from mr360uw.types import Floats
 
 _TILE_COST_PX = 4096
 """Pixels that take as long as what every further tile costs by itself."""
@@ -262,19 +262,3 @@ def common_part(part: Rectangle, window: Rectangle, frame_width: int) -> Rectang
         return None
     left, right = min(a for a, _ in spans), max(b for _, b in spans)
     return left - window[0], top - window[1], right - left, bottom - top
-
-
-def paste(tiles: Sequence[Tile], rectangle: Rectangle, frame_width: int, **images: Floats) -> None:
-    """Write images of a rectangle, which may pass the seam, into the tiles that it touches."""
-    column, row, width, height = rectangle
-    for tile in tiles:
-        rows, columns = tile.alpha.shape
-        r0, r1 = max(row, tile.row), min(row + height, tile.row + rows)
-        for turn in (-frame_width, 0, frame_width):
-            c0, c1 = max(column + turn, tile.column), min(column + turn + width, tile.column + columns)
-            if r0 >= r1 or c0 >= c1:
-                continue
-            to = np.s_[r0 - tile.row : r1 - tile.row, c0 - tile.column : c1 - tile.column]
-            source = np.s_[r0 - row : r1 - row, c0 - column - turn : c1 - column - turn]
-            for name, image in images.items():
-                getattr(tile, name)[to] = image[source]

@@ -12,10 +12,11 @@ from mr360uw.composite.aovs import exr_parts, receiver_difference
 from mr360uw.composite.geometry import occluding
 from mr360uw.composite.light import Light
 from mr360uw.composite.material import Material
+from mr360uw.composite.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.over import over
 from mr360uw.composite.rays import RayScene
 from mr360uw.composite.reference import render_aovs, render_layer
-from mr360uw.composite.shadow import ambient_blocked, disc_directions
+from mr360uw.composite.shadow import disc_directions
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
 from tests import tolerances as tol
@@ -126,10 +127,8 @@ def test_blocked_ambient_light_is_that_of_the_hemisphere(rng: np.random.Generato
     u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
     hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
     truth = np.array([rays.occluded(np.broadcast_to(p, hemisphere.shape), hemisphere).mean() for p in points])
-    mesh = body.mesh
-    got = ambient_blocked(
-        points, np.broadcast_to([0.0, 1.0, 0.0], points.shape), body.to_world(mesh.surfel_position), mesh.surfel_area
-    )
+    up = np.broadcast_to([0.0, 1.0, 0.0], points.shape)
+    got = ambient_blocked(points, up, surfel_table([body], np.zeros(3)))
     assert np.sqrt(np.mean((got - truth) ** 2)) < tol.OCCLUSION
 
 

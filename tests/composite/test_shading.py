@@ -15,10 +15,9 @@ from mr360uw.composite.shading import (
     smith_visibility,
     sun_highlight,
 )
-from mr360uw.composite.shadow import ambient_blocked, basis, disc_directions, disc_offsets, effective_half_angle
+from mr360uw.composite.shadow import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.texture import Texture, make_texture, texture_level, texture_lookup
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.gl.context import texture_from_array
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import directions, unit
 from tests import tolerances as tol
@@ -183,21 +182,6 @@ def test_texture_twin(rng: np.random.Generator) -> None:
         du[:, 0], dv[:, 1] = change[:, 0], change[:, 1]
         expected = texture_lookup(texture, uv, texture_level(texture, du, dv))
         np.testing.assert_allclose(got, expected, atol=tol.TEXTURE_TWIN)
-
-
-@pytest.mark.usefixtures("gl")
-def test_occlusion_twin(rng: np.random.Generator) -> None:
-    place, vector = rng.normal(size=(8, 3)).astype(np.float32), 0.1 * rng.normal(size=(8, 3)).astype(np.float32)
-    table = np.zeros((8, 2, 4))
-    table[:, 0, :3], table[:, 1, :3], table[:, 1, 3] = place, vector, np.linalg.norm(vector, axis=-1)
-    point = (rng.normal(size=(COUNT, 3)) * 2).astype(np.float32)
-    normal = unit(rng.normal(size=(COUNT, 3))).astype(np.float32)
-    got = glsl_call(
-        "composite/shadow.glsl", "ambient_blocked(surfels, 0, 8, p, n)", 1, "uniform sampler2D surfels;",
-        {"surfels": texture_from_array(table)}, p=point, n=normal,
-    )  # fmt: skip
-    expected = ambient_blocked(point.astype(float), normal.astype(float), place.astype(float), vector.astype(float))
-    np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP, atol=tol.FLOAT32)
 
 
 @pytest.mark.usefixtures("gl")

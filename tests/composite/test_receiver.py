@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What bodies and waves change on the ground: its end, masks, and blocks of pixels against pixels one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mr360uw.composite.geometry import occluding, view_directions
+from mr360uw.composite.gl import LayerRenderer
+from mr360uw.composite.light import Light
+from mr360uw.composite.material import Material
+from mr360uw.composite.receiver import ReceiverShape
+from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.texture import make_texture
+from mr360uw.sphere import directions
+from mr360uw.types import Environment, Floats
+from tests import tolerances as tol
+from tests.composite.scenes import box, caustics, codes, environment, medium, placed, quad, shot, sphere
+
+pytestmark = pytest.mark.usefixtures("gl")
+
+STEP = 5
+"""Every fifth row and column: all places within blocks of 8."""
+
+
+@pytest.fixture(scope="module")
+def renderer() -> LayerRenderer:
+    return LayerRenderer()
+
+
+@pytest.fixture(scope="module")
+def sea() -> Environment:
+    return environment()
+
+
+def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
+    """Return the reference's ratio at every fifth row and column, (h, w, 3), and the distance of the ground, (h, w)."""
+    assert scene.receiver is not None
+    x, y = np.meshgrid(np.arange(0, scene.width, STEP) + 0.5, np.arange(0, scene.height, STEP) + 0.5)
+    distance, normal = ReceiverShape(scene.receiver, scene.camera_position).meet(scene, x, y)
+    ratio, there = np.ones((*x.shape, 3)), np.isfinite(distance)
+    light = Light(scene, occluding(scene.objects, scene.camera_position))
+    point = view_directions(scene, x, y)[there] * distance[there][:, None]
+    ratio[there] = light.receiver_ratio(point, normal[there], distance[there])
+    return ratio, distance
+
+
+def wrong_codes(got: Floats, expected: Floats) -> Floats:
+    """Return how many codes of a pale ground two ratios (..., 3) differ by."""
+    return np.abs(codes(0.4 * got) - codes(0.4 * expected)).max(axis=-1)
+
+
+def assert_agrees(got: Floats, expected: Floats) -> None:
+    """Assert that ratios (..., 3) agree, over all and where there is a change."""
+    wrong, change = wrong_codes(got, expected), wrong_codes(np.ones_like(expected), expected)
+    assert change.max() > 20.0
+    assert np.mean(wrong <= tol.RENDERERS_CODES) >= tol.RENDERERS_FRACTION
+    assert wrong.max() <= tol.BLOCK_CODES
+    assert wrong.sum() <= tol.BLOCK_ERROR * change.sum()
+
+
+@pytest.mark.parametrize("waves", [False, True])
+@pytest.mark.parametrize("width", [500, 1024])
+def test_blocks_tell_their_pixels(
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, width: int, waves: bool
+) -> None:
+    """The box and its shadow lie across the seam; a frame of 500 x 250 ends within a block."""
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.1, -0.95, 1.6), (25, 0, 0))
+    floor = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
+    scene = shot(*bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng), receiver=floor)
+    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+@pytest.mark.parametrize("waves", [False, True])
+@pytest.mark.parametrize("kind", ["mesh", "map"])
+def test_other_shapes_of_a_plane_give_its_ratio(
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, kind: str, waves: bool
+) -> None:
+    d = directions(512, 256)[..., 1]
+    a, b, c, e = 20.0 * np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)]) + np.array([0.0, -1.2, 0.0])
+    shapes = {
+        "mesh": Receiver(mesh=np.array([(a, b, c), (a, c, e)]), caustics=waves, extent_m=8.0),
+        "map": Receiver(distance_m=np.where(d < 0.0, -1.2 / np.minimum(d, -1e-9), 0.0), caustics=waves, extent_m=8.0),
+    }
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    plane = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
+    scene = shot(*bodies, width=512, environment=sea, caustics=caustics(rng), receiver=plane)
+    got = renderer.render(replace(scene, receiver=shapes[kind])).ratio
+    assert_agrees(got[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+@pytest.mark.parametrize("width", [512, 1024])
+def test_a_small_body_is_not_lost_between_corners(renderer: LayerRenderer, sea: Environment, width: int) -> None:
+    balls = [placed(sphere(8, radius=0.03), (x, -1.17, -1.5 - 0.3 * k)) for k, x in enumerate((-0.4, 0.0, 0.3))]
+    scene = shot(*balls, width=width, environment=sea, receiver=Receiver(plane_y=-1.2))
+    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+def test_light_falls_through_a_mask(renderer: LayerRenderer, sea: Environment) -> None:
+    """A pane, half of it cut out: the shadow of the other half alone, in both renderers."""
+    alpha = np.full((64, 64, 4), 255, np.uint8)
+    alpha[:, :32, 3] = 0
+    cut = Material(base_map=make_texture(alpha, srgb=True), alpha_mode="MASK", double_sided=True)
+    pane, half = quad(cut, 0.8), box((0.4, 0.8, 1e-4))
+    floor = Receiver(plane_y=-1.2, occlusion=False)
+    masked = shot(placed(pane, (0.0, -0.6, -1.5), (0, 90, 0)), environment=sea, receiver=floor, width=512)
+    solid = shot(placed(half, (0.2, -0.6, -1.5), (0, 90, 0)), environment=sea, receiver=floor, width=512)
+    expected, _ = pixelwise(solid)
+    for got in (pixelwise(masked)[0], renderer.render(masked).ratio[::STEP, ::STEP]):
+        assert_agrees(got, expected)
+
+
+def test_the_receiver_fades_out_at_its_end(renderer: LayerRenderer, sea: Environment, rng: np.random.Generator) -> None:
+    floor = Receiver(plane_y=-1.2, caustics=True)
+    waves = shot(receiver=floor, environment=sea, caustics=caustics(rng), width=256)
+    far, distance = pixelwise(waves)
+    last = np.max(distance[distance < 5.0])
+    ending = replace(waves, receiver=replace(floor, extent_m=1.01 * last))
+    expected, _ = pixelwise(ending)
+    change = np.abs(expected - 1.0).max(axis=-1)
+    assert np.abs(far - 1.0).max(axis=-1)[distance == last].max() > 0.1
+    assert 0.0 < change[distance == last].max() < 0.01
+    assert change[distance > last].max() == 0.0
+    np.testing.assert_array_equal(expected[distance < 0.8 * last], far[distance < 0.8 * last])
+    got = renderer.render(ending).ratio[::STEP, ::STEP]
+    assert wrong_codes(got, expected).max() <= tol.RENDERERS_CODES
