@@ -52,6 +52,8 @@ PRIMARIES_CODE = 4
 """10 bit codes of a body lit by its own plate: the fit of the transfer curve (0.8 %), and the dither."""
 TRACK_RMS_DEG = 0.45
 """A track of 300 frames with 2 degrees of noise: three parameters a coordinate from 150 frames leave 0.35 degrees."""
+SUN_RADIUS = 0.7
+"""Radius of an unclipped disc in pixels of the plate: interpolation blurs its rim by half a pixel, and cuts it there."""
 CLOSURE_RATIO = 0.02
 """Direct to diffuse ratio after the closure, measured on the 64 x 32 map it made."""
 SOLAR_DEG = 0.02

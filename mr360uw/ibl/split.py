@@ -54,11 +54,19 @@ def threshold(coarse: Floats) -> float:
     return mean + 2.0 * float(np.sqrt((np.square(value - mean) * weight).sum()))
 
 
-def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: float, *, centred: bool = False) -> Split:
+def split_sun(
+    plate: Plate,
+    direction: Floats,
+    radius_rad: float,
+    half_angle_rad: float,
+    confidence: float,
+    *,
+    centred: bool = False,
+) -> Split:
     """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
 
-    radius_rad: of the bright spot, which becomes the sun's half angle. centred: its direction becomes the centroid of
-    that light.
+    radius_rad: of the bright spot in the plate, about which light is gathered. half_angle_rad: of the sun itself, which
+    is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light.
     """
     reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
     look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
@@ -75,7 +83,7 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     energy = (removed * coarse_solid_angle()[cell[0]]).sum(axis=0)
     if centred:
         direction = unit((value * share).ravel() @ look.reshape(-1, 3))
-    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
+    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), half_angle_rad, confidence)
     return Split(residual, sun)
 
 
