@@ -52,6 +52,10 @@ PRIMARIES_CODE = 4
 """10 bit codes of a body lit by its own plate: the fit of the transfer curve (0.8 %), and the dither."""
 TRACK_RMS_DEG = 0.45
 """A track of 300 frames with 2 degrees of noise: three parameters a coordinate from 150 frames leave 0.35 degrees."""
+SUN_POLE_ENERGY = 0.02
+"""Irradiance of a strong sun about the pole: 1 % stays in the sky, there as everywhere."""
+SUN_LEFT = 3e-3
+"""Brightest pixel of 64 x 32 that a sun leaves in the sky, over its radiance: its rim meets samples and pixels unevenly."""
 SUN_RADIUS = 0.7
 """Radius of an unclipped disc in pixels of the plate: interpolation blurs its rim by half a pixel, and cuts it there."""
 CLOSURE_RATIO = 0.02

@@ -9,10 +9,10 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import directions, row_solid_angle, unit
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import clipped, planes, sky
-from tests.tolerances import ENERGY_FLOAT32, SUN_RADIUS, TILT_LIGHT
+from tests.tolerances import ENERGY_FLOAT32, SUN_LEFT, SUN_POLE_ENERGY, SUN_RADIUS, TILT_LIGHT
 
 TOWARDS = unit([0.3, 0.8, 0.2])
 
@@ -77,3 +77,15 @@ def test_a_hidden_sun_takes_no_light_from_elsewhere() -> None:
         removed = alone - ibl.environment(plate, sun=sun).residual
         assert np.all(removed[directions(64, 32) @ hidden < np.cos(np.radians(8.0))] == 0.0)
         assert removed.sum() < TILT_LIGHT * alone.sum()
+
+
+@pytest.mark.parametrize("from_pole_deg", [0.0, 0.4, 1.5, 3.0])
+def test_slivers_about_the_pole_give_all_their_light(from_pole_deg: float) -> None:
+    """Pixels of the map are narrower there than the samples that look at them; none keeps its part of the sun."""
+    place = direction_from_angles(0.3, np.radians(90.0 - from_pole_deg))
+    image, without = sky(place, width=1024), sky(place, width=1024, sun=0.0)
+    put = ((image - without) * row_solid_angle(1024, 512)[:, None, None]).sum(axis=(0, 1))
+    light = ibl.environment(image, LightSettings(operator="none"))
+    assert light.sun is not None
+    np.testing.assert_allclose(light.sun.irradiance, put, rtol=SUN_POLE_ENERGY)
+    assert light.residual.max() < SUN_LEFT * image.max()
