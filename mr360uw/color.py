@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour: transfer functions, luminance and the Y'CbCr matrices of video.
+"""Colour: transfer functions, luminance, primaries and the Y'CbCr matrices of video.
 
-Inside the toolkit colour is linear Rec.709 scene radiance. `decode` and `encode` are the only doors between code
+Inside the toolkit colour is linear Rec.709 scene radiance. A plate with the Y'CbCr matrix of BT.2020 has its primaries
+too; `rec709_from_plate` brings its light over. `decode` and `encode` are the only doors between code
 values in [0, 1] and linear light; names say `_encoded` or `_linear`.
 """
 
@@ -32,13 +33,19 @@ _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
     "bt2020": (0.2627, 0.0593),
 }
 
+# Chromaticities (x, y) of red, green and blue, ITU-R BT.709-6 and BT.2020-2, and of their white, D65.
+_REC709_PRIMARIES = np.array([(0.640, 0.330), (0.300, 0.600), (0.150, 0.060)])
+_REC2020_PRIMARIES = np.array([(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)])
+_WHITE = np.array((0.3127, 0.3290))
+
 
 @dataclass(frozen=True, slots=True)
 class ColorSpec:
     """How the code values of a plate are to be read.
 
-    matrix: Y'CbCr weights. full_range: luma 0..2^bits - 1 (JPEG) or the limited 16..235 (scaled to the depth).
-    transfer: curve between code values and linear light. bits: depth of the code values, 8 or 10 for video.
+    matrix: Y'CbCr weights; those of BT.2020 say that the primaries are its too. full_range: luma 0..2^bits - 1 (JPEG)
+    or the limited 16..235 (scaled to the depth). transfer: curve between code values and linear light. bits: depth of
+    the code values, 8 or 10 for video.
     """
 
     matrix: Matrix = "bt709"
@@ -111,6 +118,24 @@ def rgb_from_ycbcr(matrix: Matrix) -> NDArray[np.float64]:
 def ycbcr_from_rgb(matrix: Matrix) -> NDArray[np.float64]:
     """Return the inverse of `rgb_from_ycbcr`."""
     return np.linalg.inv(rgb_from_ycbcr(matrix)).astype(np.float64)
+
+
+def _xyz_from_rgb(primaries: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from linear RGB of `primaries` (3, 2) to XYZ, white at Y = 1 (SMPTE RP 177-1993)."""
+    columns = np.stack([primaries[:, 0], primaries[:, 1], 1.0 - primaries.sum(axis=1)]) / primaries[:, 1]
+    white = np.array([_WHITE[0], _WHITE[1], 1.0 - _WHITE.sum()]) / _WHITE[1]
+    return np.asarray(columns * np.linalg.solve(columns, white), np.float64)
+
+
+def rec709_from_plate(matrix: Matrix) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from the linear light of a plate, in its own primaries, to linear Rec.709.
+
+    White stays white. Colours beside the gamut of Rec.709 get a negative channel. The primaries of standard definition
+    (bt601) are taken as those of Rec.709, which they all but are.
+    """
+    if matrix != "bt2020":
+        return np.eye(3)
+    return np.linalg.solve(_xyz_from_rgb(_REC709_PRIMARIES), _xyz_from_rgb(_REC2020_PRIMARIES)).astype(np.float64)
 
 
 def code_range(spec: ColorSpec) -> tuple[float, float, float, float]:

@@ -41,8 +41,23 @@ ENERGY_FLOAT32 = 1e-4
 YUV_MEAN = 1e-2
 """Light from decoded planes against the same frame decoded in full, mean relative difference: chroma at its own
 resolution, a polynomial for the transfer curve."""
+PRIMARIES_STANDARD = 1e-4
+"""Matrices between primaries against the standards' digits, of which there are four."""
+PRIMARIES_LIGHT = 2e-2
+"""Light of one scene in 10 bit codes of two primaries, mean of each channel: twice what planes cost (`YUV_MEAN`), as each
+is a fit to the curve of its own channels."""
+PRIMARIES_SUN = 6e-2
+"""Light of a clipped sun two pixels wide in the two: its rim, of mixed codes, under a gain of the tenth power."""
+PRIMARIES_CODE = 4
+"""10 bit codes of a body lit by its own plate: the fit of the transfer curve (0.8 %), and the dither."""
 TRACK_RMS_DEG = 0.45
 """A track of 300 frames with 2 degrees of noise: three parameters a coordinate from 150 frames leave 0.35 degrees."""
+SUN_POLE_ENERGY = 0.02
+"""Irradiance of a strong sun about the pole: 1 % stays in the sky, there as everywhere."""
+SUN_LEFT = 3e-3
+"""Brightest pixel of 64 x 32 that a sun leaves in the sky, over its radiance: its rim meets samples and pixels unevenly."""
+SUN_RADIUS = 0.7
+"""Radius of an unclipped disc in pixels of the plate: interpolation blurs its rim by half a pixel, and cuts it there."""
 CLOSURE_RATIO = 0.02
 """Direct to diffuse ratio after the closure, measured on the 64 x 32 map it made."""
 SOLAR_DEG = 0.02

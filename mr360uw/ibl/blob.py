@@ -29,9 +29,9 @@ _OPENING = 0.7
 _CLIPPED_LEVELS = (0.99, 0.95, 0.85)
 _UNCLIPPED_LEVEL = 0.5
 _LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
-_WHITE_DISC_RAD = np.radians(0.3)  # the same where display white may be the clip
 _SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
 _LOOKS = ((41, None), (41, 3.5), (73, 3.0))  # pixels across, radius of the patch in extents of the spot
+_NEAREST_RING_RAD = np.radians(1.0)  # a small disc lies in an aureole; how dark it is beyond tells it from a sky
 _HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
 _FIRST_RAD, _NARROWEST_RAD, _WIDEST_RAD = np.radians(4.0), np.radians(2.0), np.radians(50.0)
 
@@ -93,8 +93,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
         return None
     top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
     half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
-    widest = _WHITE_DISC_RAD if white and peak >= CLIPPED else _LARGEST_DISC_RAD
-    clipped = top > 0.25 * half or top > np.pi * widest**2
+    # at display white the peak says nothing of how far the sun stands above its aureole, however small the disc
+    clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2 or (white and peak >= CLIPPED)
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:
@@ -108,7 +108,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     wide = _opened(_plateau(value, _CLIPPED_LEVELS[-1] * peak)) if clipped else mask
     extent = max(step * _disc_radius(wide), blob_radius)
     along = look @ direction
-    ring = value[(along < np.cos(1.5 * extent)) & (along > np.cos(2.5 * extent)) & (value > 0.0)]
+    beyond = max(extent, _NEAREST_RING_RAD)
+    ring = value[(along < np.cos(1.5 * beyond)) & (along > np.cos(2.5 * beyond)) & (value > 0.0)]
     halo = float(np.median(ring)) / peak if ring.size else 1.0
     return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped))
 

@@ -9,8 +9,7 @@ needs one table of 256 or 1024 gains:
 MR360 (Iorns & Rhee 2016; Thompson et al. 2019 section 3): gain = 10 Y'^10 + 1.8, weights .3 .59 .11 on code values.
 Landis 2002: above t, L' = L (1 - w) + L peak w with w = ((L - t)/(1 - t))^alpha. Akyuz et al. 2007:
 L' = peak L^gamma. Kovaleski & Oliveira 2009: gain 1 + boost e, e the edge-stopping brightness map of `enhancement`.
-Meylan et al. 2006: two slopes, split at diffuse white. "closure" leaves unclipped pixels as they are (see `closure`).
-Twin: expansion.glsl.
+Meylan et al. 2006: two slopes, split at diffuse white. "closure" leaves unclipped pixels as they are (see `split`).
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.upward import frame_sines, upward
+from mr360uw.optics import critical_cosine
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def luma_weights(settings: LightSettings) -> Array:
 
 def snell_elevation() -> float:
     """Return the elevation [rad] of the edge of Snell's window, 41.7 deg: the whole sky lies above it."""
-    return math.pi / 2.0 - math.asin(1.0 / REFRACTIVE_INDEX_SEA)
+    return math.asin(critical_cosine(REFRACTIVE_INDEX_SEA))
 
 
 def region_weight(sine: ArrayLike, settings: LightSettings) -> Array:

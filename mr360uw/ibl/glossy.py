@@ -18,11 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import ZonalFilter, filter_scale
+from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
-
-MINIMUM_ROUGHNESS = 0.05
-"""Below it the lobe is far narrower than a pixel of the finest source map."""
 
 
 def ggx_distribution(cos_half: ArrayLike, roughness: float) -> NDArray[np.float64]:

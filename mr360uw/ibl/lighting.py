@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, SUN_HALF_ANGLE_RAD
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.blob import CLIPPED
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
@@ -21,8 +21,8 @@ from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.solar import given_direction
-from mr360uw.ibl.split import Split, close, split_sun, with_sun
-from mr360uw.ibl.sun import DISPLAY_WHITE, find_disc, split_disc
+from mr360uw.ibl.split import Split, close, with_sun
+from mr360uw.ibl.sun import find_disc, half_angle, is_display_referred, split_disc, split_given
 from mr360uw.ibl.upward import upward
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
@@ -80,10 +80,9 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
     if sun is None:
         return None
     if isinstance(sun, Sun):
-        return Split(split_sun(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
-    direction = unit(sun)
-    split = split_sun(plate, direction, SUN_HALF_ANGLE_RAD, 1.0)
-    clipped = settings.operator == "closure" and float(plate.brightest.max()) <= DISPLAY_WHITE
+        return Split(split_given(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
+    split = split_given(plate, unit(sun), half_angle(underwater), 1.0)
+    clipped = settings.operator == "closure" and is_display_referred(plate)
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 
 
@@ -91,9 +90,9 @@ def _detected(plate: Plate, settings: LightSettings, underwater: bool) -> Split 
     disc = find_disc(plate, underwater=underwater)
     if disc is None or disc.confidence < settings.minimum_confidence:
         return None
-    split = split_disc(plate, disc)
-    clipped = float(plate.brightest.max()) <= DISPLAY_WHITE and disc.blob.peak >= CLIPPED
-    return close(split, settings.direct_to_diffuse, plate.up) if clipped and settings.operator == "closure" else split
+    split = split_disc(plate, disc, underwater=underwater)
+    clipped = settings.operator == "closure" and is_display_referred(plate) and disc.blob.peak >= CLIPPED
+    return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:

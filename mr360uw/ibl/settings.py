@@ -3,16 +3,25 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Literal
 
+from pydantic import field_validator, model_validator
+
 from mr360uw.color import Transfer
+from mr360uw.ibl.solar import daylight_angles
 from mr360uw.parameters import Parameters, parameter
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
 OPERATORS: tuple[Operator, ...] = ("none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure")
 Region = Literal["all", "upper", "snell"]
 SunSource = Literal["detect", "given", "date", "none"]
+
+MINIMUM_ROUGHNESS = 0.05
+"""Below it the lobe is far narrower than a pixel of the finest source map."""
+MAXIMUM_GLOSSY_LEVELS = 8
+"""Glossy levels that every renderer keeps."""
 
 
 class LightSettings(Parameters):
@@ -61,5 +70,22 @@ class LightSettings(Parameters):
     track: Path | None = parameter(None, "track of the sun that `analyse` wrote (.json or .csv), edited or not")
     smooth: bool = parameter(True, "whether a first pass over the clip smooths the detected sun and bridges gaps")
     glossy_roughness: tuple[float, ...] = parameter(
-        (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending", unit="1"
+        (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending in [0.05, 1], at most 8", unit="1"
     )
+
+    @field_validator("glossy_roughness")
+    @classmethod
+    def _glossy_levels(cls, levels: tuple[float, ...]) -> tuple[float, ...]:
+        if len(levels) > MAXIMUM_GLOSSY_LEVELS:
+            raise ValueError(f"holds at most {MAXIMUM_GLOSSY_LEVELS} levels: leave some out")
+        if any(not MINIMUM_ROUGHNESS <= level <= 1.0 for level in levels):
+            raise ValueError(f"must lie in [{MINIMUM_ROUGHNESS}, 1]: smoother surfaces take the first")
+        if any(b <= a for a, b in itertools.pairwise(levels)):
+            raise ValueError("must ascend: sort it, without repeats")
+        return levels
+
+    @model_validator(mode="after")
+    def _daylight(self) -> LightSettings:
+        if self.sun == "date":
+            daylight_angles(self.sun_time, self.latitude_deg, self.longitude_deg)
+        return self

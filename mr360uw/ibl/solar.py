@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import Array, direction_from_angles
+
+if TYPE_CHECKING:
+    from mr360uw.ibl.settings import LightSettings
 
 
 def parse_time(text: str) -> datetime:
@@ -65,11 +68,26 @@ def refraction(elevation_rad: float) -> float:
     return math.radians(1.02 / 60.0 / math.tan(math.radians(degrees + 10.3 / (degrees + 5.11))))
 
 
+def daylight_angles(text: str, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    """Return `sun_angles` of an ISO 8601 time; raise `ParameterError` where the sun is not up.
+
+    Whoever names a date wants its sun, so that a night is a wrong zone or place more often than a dark film.
+    """
+    azimuth, elevation = sun_angles(parse_time(text), latitude_deg, longitude_deg)
+    if elevation <= 0.0:
+        raise ParameterError(
+            f"sun_time - the sun is {math.degrees(-elevation):.1f} degrees below the horizon "
+            f"(got {text} at latitude {latitude_deg:g}, longitude {longitude_deg:g}) - "
+            f'check zone and place, or take light.sun "none" for a night'
+        )
+    return azimuth, elevation
+
+
 def given_direction(settings: LightSettings) -> Array | None:
     """Return the direction (3,) that the settings give: "given" as the camera sees it, "date" in the air, else None."""
     if settings.sun == "given":
         return direction_from_angles(math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg))
     if settings.sun == "date":
-        azimuth, elevation = sun_angles(parse_time(settings.sun_time), settings.latitude_deg, settings.longitude_deg)
+        azimuth, elevation = daylight_angles(settings.sun_time, settings.latitude_deg, settings.longitude_deg)
         return direction_from_angles(azimuth - math.radians(settings.heading_deg), elevation)
     return None

@@ -23,12 +23,13 @@ from mr360uw.ibl.plate import (
     coarse_directions,
     coarse_solid_angle,
 )
-from mr360uw.ibl.tangent import patch_directions
+from mr360uw.ibl.tangent import patch_directions, patch_step
 from mr360uw.ibl.upward import LEVEL, elevation_sine
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 
-_PATCH = 121
+_PATCH = 81
+_SAMPLES_ACROSS = 4.0  # at least, of every pixel that is split
 _REACH = 2.0  # how far out, in radii of the spot, its light is gathered
 _MARGIN_RAD = np.pi / COARSE_ROWS  # and looked at, so that coarse pixels at the rim are seen as a whole
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
@@ -54,11 +55,19 @@ def threshold(coarse: Floats) -> float:
     return mean + 2.0 * float(np.sqrt((np.square(value - mean) * weight).sum()))
 
 
-def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: float, *, centred: bool = False) -> Split:
+def split_sun(
+    plate: Plate,
+    direction: Floats,
+    radius_rad: float,
+    half_angle_rad: float,
+    confidence: float,
+    *,
+    centred: bool = False,
+) -> Split:
     """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
 
-    radius_rad: of the bright spot, which becomes the sun's half angle. centred: its direction becomes the centroid of
-    that light.
+    radius_rad: of the bright spot in the plate, about which light is gathered. half_angle_rad: of the sun itself, which
+    is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light.
     """
     reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
     look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
@@ -67,25 +76,57 @@ def split_sun(plate: Plate, direction: Floats, radius_rad: float, confidence: fl
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
     inside = look @ direction > np.cos(reach)
     share = np.maximum(1.0 - bound / value, 0.0) * inside
-    cell, (taken, seen) = _gather(COARSE_COLUMNS, COARSE_ROWS, look, colour * share[..., None], colour)
+    span = _spans(patch_step(reach + _MARGIN_RAD, _PATCH))
+    cell, (taken, seen) = _gather(COARSE_COLUMNS, COARSE_ROWS, look, colour * share[..., None], colour, span=span)
     # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
-    removed = taken / np.maximum(seen, 1e-12) * plate.coarse[cell]
-    residual = plate.coarse.copy()
-    residual[cell] -= removed
-    energy = (removed * coarse_solid_angle()[cell[0]]).sum(axis=0)
+    residual, energy = _take_out(plate.coarse, cell, taken / np.maximum(seen, 1e-12), span)
     if centred:
         direction = unit((value * share).ravel() @ look.reshape(-1, 3))
-    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), radius_rad, confidence)
+    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), half_angle_rad, confidence)
     return Split(residual, sun)
 
 
+def _spans(step: float) -> NDArray[np.int64]:
+    """Return how many pixels of each row of a coarse map (rows,) are taken as one, a power of two.
+
+    About a pole the pixels are slivers, narrower than samples `step` [rad] apart, which would miss some of them.
+    """
+    colatitude = np.pi * (np.arange(COARSE_ROWS) + 0.5) / COARSE_ROWS
+    wanted = _SAMPLES_ACROSS * step / (2.0 * np.pi / COARSE_COLUMNS * np.sin(colatitude))
+    power = np.ceil(np.log2(np.clip(wanted, 1.0, COARSE_COLUMNS)))
+    return np.asarray(2**power, np.int64)
+
+
+def _take_out(
+    coarse: Floats, cell: tuple[NDArray[np.int64], ...], fraction: NDArray[np.float64], span: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Return a coarse map without a fraction (n, 3) of some pixels, evened out over each span, and the energy taken."""
+    row, column = cell
+    number = span[row]
+    first = np.cumsum(number) - number
+    rows = np.repeat(row, number)
+    columns = np.repeat(column - first, number) + np.arange(len(rows))
+    light = np.add.reduceat(coarse[rows, columns], first, axis=0) / number[:, None]
+    removed = fraction * light
+    residual = coarse.copy()
+    changed = np.repeat(fraction.any(axis=1), number)
+    residual[rows[changed], columns[changed]] = np.repeat(light - removed, number, axis=0)[changed]
+    return residual, (removed * number[:, None] * coarse_solid_angle()[row]).sum(axis=0)
+
+
 def _gather(
-    width: int, height: int, look: Floats, *lights: Floats
+    width: int, height: int, look: Floats, *lights: Floats, span: NDArray[np.int64] | None = None
 ) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
-    """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there."""
+    """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there.
+
+    span: of each row, how many neighbours are taken as one and stand as the first of them.
+    """
     x, y = frame_from_direction(look, width, height)
     row = np.clip(y.astype(np.int64), 0, height - 1)
-    index = (row * width + x.astype(np.int64) % width).ravel()
+    column = x.astype(np.int64) % width
+    if span is not None:
+        column -= column % span[row]
+    index = (row * width + column).ravel()
     number = np.zeros(width * height, np.int64)
     number[index] = 1
     cell = np.flatnonzero(number)

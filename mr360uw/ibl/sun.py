@@ -10,6 +10,9 @@ looked at closely (`blob`) and judged by what a sun has and clouds, sand, causti
     above      over the horizon, or inside Snell's window for a camera under water
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
+
+The bright spot says what to take out of the sky, not how large the sun is: a clipped one is as wide as exposure, haze
+and lens make it, ten times the disc that casts the shadows. A clipped sun has the size that the sun is known to have.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
@@ -32,6 +36,7 @@ DISPLAY_WHITE = 1.5
 _MOST_SEEDS = 600
 _CANDIDATES = 3
 _LONE_ANGLE_RAD = np.radians(4.0)
+_WIDEST_GLARE_RAD = np.radians(15.0)  # what is wider is a sky; the detector's confidence ends there too
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +61,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     peak = float(bright.max())
     if peak <= 1.05 * float(np.median(plate.brightest[allowed])):
         return None
-    hdr = float(plate.brightest.max()) > DISPLAY_WHITE
+    hdr = not is_display_referred(plate)
     weight = np.where(bright >= (0.3 if hdr else 0.9) * peak, value, 0.0) * coarse_solid_angle()
     best: Disc | None = None
     for seed in _seeds(weight):
@@ -109,10 +114,42 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
     return size * white * _falling(lone, 0.5, 0.15) * edge
 
 
-def split_disc(plate: Plate, disc: Disc) -> Split:
-    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
+def half_angle(underwater: bool) -> float:
+    """Return the angular radius [rad] of the sun's disc, in air or as seen from the water through the surface.
+
+    Refraction divides the angles across its plane by the index of the water. Along it the disc is narrower still, but
+    waves tilt by far more: the round disc is the sharpest that shadows get (`draw.sun_spread_deg` widens them).
+    """
+    return SUN_HALF_ANGLE_RAD / REFRACTIVE_INDEX_SEA if underwater else SUN_HALF_ANGLE_RAD
+
+
+def is_display_referred(plate: Plate) -> bool:
+    """Return whether a plate ends at display white, so that a sun in it is clipped."""
+    return float(plate.brightest.max()) <= DISPLAY_WHITE
+
+
+def glare_radius(plate: Plate, direction: Floats) -> float:
+    """Return the radius [rad] of the bright spot that a sun towards `direction` (3,) makes; 0 where there is none."""
+    blob = examine(plate, direction, -1.0, white=is_display_referred(plate))
+    if blob is None or blob.radius_rad > _WIDEST_GLARE_RAD:
+        return 0.0
+    return blob.radius_rad if float(blob.direction @ direction) > np.cos(blob.radius_rad) else 0.0
+
+
+def split_given(plate: Plate, direction: Floats, half_angle_rad: float, confidence: float) -> Split:
+    """Return the plate's expanded map split into the sun that is known to stand towards `direction` and the rest."""
+    return split_sun(plate, direction, max(glare_radius(plate, direction), half_angle_rad), half_angle_rad, confidence)
+
+
+def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
+    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred.
+
+    Its half angle is what was measured; where it is clipped, that of the sun.
+    """
     blob = disc.blob
-    return split_sun(plate, blob.direction, blob.radius_rad, disc.confidence, centred=not blob.clipped)
+    clipped = is_display_referred(plate) and (blob.clipped or blob.peak >= CLIPPED)
+    size = half_angle(underwater) if clipped else blob.radius_rad
+    return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=not blob.clipped)
 
 
 def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | None = None) -> Sun | None:
@@ -124,4 +161,4 @@ def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | No
     """
     seen = LinearPlate.of(checked_plate(plate), up=upward(up))
     disc = find_disc(seen, underwater=underwater)
-    return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc).sun
+    return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater).sun

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast path: light from the decoded planes of a video frame, without a full frame of floats."""
+"""The fast path: light from the decoded planes of a video frame, without a full frame of floats.
+
+Light is linear Rec.709, whatever the primaries of the plate, as where the layer is laid over it. Means are brought over
+after summing, which a matrix allows. Colours beside the gamut of Rec.709 are cut off at 0: no surface or lobe can be
+lit by less than nothing.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import ColorSpec, Transfer, code_range, decode, rgb_from_ycbcr
+from mr360uw.color import ColorSpec, Matrix, Transfer, code_range, decode, rec709_from_plate, rgb_from_ycbcr
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
@@ -43,7 +48,7 @@ class YuvPlate:
             np.ascontiguousarray(direction, np.float64).reshape(-1, 3), self.yuv.y, self.yuv.u, self.yuv.v,
             tables.luma, tables.chroma, _decode_table(self.yuv.spec.transfer), _TABLE_STEPS, linear,
         )  # fmt: skip
-        return linear.reshape(direction.shape)
+        return _rec709(linear, self.yuv.spec.matrix).reshape(direction.shape)
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
@@ -54,6 +59,13 @@ class YuvPlate:
 
 
 _TABLE_STEPS = 8192
+
+
+def _rec709(linear: NDArray[np.float32], matrix: Matrix) -> NDArray[np.float32]:
+    """Return linear Rec.709 (..., 3), cut off at 0, of the plate's linear light (..., 3), which is not negative."""
+    if matrix != "bt2020":
+        return linear
+    return np.maximum(linear @ rec709_from_plate(matrix).T.astype(np.float32), 0.0)
 
 
 @functools.cache
@@ -105,7 +117,7 @@ def block_size(width: int, height: int) -> int:
 
 
 def decode_frame(yuv: YuvImage) -> NDArray[np.float32]:
-    """Return a decoded frame of any chroma format as linear floats (H, W, 3), chroma interpolated."""
+    """Return a decoded frame of any chroma format as linear Rec.709 (H, W, 3), chroma interpolated."""
     import cv2
 
     height, width = yuv.y.shape
@@ -116,7 +128,7 @@ def decode_frame(yuv: YuvImage) -> NDArray[np.float32]:
         centred = (plane.astype(np.float32) - neutral) / chroma_span
         ycc[..., k] = cv2.resize(centred, (width, height), interpolation=cv2.INTER_LINEAR)
     encoded = np.maximum(ycc @ rgb_from_ycbcr(yuv.spec.matrix).T.astype(np.float32), 0.0)
-    return decode(encoded, yuv.spec.transfer)
+    return _rec709(decode(encoded, yuv.spec.transfer), yuv.spec.matrix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +145,8 @@ def _tables(spec: ColorSpec, settings: LightSettings) -> _Tables:
     low, span, neutral, chroma_span = code_range(spec)
     rgb = rgb_from_ycbcr(spec.matrix)
     codes = 1 << spec.bits
-    # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr)
-    tint = (luma_weights(settings) @ rgb)[1:] * span / chroma_span
+    # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr), with w for the plate's primaries
+    tint = (luma_weights(settings) @ rec709_from_plate(spec.matrix) @ rgb)[1:] * span / chroma_span
     margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
     luma = (np.arange(-margin, codes + margin) - low) / span
     return _Tables(
@@ -182,6 +194,7 @@ def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tu
         block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
+    total = _rec709(total, yuv.spec.matrix)
     coarse = (
         total if total.shape[:2] == (COARSE_ROWS, COARSE_COLUMNS) else reduce_map(total, COARSE_COLUMNS, COARSE_ROWS)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.color import ColorSpec, decode, encode, ycbcr_from_rgb
+from mr360uw.color import ColorSpec, Matrix, decode, encode, rec709_from_plate, ycbcr_from_rgb
 from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
 
@@ -25,15 +25,16 @@ def clipped(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
     return np.asarray(decode(code / np.float32(255.0), "srgb"), np.float32)
 
 
-def planes(linear: np.ndarray, bits: int = 8) -> YuvImage:
-    """Return a linear plate in [0, 1] as limited range BT.709 4:2:0 planes."""
-    ycc = encode(linear.astype(np.float64), "srgb") @ ycbcr_from_rgb("bt709").T
+def planes(linear: np.ndarray, bits: int = 8, matrix: Matrix = "bt709") -> YuvImage:
+    """Return a linear Rec.709 plate in [0, 1] as limited range 4:2:0 planes with the primaries of `matrix`."""
+    own = linear.astype(np.float64) @ np.linalg.inv(rec709_from_plate(matrix)).T
+    ycc = encode(own, "srgb") @ ycbcr_from_rgb(matrix).T
     scale, kind = 1 << (bits - 8), np.uint8 if bits == 8 else np.uint16
     height, width = ycc.shape[:2]
     chroma = ycc[..., 1:].reshape(height // 2, 2, width // 2, 2, 2).mean(axis=(1, 3))
     uv = np.round((128.0 + 224.0 * chroma) * scale).astype(kind)
     y = np.round((16.0 + 219.0 * ycc[..., 0]) * scale).astype(kind)
-    return YuvImage(y, uv[..., 0].copy(), uv[..., 1].copy(), ColorSpec(bits=bits))
+    return YuvImage(y, uv[..., 0].copy(), uv[..., 1].copy(), ColorSpec(matrix, bits=bits))
 
 
 def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
