@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse tone mapping, from floats and from decoded planes."""
+"""Inverse tone mapping, from floats, from decoded planes and on the GPU."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.color import TRANSFERS, decode, encode
+from mr360uw.ibl import expansion
 from mr360uw.ibl.kernel import decode_polynomial
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import OPERATORS, LightSettings
 from mr360uw.ibl.yuv import block_size, decode_frame, plate_of_yuv
 from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
+from tests.glsl import glsl_call
 from tests.ibl.plates import angle_deg, clipped, planes, sky
-from tests.tolerances import ENERGY_FLOAT32, FLOAT64, SUN_HDR_DEG, YUV_MEAN
+from tests.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, FLOAT64, SUN_HDR_DEG, YUV_MEAN
 
 
 def test_mr360_is_the_published_formula() -> None:
@@ -98,6 +100,39 @@ def test_other_chroma_formats_are_decoded_in_full() -> None:
     wide = YuvImage(yuv.y, np.repeat(yuv.u, 2, 0), np.repeat(yuv.v, 2, 0), yuv.spec)
     a, b = ibl.environment_from_yuv(yuv), ibl.environment_from_yuv(wide)
     assert np.mean(np.abs(a.ambient - b.ambient)) < YUV_MEAN * b.ambient.mean()
+
+
+@pytest.mark.usefixtures("gl")
+def test_gain_twins(rng: np.random.Generator) -> None:
+    x = rng.uniform(0.01, 1.0, 2000).astype(np.float32)
+    calls = {
+        "mr360_gain(x, 10.0, 10.0, 1.8)": expansion.mr360_gain(x, 10.0, 10.0, 1.8),
+        "landis_gain(x, 0.5, 2.0, 12.0)": expansion.landis_gain(x, 0.5, 2.0, 12.0),
+        "akyuz_gain(x, 1.4, 12.0)": expansion.akyuz_gain(x, 1.4, 12.0),
+        "piecewise_gain(x, 0.8, 12.0)": expansion.piecewise_gain(x, 0.8, 12.0),
+        "region_ramp(x, 0.4, 0.2)": expansion.region_ramp(x, 0.4, 0.2),
+    }
+    for call, expected in calls.items():
+        got = glsl_call("ibl/expansion.glsl", call, x=x)
+        np.testing.assert_allclose(got, expected, rtol=5 * FLOAT32_TWIN, atol=FLOAT32_TWIN, err_msg=call)
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("operator", ["none", "mr360", "landis", "akyuz", "piecewise", "closure"])
+@pytest.mark.parametrize("size", [(512, 256), (350, 171)])
+def test_the_gpu_reduces_to_the_same_map(operator: str, size: tuple[int, int]) -> None:
+    from mr360uw.gl.context import texture_from_array
+    from mr360uw.ibl.gl import environment_from_texture, reduce_texture
+
+    image = clipped(sky(unit([0.3, 0.7, 0.2]), width=512))[: size[1], : size[0]]
+    chosen = LightSettings(operator=operator)
+    texture = texture_from_array(image)
+    reference = LinearPlate.of(image, chosen).coarse
+    got = reduce_texture(texture, chosen, 256, 128)[..., :3]
+    np.testing.assert_allclose(got, reference, atol=50 * FLOAT32_TWIN * reference.max())
+    a, b = environment_from_texture(texture, chosen), ibl.environment(image, chosen)
+    assert (a.sun is None) == (b.sun is None)
+    np.testing.assert_allclose(a.irradiance, b.irradiance, rtol=YUV_MEAN)
 
 
 def test_code_values_survive_encode_and_decode() -> None:
