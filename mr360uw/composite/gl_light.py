@@ -21,6 +21,7 @@ from mr360uw.gl.context import (
     texture_array_from_array,
     texture_from_array,
 )
+from mr360uw.ibl.settings import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.types import CausticStack, Floats
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 _BIASED_SLOT = 256
 """Texels across a sun map of which `PlacedObject.bias_m` is one and a half."""
 _MAXIMUM_SUN_SAMPLES = 32
-_MAXIMUM_GLOSSY = 8
 
 
 class LightTextures:
@@ -51,7 +51,7 @@ class LightTextures:
         self._uniforms = {
             "lights__camera_position": shot.camera_position,
             "lights__camera_depth_m": shot.camera_depth_m,
-            "lights__glossy_levels": min(levels, _MAXIMUM_GLOSSY),
+            "lights__glossy_levels": min(levels, MAXIMUM_GLOSSY_LEVELS),
             "lights__sun_direction": (0.0, 1.0, 0.0),
             "lights__casters": 0,
         }
@@ -60,8 +60,8 @@ class LightTextures:
             "SHADOW": sun is not None and len(casters) > 0, "CAUSTICS": sun is not None and shot.caustics is not None,
         }  # fmt: skip
         self.defines = {name: 1 for name, there in has.items() if there}
-        roughness = np.ones(_MAXIMUM_GLOSSY)
-        roughness[:levels] = shot.environment.glossy_roughness[:_MAXIMUM_GLOSSY]
+        roughness = np.ones(MAXIMUM_GLOSSY_LEVELS)
+        roughness[:levels] = shot.environment.glossy_roughness[:MAXIMUM_GLOSSY_LEVELS]
         self._arrays = {"glossy_roughness": roughness, "slopes": np.zeros((_MAXIMUM_SUN_SAMPLES, 2))}
         self._update_environment(shot)
         self._update_medium(shot)
@@ -108,7 +108,7 @@ class LightTextures:
         environment = shot.environment
         self._kept_environment = environment  # so that its identity stays its own
         self._hold("ambient", id(environment), lambda: texture_array_from_array(environment.ambient[None]))
-        glossy = environment.glossy[:_MAXIMUM_GLOSSY] if len(environment.glossy) else environment.ambient[None]
+        glossy = environment.glossy[:MAXIMUM_GLOSSY_LEVELS] if len(environment.glossy) else environment.ambient[None]
         self._hold("glossy", id(environment), lambda: texture_array_from_array(glossy))
 
     def _update_medium(self, shot: Shot) -> None:

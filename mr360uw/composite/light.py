@@ -125,7 +125,7 @@ class Light:
         view = -hits.direction
         n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
         index = 1.0 if shot.medium is None else REFRACTIVE_INDEX_SEA
-        dielectric = np.vectorize(dielectric_f0, otypes=[float])(hits.refractive_index, index)[:, None]
+        dielectric = dielectric_f0(hits.refractive_index, index)[:, None]
         metal = hits.metallic[:, None]
         split = np.stack(split_sum(hits.roughness, n_dot_v), axis=-1)
         varnish = reflectance(np.broadcast_to(dielectric, hits.base.shape), split)

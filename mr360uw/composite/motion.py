@@ -19,17 +19,15 @@ from numpy.typing import ArrayLike
 
 from mr360uw.composite.settings import Interpolation, ObjectSettings
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.level import level_matrix
+from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
 
 def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
     """Return the (3, 3) rotation of angles [deg] as the module defines them."""
     yaw, pitch, roll = np.radians(yaw_pitch_roll_deg)
-    cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
-    about_z = np.array([[cr, sr, 0.0], [-sr, cr, 0.0], [0.0, 0.0, 1.0]])
-    return about_y @ about_x @ about_z
+    return yaw_matrix(yaw) @ level_matrix(roll, pitch)
 
 
 def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:

@@ -15,6 +15,7 @@ water, an eighth of that in air. Twin: shading.glsl.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mr360uw.constants import INV_PI
 from mr360uw.types import Floats
@@ -23,10 +24,10 @@ MINIMUM_ALPHA = 0.002
 """Narrower lobes are not told apart from a mirror in single precision."""
 
 
-def dielectric_f0(refractive_index: float, medium_index: float) -> float:
-    """Return the reflectance at normal incidence of a dielectric in a medium (Fresnel)."""
-    ratio = (refractive_index - medium_index) / (refractive_index + medium_index)
-    return ratio * ratio
+def dielectric_f0(refractive_index: ArrayLike, medium_index: float) -> Floats:
+    """Return the reflectance (...,) at normal incidence of dielectrics of index (...,) in a medium (Fresnel)."""
+    index = np.asarray(refractive_index, np.float64)
+    return np.square((index - medium_index) / (index + medium_index))
 
 
 def ggx_distribution(n_dot_h: Floats, alpha: Floats) -> Floats:

@@ -28,7 +28,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, rgb_from_ycbcr, ycbcr_from_rgb
+from mr360uw.color import (
+    ColorSpec,
+    Transfer,
+    code_range,
+    decode,
+    encode,
+    rec709_from_plate,
+    rgb_from_ycbcr,
+    ycbcr_from_rgb,
+)
 from mr360uw.types import Floats, Tile, YuvImage
 from mr360uw.video.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.kernels import (
@@ -42,11 +51,6 @@ from mr360uw.video.kernels import (
     read_rectangle,
     write_chroma,
     write_luma,
-)
-
-# Linear Rec.709 from linear BT.2020 (ITU-R BT.2087-0, inverse of its eq. for M2).
-_REC709_FROM_BT2020 = np.array(
-    [[1.660491, -0.587641, -0.072850], [-0.124550, 1.132900, -0.008349], [-0.018151, -0.100579, 1.118730]]
 )
 
 Rectangle = tuple[int, int, int, int]
@@ -99,7 +103,7 @@ def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap
     table = _decode_table(image.spec.transfer)
     read_rectangle(image.y, image.u, image.v, row, column, sx, sy, wrap, _coefficients(image.spec), table, out)
     if image.spec.matrix == "bt2020":
-        out = np.asarray(out @ _REC709_FROM_BT2020.T, np.float32)
+        out = np.asarray(out @ rec709_from_plate(image.spec.matrix).T, np.float32)
     return out
 
 
@@ -124,7 +128,7 @@ def lay_over_planes(
     """
     row, column, _, _ = rectangle
     if old.spec.matrix == "bt2020":
-        linear = linear @ np.linalg.inv(_REC709_FROM_BT2020).T
+        linear = linear @ np.linalg.inv(rec709_from_plate(old.spec.matrix)).T
     sx, sy = subsampling(old)
     coefficients, peak = _coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
     light, cover = np.ascontiguousarray(linear, np.float32), np.ascontiguousarray(alpha, np.float32)
