@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
@@ -17,7 +18,9 @@ import numpy as np
 import pytest
 
 from mr360uw import cli
+from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
+from tests.video.clips import write_clip
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -249,18 +252,41 @@ def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
-def test_an_interrupted_run_leaves_nothing(scene: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
+def test_an_interrupted_run_leaves_nothing(scene: Path, number: signal.Signals) -> None:
+    def heeding() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell has its jobs in the background ignore it
+
+    long = write_clip(scene.parent / "long.mp4", 2000, size=(256, 128), options={"preset": "ultrafast"})
     out = scene.parent / "out.mp4"
     arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--backend", "reference"]
-    running = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60.0
-    while not list(scene.parent.glob("*.part")) and running.poll() is None and time.monotonic() < deadline:
+    running = subprocess.Popen(
+        [*arguments, "--set", f'plate.path="{long}"'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heeding,  # noqa: PLW1509 - no other thread is at work here
+    )
+    while not list(scene.parent.glob("out*.part")):
+        assert running.poll() is None, running.communicate()
         time.sleep(0.01)
-    running.send_signal(signal.SIGINT)
+    running.send_signal(number)
     _, err = running.communicate(timeout=60)
-    assert running.returncode == 130
-    assert "interrupted" in err
+    assert running.returncode == 128 + number
+    assert ("interrupted" in err) == (number == signal.SIGINT)
     assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_within_a_callback_stops_the_run_at_the_next_frame() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupt = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+    with terminal_progress() as progress:
+        progress(1, 9)
+        interrupt()  # C code has no place for the exception: it is dropped
+        with pytest.raises(KeyboardInterrupt):
+            progress(2, 9)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_help_names_every_command() -> None:
