@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from mr360uw import cli
 from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
-from tests.video.clips import write_clip
+from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -233,6 +234,23 @@ def test_outputs_that_cannot_be_written(scene: Path, run: Run) -> None:
     code, _, err = run("composite", scene, scene.parent / "out.xyz")
     assert code == 2
     assert "out.xyz" in err
+
+
+def test_sound_that_the_output_cannot_hold_is_told_before_the_first_frame(scene: Path, run: Run) -> None:
+    # Matroska keeps no layout of the channels of PCM; MP4 needs one, and FFmpeg finds out when it completes the file
+    plate = write_clip(scene.parent / "pcm.mkv", 4, size=(256, 128), audio_s=0.2, audio_codec="pcm_s16le")
+    arguments = ("--set", f'plate.path="{plate}"', "--set", "object=[]")
+    out = scene.parent / "out.mp4"
+    code, _, err = run("composite", scene, out, *arguments)
+    assert code == 2
+    for part in (".mp4 cannot hold the sound of pcm.mkv (got pcm_s16le", "write .mov or .mkv", "output.sound = false"):
+        assert part in err
+    assert not list(scene.parent.glob("out*"))
+    assert run("composite", scene, out.with_suffix(".mov"), *arguments)[0] == 0
+    assert packets(out.with_suffix(".mov"), "audio")[0][2] == packets(plate, "audio")[0][2]
+    assert run("composite", scene, out, *arguments, "--set", "output.sound=false")[0] == 0
+    with av.open(str(out)) as container:
+        assert not container.streams.audio
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a file system of a limited size and signals")
