@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 
 from mr360uw import cli
+from mr360uw.ibl import track_suns
+from mr360uw.ibl.trackfile import save_track
 from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
 from tests.video.clips import packets, write_clip
@@ -192,6 +194,43 @@ def test_every_problem_of_a_scene_at_once(scene: Path, run: Run) -> None:
     assert code == 2
     assert "no such file" in err
     assert "no.glb" in err
+
+
+def test_check_tells_every_problem_that_would_stop_a_run(scene: Path, run: Run) -> None:
+    import cv2
+
+    folder = scene.parent
+    for number in range(3):  # for eight frames of the plate
+        cv2.imwrite(str(folder / f"matte_{number:04d}.png"), np.zeros((128, 256), np.uint8))
+    cv2.imwrite(str(folder / "square.png"), np.zeros((64, 64), np.uint8))
+    save_track(track_suns([None, None]), folder / "sun.json")
+    holdouts = '[{path="matte_%04d.png"}, {path="square.png"}]'
+    settings = [f"holdout={holdouts}", 'light.track="sun.json"', 'output.codec="prores"', 'object.0.part="fin"']
+    overrides = [part for setting in settings for part in ("--set", setting)]
+    before = {p.name for p in folder.iterdir()}
+    code, _, err = run("check", scene, folder / "out.mp4", *overrides)
+    assert code == 2
+    assert "5 problems" in err
+    for part in (
+        "no part of that name (got 'fin')", "matte_%04d.png - ends before the plate (got 3", "square.png - has not",
+        "sun.json light.track - belongs to another clip (got 2 frames for 8)", ".mp4 cannot hold prores",
+    ):  # fmt: skip
+        assert part in err
+    code, _, err = run("check", scene, folder / "out.mov", "--set", f"holdout={holdouts}", "--frames", "0:3")
+    assert "1 problem\n" in err  # the square one
+    code, out, _ = run("check", scene, "--set", 'output.codec="prores"')
+    assert code == 0
+    assert "output    .mov or .mkv can hold prores" in out
+    code, out, _ = run("check", scene, folder / "out.mp4")
+    assert code == 0
+    assert {p.name for p in folder.iterdir()} == before
+
+
+def test_check_reports_the_plate_s_problem_beside_others(scene: Path, run: Run) -> None:
+    (scene.parent / "text.mp4").write_text("This is not a video.\n" * 50)
+    code, _, err = run("check", scene, "--set", 'plate.path="text.mp4"', "--set", 'object.0.part="fin"')
+    assert code == 2
+    assert "2 problems" in err
 
 
 @pytest.mark.parametrize(
