@@ -23,6 +23,7 @@ from mr360uw.ibl import track_suns
 from mr360uw.ibl.trackfile import save_track
 from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
+from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
@@ -231,6 +232,37 @@ def test_check_reports_the_plate_s_problem_beside_others(scene: Path, run: Run) 
     code, _, err = run("check", scene, "--set", 'plate.path="text.mp4"', "--set", 'object.0.part="fin"')
     assert code == 2
     assert "2 problems" in err
+
+
+def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) -> None:
+    scene.write_text(
+        'plate = "dive.mp4"\n[[object]]\nmesh = "whale.glb"\n'
+        "[[object.key]]\ntime_s = 1.0\n[[object.key]]\ntime_s = 0.5\n"
+    )
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert f"{scene}:4 object[0].key - key 1 must be later than key 0 (got time_s 1, then 0.5) - sort" in err
+    scene.write_text(scene.read_text() + "scale = -1.0\n")
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert f"{scene}:8 object[0].key[1].scale - must be > 0" in err
+
+
+@pytest.mark.parametrize(
+    ("stereo", "crop"),
+    [("top-bottom", "crop=256:64:0:0,scale=256:128"), ("left-right", "crop=128:128:0:0,scale=256:128")],
+)
+def test_squeezed_eyes_are_told_how_to_be_stretched(stereo: Stereo, crop: str, scene: Path, run: Run) -> None:
+    plate = write_clip(scene.parent / "stereo.mp4", 2, size=(256, 128))
+    write_spherical(plate, SphericalMetadata(stereo=stereo))
+    overrides = ("--set", f'plate.path="{plate}"')
+    code, _, err = run("check", scene, *overrides)
+    assert code == 2
+    assert 'plate.eye = "left"' in err
+    code, _, err = run("check", scene, *overrides, "--set", 'plate.eye="left"')
+    assert code == 2
+    assert "squeezed" in err
+    assert crop in err
 
 
 @pytest.mark.parametrize(

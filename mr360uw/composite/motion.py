@@ -76,17 +76,15 @@ class Motion:
 
 
 def object_motion(settings: ObjectSettings) -> Motion:
-    """Return the motion of an object; raise `ParameterError` where its keys do not ascend in time."""
+    """Return the motion of an object."""
     keys = settings.key
     if not keys:
         return Motion(
             np.zeros(1), np.array([settings.position_m]), rotation_matrix(settings.rotation_deg)[None],
             np.array([settings.scale]), settings.interpolation,
         )  # fmt: skip
-    times = np.array([key.time_s for key in keys])
-    _require_ascending(times, "object.key.time_s")
     return Motion(
-        times,
+        np.array([key.time_s for key in keys]),
         np.array([key.position_m or settings.position_m for key in keys]),
         np.stack([rotation_matrix(key.rotation_deg or settings.rotation_deg) for key in keys]),
         np.array([key.scale or settings.scale for key in keys]),

@@ -61,8 +61,8 @@ def test_rotation_is_even_and_scale_geometric() -> None:
 
 def test_keys_must_ascend() -> None:
     keys = (KeySettings(time_s=1.0), KeySettings(time_s=1.0))
-    with pytest.raises(ParameterError, match="must ascend"):
-        object_motion(ObjectSettings(mesh=Path("a.glb"), key=keys))
+    with pytest.raises(ValueError, match="key 1 must be later than key 0"):
+        ObjectSettings(mesh=Path("a.glb"), key=keys)
 
 
 def test_camera_track(tmp_path: Path) -> None:
