@@ -9,7 +9,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mr360uw.composite import load_mesh
+from mr360uw.composite import load_mesh, load_objects
+from mr360uw.composite import mesh as mesh_module
 from mr360uw.composite.mesh import make_mesh
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.part import Part
@@ -139,6 +140,29 @@ def test_scene_objects_override_materials_and_follow_sequences(tmp_path: Path) -
     np.testing.assert_allclose(at.world_from_object[:3, 3], [1.0, 2.0, 0.0], atol=tol.FLOAT64)
     with pytest.raises(MeshError, match="no such files"):
         load_object(ObjectSettings(mesh=tmp_path / "none_%03d.glb"))
+
+
+def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.new("RGB", (8, 8), (255, 0, 0)).save(tmp_path / "red.png")
+    fish = {"mesh": written(tmp_path / "fish.glb", trimesh.creation.box((3, 1, 1))), "texture": tmp_path / "red.png"}
+    reads: list[Path] = []
+    read = mesh_module.read_mesh_file
+    monkeypatch.setattr(mesh_module, "read_mesh_file", lambda path: reads.append(path) or read(path))
+    one, other, matt, large = load_objects(
+        [
+            ObjectSettings(**fish),
+            ObjectSettings(**fish, position_m=(1, 2, 3), scale=2.0, casts_shadow=False),
+            ObjectSettings(**fish, roughness=1.0),
+            ObjectSettings(**fish, unit="cm"),
+        ]
+    )
+    assert one.meshes[0] is other.meshes[0]
+    assert (one.motion.scale[0], other.motion.scale[0]) == (1.0, 2.0)
+    assert one.meshes[0].positions is matt.meshes[0].positions
+    assert one.meshes[0].materials[0].base_map is matt.meshes[0].materials[0].base_map
+    assert one.meshes[0].materials != matt.meshes[0].materials
+    np.testing.assert_allclose(large.meshes[0].extent_m, 0.01 * one.meshes[0].extent_m, rtol=tol.FLOAT64)
+    assert len(reads) == 2  # once a unit
 
 
 def test_found_meshes(shared: Path) -> None:
