@@ -234,6 +234,33 @@ def test_check_reports_the_plate_s_problem_beside_others(scene: Path, run: Run) 
     assert "2 problems" in err
 
 
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("object.0.position_m=[0, 9, -3]", "is wholly above the water's surface"),
+        ("object.0.position_m=[0, 0, 0]", "the camera is within its bounds (got time 0.00 s)"),
+        (
+            "object.0.key=[{time_s=0},{time_s=2, position_m=[0, 0, 0]}]",
+            "the camera is within its bounds (got time 2.00 s)",
+        ),
+        ("object.0.scale=0.001", "is smaller than a pixel"),
+    ],
+)
+def test_odd_places_are_noted_in_the_report(override: str, says: str, scene: Path, run: Run) -> None:
+    code, out, _ = run("check", scene, "--set", override)
+    assert code == 0
+    assert [line for line in out.splitlines() if says in line and "object[0] whale.glb - " in line and " - " in line]
+    arguments = ("--set", override, "--frames", "0", "--set", "light.sun=none", "--backend", "reference")
+    code, out, _ = run("composite", scene, scene.parent / "out.png", *arguments)
+    assert code == 0
+    assert f"note: object[0] whale.glb - {says}" in out
+
+
+def test_places_as_they_should_be_are_not_noted(scene: Path, run: Run) -> None:
+    assert "object[0]" not in run("check", scene)[1]
+    assert "surface" not in run("check", scene, "--set", "object.0.position_m=[0,9,-3]", "--set", "water.type=none")[1]
+
+
 def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) -> None:
     scene.write_text(
         'plate = "dive.mp4"\n[[object]]\nmesh = "whale.glb"\n'
