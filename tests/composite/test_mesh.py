@@ -11,6 +11,7 @@ from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
 from mr360uw.composite import mesh as mesh_module
+from mr360uw.composite.material import Material
 from mr360uw.composite.mesh import make_mesh
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.part import Part
@@ -113,6 +114,35 @@ def test_creases_stay_sharp_and_round_bodies_smooth() -> None:
     angle = np.sum(bare.normals * ball.normals, -1)
     assert angle.min() > 1.0 - tol.SMOOTH_NORMALS
     assert bare.patch.max() == 0
+
+
+def test_normals_about_a_vertex_do_not_depend_on_how_many_faces_meet_there() -> None:
+    # a cone of n faces about its tip: blunt, it is round there; sharp, every face takes those within 60 degrees of it
+    count = 96
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turn), np.zeros(count), np.sin(turn)], axis=-1)
+    faces = np.stack([np.full(count, count), (np.arange(count) + 1) % count, np.arange(count)], axis=-1)
+    for height, is_round in ((0.2, True), (3.0, False)):
+        cone = make_mesh([Part("cone", np.vstack([rim, [[0.0, height, 0.0]]]), faces)], [Material()])
+        at_tip = cone.normals[:, 0]
+        if is_round:
+            np.testing.assert_allclose(at_tip, np.broadcast_to([0.0, 1.0, 0.0], at_tip.shape), atol=tol.FLOAT64)
+            assert cone.patch.max() == 0
+            continue
+        flat = np.cross(cone.positions[:, 1] - cone.positions[:, 0], cone.positions[:, 2] - cone.positions[:, 0])
+        flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+        expected = np.stack([flat[flat @ one > 0.5].sum(axis=0) for one in flat])  # the faces' angles are the same
+        expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+        np.testing.assert_allclose(at_tip, expected, atol=tol.FLOAT64)
+
+
+def test_hull_holds_every_vertex_of_a_mesh(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(300, 3))
+    mesh = make_mesh([Part("cloud", points, rng.integers(0, 300, (900, 3)))], [Material()])
+    corners = mesh.hull.reshape(-1, 3)
+    for direction in rng.normal(size=(50, 3)):
+        highest = np.max(mesh.positions @ direction)
+        np.testing.assert_allclose(np.max(corners @ direction), highest, rtol=tol.FLOAT64)
 
 
 def test_surfels_hold_the_area() -> None:
