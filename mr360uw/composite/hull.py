@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from mr360uw.types import Floats
 
+_MANY = 50_000
+_SHALLOW = 1e-4
 SURFELS = 32
 """Discs that stand for a body where it keeps ambient light off others."""
 
@@ -15,7 +17,8 @@ SURFELS = 32
 def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
     """Return the triangles of the convex hull, or of the bounding box where the mesh is flat.
 
-    place: (3 T,) the number of every corner's place.
+    place: (3 T,) the number of every corner's place. Of meshes with very many, points may stand out of the hull by as
+    much as `_SHALLOW` of the extent: less than the pixel that is added about an object, and far fewer triangles.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -24,7 +27,8 @@ def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
     one[place] = np.arange(len(place))  # of the corners at a place, any
     points = points[one]
     try:
-        hull = ConvexHull(points)
+        shallow = _SHALLOW * float(np.max(np.ptp(points, axis=0)))
+        hull = ConvexHull(points, qhull_options=f"Qt W{shallow:.3g}" if len(points) > _MANY else "Qt")
         return points[hull.simplices]
     except QhullError:
         low, high = points.min(axis=0), points.max(axis=0)

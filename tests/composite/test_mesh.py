@@ -145,6 +145,17 @@ def test_hull_holds_every_vertex_of_a_mesh(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(np.max(corners @ direction), highest, rtol=tol.FLOAT64)
 
 
+def test_hull_of_a_large_round_mesh_is_small_and_holds_it(rng: np.random.Generator) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=7)  # 163842 vertices, all of them on the exact hull
+    mesh = make_mesh([Part("ball", np.asarray(ball.vertices), np.asarray(ball.faces))], [Material()])
+    assert len(mesh.hull) < 0.2 * len(mesh.positions)
+    corners = mesh.hull.reshape(-1, 3)
+    directions = rng.normal(size=(50, 3))
+    for direction in directions / np.linalg.norm(directions, axis=-1, keepdims=True):
+        out = np.max(mesh.positions @ direction) - np.max(corners @ direction)
+        assert 0.0 <= out <= 2.0 * tol.HULL_SHALLOW
+
+
 def test_surfels_hold_the_area() -> None:
     ball = sphere(32, radius=0.5)
     # a closed body counts half: a line through it crosses its surface twice
