@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
@@ -16,6 +16,7 @@ from tests import tolerances as tol
 ANGLE = st.floats(-180.0, 180.0)
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # the physics, not the clock
 @given(ANGLE, ANGLE, ANGLE)
 def test_rotations_are_rotations(yaw: float, pitch: float, roll: float) -> None:
     matrix = rotation_matrix((yaw, pitch, roll))
