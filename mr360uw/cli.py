@@ -98,7 +98,8 @@ def composite(
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT."""
-    from mr360uw.pipeline import composite_video, explain_plan
+    from mr360uw.check import explain_plan
+    from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.scene import load_scene
 
@@ -130,12 +131,19 @@ def new(
 
 
 @app.command()
-def check(scene: SceneArgument, overrides: SetOption = None) -> None:
-    """Check SCENE and every file it names, without rendering; print the plan."""
-    from mr360uw.pipeline import explain_plan
+def check(
+    scene: SceneArgument,
+    out: Annotated[Path | None, typer.Argument(help="the output, to be checked too", show_default=False)] = None,
+    frames: FramesOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+) -> None:
+    """Check SCENE and every file it names, without rendering; print every problem, or the plan."""
+    from mr360uw.check import check_scene
     from mr360uw.scene import load_scene
 
-    typer.echo(explain_plan(load_scene(scene, overrides or ()), "auto"))
+    loaded = load_scene(scene, overrides or ())
+    typer.echo(check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene)))
 
 
 @app.command()

@@ -224,24 +224,6 @@ def _layers_pattern(pattern: Path, out: Path, *, overwrite: bool) -> Path:
     return pattern
 
 
-def explain_plan(scene: Scene, backend: str = "auto") -> str:
-    """Return in words what a run of the scene will do and why; opens every file that it names."""
-    with open_plate(scene) as video:
-        renderer = SceneRenderer(scene, video.width, video.height, backend)
-        size = f"{video.width}x{video.height}"
-        length = "a still" if video.is_still else f"{video.frame_count} frames"
-        head = [
-            f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
-            f"renderer  {renderer.backend.name} ({renderer.backend.device})",
-            *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
-        ]
-    for placed in renderer.objects:
-        size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
-        triangles = len(placed.meshes[0].positions)
-        head.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m")
-    return "\n".join([*head, "stages", str(renderer.plan)])
-
-
 def export_caustics(
     scene: Scene,
     folder: str | Path,

@@ -9,30 +9,41 @@ from __future__ import annotations
 
 import difflib
 import re
-from typing import Any, Literal, get_args, get_origin
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 Location = tuple[str | int, ...]
 Lines = dict[Location, int]
 
+_WORDS: dict[Any, str] = {
+    float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
+}  # fmt: skip
+_LENGTHS = ("missing", "too_long", "too_short")
+_SHAPES = ("_type", "_parsing", "_from_float", *_LENGTHS)
+"""Ends of pydantic's names of errors about lengths, and about types."""
+
 
 def key_lines(text: str) -> Lines:
     """Return the line of every key and table header of TOML text."""
     lines: Lines = {}
     table: Location = ()
-    counts: dict[str, int] = {}
+    counts: dict[Location, int] = {}  # of every array of tables, its last index
     for number, line in enumerate(text.splitlines(), 1):
         header = re.match(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]", line)
         if header:
-            names = tuple(part.strip().strip("\"'") for part in header.group(2).split("."))
+            *parents, last = (part.strip().strip("\"'") for part in header.group(2).split("."))
+            table = ()
+            for name in parents:
+                table = (*table, name)
+                table = (*table, counts[table]) if table in counts else table
+            table = (*table, last)
             if header.group(1) == "[[":
-                name = ".".join(names)
-                counts[name] = counts.get(name, -1) + 1
-                table = (*names, counts[name])
-            else:
-                head = names[0]
-                table = (head, counts[head], *names[1:]) if head in counts else names
+                lines.setdefault(table, number)
+                counts[table] = counts.get(table, -1) + 1
+                table = (*table, counts[table])
             lines.setdefault(table, number)
             continue
         key = re.match(r"\s*([\w\-\"'.]+)\s*=", line)
@@ -91,6 +102,69 @@ def _tags(model: type[BaseModel]) -> tuple[str, ...]:
     return (model.__name__, *(str(values[0]) for values in literals if len(values) == 1))
 
 
+def _tag_key(field: Any) -> str:
+    """Return the key that tells the kinds of a field's tables apart, or "" where they have none in common."""
+    keys = [
+        {
+            n
+            for n, f in m.model_fields.items()
+            if get_origin(f.annotation) is Literal and len(get_args(f.annotation)) == 1
+        }
+        for m in models_of(field.annotation)
+    ]
+    return min(set.intersection(*keys), default="") if keys else ""
+
+
+def allowed_text(annotation: Any) -> str:
+    """Return in words what a value of a type may be, as in "'auto' or a list of 3 numbers"."""
+    *others, last = dict.fromkeys(_alternatives(annotation))
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _alternatives(annotation: Any) -> list[str]:
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _alternatives(parts[0])
+    if origin is Literal:
+        return [repr(part) for part in parts]
+    if origin in (Union, UnionType):
+        return [text for part in parts if part is not NoneType for text in _alternatives(part)]
+    if origin is tuple:
+        head, of, rest = allowed_text(parts[0]).removeprefix("a ").partition(" of ")
+        count = "" if parts[-1] is Ellipsis else f"{len(parts)} "
+        return [f"a list of {count}{head}s{of}{rest}"]
+    return [_WORDS.get(annotation, "a table")]
+
+
+def _element(annotation: Any, depth: int) -> Any:
+    """Return the type of what stands `depth` lists deep in a value."""
+    for _ in range(depth):
+        origin, parts = get_origin(annotation), get_args(annotation)
+        members = [p for p in parts if get_origin(p) is tuple] if origin in (Union, UnionType) else [annotation]
+        annotation = get_args(members[0])[0]
+    return annotation
+
+
+def _depth(location: Location) -> int:
+    """Return how many list indices a location ends with."""
+    return next((k for k, part in enumerate(reversed(location)) if not isinstance(part, int)), len(location))
+
+
+def _misshapen(kind: str, value: Any, location: Location, annotation: Any) -> tuple[str, str] | None:
+    """Return what is wrong, and what to do or "", with a value of the wrong type or length; None for other errors."""
+    name = ".".join(str(part) for part in location if not isinstance(part, int))
+    is_union = get_origin(annotation) in (Union, UnionType)
+    if not (kind.endswith(_SHAPES) or (kind == "literal_error" and is_union)):
+        return None
+    wanted = _element(annotation, _depth(location))
+    allowed = allowed_text(wanted)
+    if isinstance(value, dict) and allowed == "a list of tables":
+        return "is one table, where there may be several", f"write [[{name}]] with double brackets"
+    if isinstance(value, list) and allowed == "a table":
+        return "is a list of tables, where there is one", f"write [{name}] with single brackets"
+    return f"must be {allowed}", ""
+
+
 def bounds_text(field: Any) -> str:
     """Return a field's range and unit in words, as in 'in [0, 1] 1/m'; empty where it has neither."""
     low = high = None
@@ -120,16 +194,19 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
     unknown = {_locate(root, e["loc"])[0] for e in errors if e["type"] == "extra_forbidden"}
     for item in errors:
         location, owners, field = _locate(root, item["loc"])
+        if item["type"] in _LENGTHS and isinstance(location[-1], int):
+            location = location[:-1]  # it is the list that is too short
         help_text = (field.description or "") if field is not None else ""
         context = item.get("ctx", {})
         value = item["input"]
         if item["type"].startswith("union_tag"):
-            kind = context["discriminator"].strip("'")
+            kind = _tag_key(field) or context["discriminator"].strip("'")
             location = (*location, kind)
             value = value.get(kind) if isinstance(value, dict) else value
-        got = "" if item["type"] == "missing" else f" (got {_short(value)})"
+        got = "" if item["type"] == "missing" and isinstance(item["loc"][-1], str) else f" (got {_short(value)})"
         bounds = bounds_text(field)
-        if item["type"] == "missing":
+        shape = None if field is None else _misshapen(item["type"], value, location, field.annotation)
+        if item["type"] == "missing" and isinstance(item["loc"][-1], str):
             siblings = [str(u[-1]) for u in unknown if u[:-1] == location[:-1]]
             if difflib.get_close_matches(str(location[-1]), siblings, 1):
                 continue  # the near miss is reported as the unknown key
@@ -139,14 +216,18 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             near = difflib.get_close_matches(str(location[-1]), names, 1)
             what = "unknown key"
             todo = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(dict.fromkeys(names))}"
+        elif shape is not None:
+            what = shape[0]
+            todo = shape[1] or _near(value, what) or (f"{help_text} [{bounds}]" if bounds else help_text)
         elif item["type"] in ("literal_error", "union_tag_invalid"):
             what = f"must be {context.get('expected') or context['expected_tags']}"
-            near = difflib.get_close_matches(str(value), re.findall(r"'([^']+)'", what), 1)
-            todo = f"did you mean '{near[0]}'?" if near else help_text
+            todo = _near(value, what) or help_text
         elif item["type"] in ("greater_than_equal", "less_than_equal", "greater_than", "less_than"):
-            what, todo = f"must be {bounds}", help_text
+            what = f"must be {bounds}" if bounds else item["msg"].replace("Input should", "must")
+            todo = help_text
         elif item["type"] == "value_error":
-            what, todo = str(context["error"]), help_text
+            what = str(context["error"])
+            got, todo = ("", "") if "(got" in what else (got, help_text)
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text
@@ -154,6 +235,12 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         found.setdefault(location, (line, text))
     return [text for _, text in sorted(found.values())]
+
+
+def _near(value: Any, allowed: str) -> str:
+    """Return a question after the nearest of the quoted words that are allowed, or ""."""
+    near = difflib.get_close_matches(str(value), re.findall(r"'([^']+)'", allowed), 1)
+    return f"did you mean '{near[0]}'?" if near else ""
 
 
 def _short(value: Any) -> str:

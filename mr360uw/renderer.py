@@ -19,13 +19,14 @@ from mr360uw.backends import Backend, make_backend
 from mr360uw.camera_path import CameraPath
 from mr360uw.caustic_depths import CausticDepths
 from mr360uw.caustics import refract_to_air
-from mr360uw.composite import SceneObject, Shot, load_object
+from mr360uw.composite import SceneObject, Shot, load_objects
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer
 from mr360uw.ibl.lighting import turned
 from mr360uw.mattes import Mattes, ReceiverClip
 from mr360uw.medium import fit_gain
 from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.placement import placement_notes
 from mr360uw.plan import ObjectFacts, Plan, make_plan
 from mr360uw.plate_map import plate_map
 from mr360uw.scene import Scene
@@ -71,7 +72,7 @@ class SceneRenderer:
 
     def __init__(self, scene: Scene, width: int, height: int, backend: str = "auto") -> None:
         self.scene, self.width, self.height = scene, width, height
-        self.objects = tuple(load_object(settings) for settings in scene.objects)
+        self.objects = load_objects(scene.objects)
         self._receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
         self._camera = CameraPath.of(scene)
         self._mattes = Mattes(scene, width, height)
@@ -87,7 +88,8 @@ class SceneRenderer:
         self.plan: Plan = make_plan(scene, tuple(self._facts(o) for o in self.objects), self._table)
         self.backend: Backend
         self.backend, fallback = make_backend(backend)
-        self.notes = tuple(note for o in self.objects for note in o.notes) + ((fallback,) if fallback else ())
+        found = dict.fromkeys(note for o in self.objects for note in o.notes)
+        self.notes = (*found, *placement_notes(scene, self.objects, self._camera, height), *filter(None, [fallback]))
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a matte or a distance map ends before the plate's frame `stop`."""

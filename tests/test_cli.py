@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
@@ -13,11 +14,17 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from mr360uw import cli
+from mr360uw.ibl import track_suns
+from mr360uw.ibl.trackfile import save_track
+from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
+from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
+from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -190,6 +197,101 @@ def test_every_problem_of_a_scene_at_once(scene: Path, run: Run) -> None:
     assert "no.glb" in err
 
 
+def test_check_tells_every_problem_that_would_stop_a_run(scene: Path, run: Run) -> None:
+    import cv2
+
+    folder = scene.parent
+    for number in range(3):  # for eight frames of the plate
+        cv2.imwrite(str(folder / f"matte_{number:04d}.png"), np.zeros((128, 256), np.uint8))
+    cv2.imwrite(str(folder / "square.png"), np.zeros((64, 64), np.uint8))
+    save_track(track_suns([None, None]), folder / "sun.json")
+    holdouts = '[{path="matte_%04d.png"}, {path="square.png"}]'
+    settings = [f"holdout={holdouts}", 'light.track="sun.json"', 'output.codec="prores"', 'object.0.part="fin"']
+    overrides = [part for setting in settings for part in ("--set", setting)]
+    before = {p.name for p in folder.iterdir()}
+    code, _, err = run("check", scene, folder / "out.mp4", *overrides)
+    assert code == 2
+    assert "5 problems" in err
+    for part in (
+        "no part of that name (got 'fin')", "matte_%04d.png - ends before the plate (got 3", "square.png - has not",
+        "sun.json light.track - belongs to another clip (got 2 frames for 8)", ".mp4 cannot hold prores",
+    ):  # fmt: skip
+        assert part in err
+    code, _, err = run("check", scene, folder / "out.mov", "--set", f"holdout={holdouts}", "--frames", "0:3")
+    assert "1 problem\n" in err  # the square one
+    code, out, _ = run("check", scene, "--set", 'output.codec="prores"')
+    assert code == 0
+    assert "output    .mov or .mkv can hold prores" in out
+    code, out, _ = run("check", scene, folder / "out.mp4")
+    assert code == 0
+    assert {p.name for p in folder.iterdir()} == before
+
+
+def test_check_reports_the_plate_s_problem_beside_others(scene: Path, run: Run) -> None:
+    (scene.parent / "text.mp4").write_text("This is not a video.\n" * 50)
+    code, _, err = run("check", scene, "--set", 'plate.path="text.mp4"', "--set", 'object.0.part="fin"')
+    assert code == 2
+    assert "2 problems" in err
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("object.0.position_m=[0, 9, -3]", "is wholly above the water's surface"),
+        ("object.0.position_m=[0, 0, 0]", "the camera is within its bounds (got time 0.00 s)"),
+        (
+            "object.0.key=[{time_s=0},{time_s=2, position_m=[0, 0, 0]}]",
+            "the camera is within its bounds (got time 2.00 s)",
+        ),
+        ("object.0.scale=0.001", "is smaller than a pixel"),
+    ],
+)
+def test_odd_places_are_noted_in_the_report(override: str, says: str, scene: Path, run: Run) -> None:
+    code, out, _ = run("check", scene, "--set", override)
+    assert code == 0
+    assert [line for line in out.splitlines() if says in line and "object[0] whale.glb - " in line and " - " in line]
+    arguments = ("--set", override, "--frames", "0", "--set", "light.sun=none", "--backend", "reference")
+    code, out, _ = run("composite", scene, scene.parent / "out.png", *arguments)
+    assert code == 0
+    assert f"note: object[0] whale.glb - {says}" in out
+
+
+def test_places_as_they_should_be_are_not_noted(scene: Path, run: Run) -> None:
+    assert "object[0]" not in run("check", scene)[1]
+    assert "surface" not in run("check", scene, "--set", "object.0.position_m=[0,9,-3]", "--set", "water.type=none")[1]
+
+
+def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) -> None:
+    scene.write_text(
+        'plate = "dive.mp4"\n[[object]]\nmesh = "whale.glb"\n'
+        "[[object.key]]\ntime_s = 1.0\n[[object.key]]\ntime_s = 0.5\n"
+    )
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert f"{scene}:4 object[0].key - key 1 must be later than key 0 (got time_s 1, then 0.5) - sort" in err
+    scene.write_text(scene.read_text() + "scale = -1.0\n")
+    code, _, err = run("check", scene)
+    assert code == 2
+    assert f"{scene}:8 object[0].key[1].scale - must be > 0" in err
+
+
+@pytest.mark.parametrize(
+    ("stereo", "crop"),
+    [("top-bottom", "crop=256:64:0:0,scale=256:128"), ("left-right", "crop=128:128:0:0,scale=256:128")],
+)
+def test_squeezed_eyes_are_told_how_to_be_stretched(stereo: Stereo, crop: str, scene: Path, run: Run) -> None:
+    plate = write_clip(scene.parent / "stereo.mp4", 2, size=(256, 128))
+    write_spherical(plate, SphericalMetadata(stereo=stereo))
+    overrides = ("--set", f'plate.path="{plate}"')
+    code, _, err = run("check", scene, *overrides)
+    assert code == 2
+    assert 'plate.eye = "left"' in err
+    code, _, err = run("check", scene, *overrides, "--set", 'plate.eye="left"')
+    assert code == 2
+    assert "squeezed" in err
+    assert crop in err
+
+
 @pytest.mark.parametrize(
     ("override", "says"),
     [
@@ -232,6 +334,23 @@ def test_outputs_that_cannot_be_written(scene: Path, run: Run) -> None:
     assert "out.xyz" in err
 
 
+def test_sound_that_the_output_cannot_hold_is_told_before_the_first_frame(scene: Path, run: Run) -> None:
+    # Matroska keeps no layout of the channels of PCM; MP4 needs one, and FFmpeg finds out when it completes the file
+    plate = write_clip(scene.parent / "pcm.mkv", 4, size=(256, 128), audio_s=0.2, audio_codec="pcm_s16le")
+    arguments = ("--set", f'plate.path="{plate}"', "--set", "object=[]")
+    out = scene.parent / "out.mp4"
+    code, _, err = run("composite", scene, out, *arguments)
+    assert code == 2
+    for part in (".mp4 cannot hold the sound of pcm.mkv (got pcm_s16le", "write .mov or .mkv", "output.sound = false"):
+        assert part in err
+    assert not list(scene.parent.glob("out*"))
+    assert run("composite", scene, out.with_suffix(".mov"), *arguments)[0] == 0
+    assert packets(out.with_suffix(".mov"), "audio")[0][2] == packets(plate, "audio")[0][2]
+    assert run("composite", scene, out, *arguments, "--set", "output.sound=false")[0] == 0
+    with av.open(str(out)) as container:
+        assert not container.streams.audio
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs a file system of a limited size and signals")
 def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
     import resource
@@ -249,18 +368,41 @@ def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
-def test_an_interrupted_run_leaves_nothing(scene: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
+def test_an_interrupted_run_leaves_nothing(scene: Path, number: signal.Signals) -> None:
+    def heeding() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell has its jobs in the background ignore it
+
+    long = write_clip(scene.parent / "long.mp4", 2000, size=(256, 128), options={"preset": "ultrafast"})
     out = scene.parent / "out.mp4"
     arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--backend", "reference"]
-    running = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60.0
-    while not list(scene.parent.glob("*.part")) and running.poll() is None and time.monotonic() < deadline:
+    running = subprocess.Popen(
+        [*arguments, "--set", f'plate.path="{long}"'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heeding,  # noqa: PLW1509 - no other thread is at work here
+    )
+    while not list(scene.parent.glob("out*.part")):
+        assert running.poll() is None, running.communicate()
         time.sleep(0.01)
-    running.send_signal(signal.SIGINT)
+    running.send_signal(number)
     _, err = running.communicate(timeout=60)
-    assert running.returncode == 130
-    assert "interrupted" in err
+    assert running.returncode == 128 + number
+    assert ("interrupted" in err) == (number == signal.SIGINT)
     assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_within_a_callback_stops_the_run_at_the_next_frame() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupt = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+    with terminal_progress() as progress:
+        progress(1, 9)
+        interrupt()  # C code has no place for the exception: it is dropped
+        with pytest.raises(KeyboardInterrupt):
+            progress(2, 9)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_help_names_every_command() -> None:

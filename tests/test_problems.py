@@ -33,6 +33,11 @@ class World(Parameters):
     depth_m: float = parameter(5.0, "depth of the camera", unit="m", low=0.0, high=200.0)
     sea: Annotated[Calm | Rough, Field(discriminator="model")] = Calm()
     fish: tuple[Fish, ...] = ()
+    tint: Literal["auto"] | tuple[float, float, float] = parameter("auto", "colour")
+    path: tuple[tuple[float, float], ...] = parameter((), "way")
+    flag: bool = parameter(False, "mark")
+    count: int = parameter(1, "how many")
+    name: str = parameter("", "title")
 
 
 TEXT = """depth_m = -5
@@ -91,3 +96,32 @@ def test_an_unknown_kind_names_the_kinds() -> None:
 def test_numbers_must_be_finite_numbers(value: str) -> None:
     (message,) = messages(f"depth_m = {value}\n")
     assert message.startswith("w.toml:1 depth_m")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[fish]\nmesh = 'a'", "w.toml:1 fish - is one table, where there may be several (got {'mesh': 'a'}) - write "
+                               "[[fish]] with double brackets"),
+        ("[[sea]]\nheight_m = 1", "w.toml:1 sea - is a list of tables, where there is one (got [{'height_m': 1}]) - "
+                                  "write [sea] with single brackets"),
+        ("tint = 0.5", "w.toml:1 tint - must be 'auto' or a list of 3 numbers (got 0.5) - colour"),
+        ("tint = 'aut'", "w.toml:1 tint - must be 'auto' or a list of 3 numbers (got 'aut') - did you mean 'auto'?"),
+        ("tint = [1, 2]", "w.toml:1 tint - must be 'auto' or a list of 3 numbers (got [1, 2]) - colour"),
+        ("path = [[0, 1], [2, 'b']]", "w.toml:1 path[1][1] - must be a number (got 'b') - way"),
+        ("path = 7", "w.toml:1 path - must be a list of lists of 2 numbers (got 7) - way"),
+        ("flag = 'maybe'", "w.toml:1 flag - must be true or false (got 'maybe') - mark"),
+        ("count = 2.5", "w.toml:1 count - must be a whole number (got 2.5) - how many"),
+        ("name = 3", "w.toml:1 name - must be text in quotes (got 3) - title"),
+    ],
+)  # fmt: skip
+def test_a_value_of_the_wrong_type_is_told_what_it_may_be(text: str, expected: str) -> None:
+    assert messages(text) == [expected]
+
+
+def test_tables_within_tables_of_a_list_have_lines() -> None:
+    text = "[[fish]]\nmesh = 'a'\n[[fish]]\nmesh = 'b'\n[[fish.key]]\ntime_s = 0\n[[fish.key]]\ntime_s = 1\n"
+    lines = key_lines(text)
+    assert lines["fish", 1, "key", 0, "time_s"] == 6
+    assert lines["fish", 1, "key", 1] == 7
+    assert lines["fish", 1, "key"] == 5

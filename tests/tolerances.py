@@ -6,6 +6,8 @@ from __future__ import annotations
 # --- arithmetic ------------------------------------------------------------------------------------------------
 FLOAT64 = 1e-12
 """Closed forms evaluated in double precision: a few hundred roundings."""
+HULL_SHALLOW = 1.1e-4
+"""Part of the extent that points of very large meshes may stand out of their hull (1e-4), and of its rounding."""
 TRANSFER_JOIN = 4e-5
 """Transfer curves there and back: the published break points of sRGB and BT.709 meet to about this, not exactly."""
 FLOAT32_TWIN = 2e-5

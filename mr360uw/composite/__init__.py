@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mr360uw.composite.mesh import Mesh, load_mesh
     from mr360uw.composite.motion import Motion, read_camera_track
-    from mr360uw.composite.objects import SceneObject, load_object
+    from mr360uw.composite.objects import SceneObject, load_object, load_objects
     from mr360uw.composite.over import over_tile
     from mr360uw.composite.receiver_file import load_receiver
     from mr360uw.composite.reference import render_layer
@@ -32,6 +32,7 @@ _MODULES = {
     "Shot": "shot",
     "load_mesh": "mesh",
     "load_object": "objects",
+    "load_objects": "objects",
     "load_receiver": "receiver_file",
     "over_tile": "over",
     "read_camera_track": "motion",
@@ -51,6 +52,7 @@ __all__ = [
     "Shot",
     "load_mesh",
     "load_object",
+    "load_objects",
     "load_receiver",
     "over_tile",
     "read_camera_track",

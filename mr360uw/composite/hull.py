@@ -8,17 +8,27 @@ from numpy.typing import NDArray
 
 from mr360uw.types import Floats
 
+_MANY = 50_000
+_SHALLOW = 1e-4
 SURFELS = 32
 """Discs that stand for a body where it keeps ambient light off others."""
 
 
-def hull_triangles(positions: Floats) -> Floats:
-    """Return the triangles of the convex hull, or of the bounding box where the mesh is flat."""
+def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
+    """Return the triangles of the convex hull, or of the bounding box where the mesh is flat.
+
+    place: (3 T,) the number of every corner's place. Of meshes with very many, points may stand out of the hull by as
+    much as `_SHALLOW` of the extent: less than the pixel that is added about an object, and far fewer triangles.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     points = positions.reshape(-1, 3)
+    one = np.empty(place.max() + 1, np.int64)
+    one[place] = np.arange(len(place))  # of the corners at a place, any
+    points = points[one]
     try:
-        hull = ConvexHull(points)
+        shallow = _SHALLOW * float(np.max(np.ptp(points, axis=0)))
+        hull = ConvexHull(points, qhull_options=f"Qt W{shallow:.3g}" if len(points) > _MANY else "Qt")
         return points[hull.simplices]
     except QhullError:
         low, high = points.min(axis=0), points.max(axis=0)
@@ -40,13 +50,13 @@ def make_surfels(positions: Floats, piece: NDArray[np.int32]) -> tuple[Floats, F
         closed = np.linalg.norm(vector[of].sum(axis=0)) < 0.2 * area[of].sum()
         weight[of] = 0.5 if closed else 1.0
     extent = float(np.max(np.ptp(center, axis=0))) or 1.0
-    feature = np.concatenate([center / extent, 0.5 * vector / area[:, None]], axis=1)
+    feature = np.concatenate([center.T / extent, 0.5 * vector.T / area])
     clusters = [np.arange(len(area))]
     while len(clusters) < SURFELS:
         halves = []
         for cluster in clusters:
-            axis = int(np.argmax(np.ptp(feature[cluster], axis=0)))
-            order = cluster[np.argsort(feature[cluster, axis], kind="stable")]
+            axis = int(np.argmax([np.ptp(row[cluster]) for row in feature]))
+            order = cluster[np.argsort(feature[axis, cluster], kind="stable")]
             cut = int(np.searchsorted(np.cumsum(area[order]), 0.5 * area[order].sum()))
             halves += [part for part in (order[: cut + 1], order[cut + 1 :]) if len(part)]
         if len(halves) == len(clusters):

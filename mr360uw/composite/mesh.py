@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.hull import hull_triangles, make_surfels
 from mr360uw.composite.material import Material
 from mr360uw.composite.mesh_file import read_mesh_file
-from mr360uw.composite.normals import crease_normals, face_normals, smooth_patches
+from mr360uw.composite.normals import crease_normals, face_normals, smooth_patches, welded
 from mr360uw.composite.part import Part
 from mr360uw.composite.settings import Unit
 from mr360uw.errors import MeshError
@@ -111,9 +111,12 @@ def make_mesh(
     keep = area > 1e-14 * np.max(extent) ** 2
     if not np.any(keep):
         raise MeshError(f"{where} - all triangles are degenerate (got {len(area)}) - export the surface again")
-    material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])[keep]
-    piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])[keep]
-    positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
+    material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])
+    piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])
+    if not np.all(keep):
+        positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
+        material, piece = material[keep], piece[keep]
+    place = welded(positions)
     surfel_position, surfel_area = make_surfels(positions, piece)
     return Mesh(
         positions=positions,
@@ -121,9 +124,9 @@ def make_mesh(
         uv=uv,
         colors=colors,
         material=material,
-        patch=smooth_patches(positions, normals, piece),
+        patch=smooth_patches(place, normals, piece),
         materials=tuple(materials),
-        hull=hull_triangles(positions),
+        hull=hull_triangles(positions, place),
         surfel_position=surfel_position,
         surfel_area=surfel_area,
         notes=notes + (_size_notes(where, extent) if suspicious else ()),
@@ -149,8 +152,11 @@ def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
     if not np.all(np.isfinite(positions)):
         normals = np.zeros_like(positions)
     elif part.normals is None or not np.all(np.isfinite(part.normals)):
-        flat = np.broadcast_to(face_normals(positions)[:, None], positions.shape)
-        normals = flat if part.flat else crease_normals(positions)
+        normals = (
+            np.broadcast_to(face_normals(positions)[:, None], positions.shape)
+            if part.flat
+            else crease_normals(positions)
+        )
     else:
         normals = np.asarray(part.normals, np.float64)[faces]
         length = np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:
     return matrix
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """Keys over time (n,), ascending: position (n, 3) [m], rotation (n, 3, 3), scale (n,)."""
 
@@ -57,34 +58,33 @@ class Motion:
         if len(self.time_s) == 1:
             return rigid(self.position[0], self.rotation[0], float(self.scale[0]))
         t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
-        position, log_scale = self._values(self.position, t), self._values(np.log(self.scale), t)
-        return rigid(position, self._turn(t), float(np.exp(log_scale)))
+        position, log_scale, turn = self._curves
+        return rigid(position(t), turn(t).as_matrix(), float(np.exp(log_scale(t))))
 
-    def _values(self, values: Floats, t: float) -> Any:
+    @cached_property
+    def _curves(self) -> tuple[Any, Any, Any]:
+        """Interpolators over time: of position, logarithm of the scale, and rotation."""
         from scipy.interpolate import PchipInterpolator, make_interp_spline
-
-        if self.interpolation == "smooth" and len(self.time_s) > 2:
-            return PchipInterpolator(self.time_s, values, axis=0)(t)
-        return make_interp_spline(self.time_s, values, k=1)(t)
-
-    def _turn(self, t: float) -> Floats:
         from scipy.spatial.transform import Rotation, Slerp
 
-        return Slerp(self.time_s, Rotation.from_matrix(self.rotation))(t).as_matrix()
+        def curve(values: Floats) -> Any:
+            if self.interpolation == "smooth" and len(self.time_s) > 2:
+                return PchipInterpolator(self.time_s, values, axis=0)
+            return make_interp_spline(self.time_s, values, k=1)
+
+        return curve(self.position), curve(np.log(self.scale)), Slerp(self.time_s, Rotation.from_matrix(self.rotation))
 
 
 def object_motion(settings: ObjectSettings) -> Motion:
-    """Return the motion of an object; raise `ParameterError` where its keys do not ascend in time."""
+    """Return the motion of an object."""
     keys = settings.key
     if not keys:
         return Motion(
             np.zeros(1), np.array([settings.position_m]), rotation_matrix(settings.rotation_deg)[None],
             np.array([settings.scale]), settings.interpolation,
         )  # fmt: skip
-    times = np.array([key.time_s for key in keys])
-    _require_ascending(times, "object.key.time_s")
     return Motion(
-        times,
+        np.array([key.time_s for key in keys]),
         np.array([key.position_m or settings.position_m for key in keys]),
         np.stack([rotation_matrix(key.rotation_deg or settings.rotation_deg) for key in keys]),
         np.array([key.scale or settings.scale for key in keys]),

@@ -10,6 +10,7 @@ from mr360uw.types import Floats
 
 _CREASE_COSINE = 0.5
 """Edges sharper than 60 degrees stay sharp in meshes without normals."""
+_LARGEST = 2**62
 
 
 def face_normals(positions: Floats) -> Floats:
@@ -28,40 +29,54 @@ def crease_normals(positions: Floats) -> Floats:
         np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1), 1e-30
     )
     weight = np.arccos(np.clip(cosine, -1.0, 1.0)).ravel()
-    extent = max(float(np.max(np.ptp(positions.reshape(-1, 3), axis=0))), 1e-30)
-    vertex = _welded(positions.reshape(-1, 3), 1e-6 * extent)
+    vertex = welded(positions)
+    # in the order of the vertices, so that the corners about one are neighbours
     order = np.argsort(vertex, kind="stable")
-    start = np.searchsorted(vertex[order], np.arange(vertex.max() + 2))
-    count = np.diff(start)
-    triangle = np.repeat(np.arange(len(positions)), 3)
-    total = np.zeros((len(vertex), 3))
-    for k in range(int(count.max())):  # the k-th face about every vertex
-        has = count[vertex] > k
-        other = order[start[vertex[has]] + k]
-        n = face[triangle[other]]
-        near = np.sum(n * face[triangle[has]], -1) > _CREASE_COSINE
-        total[has] += np.where(near, weight[other], 0.0)[:, None] * n
+    normal, weight = face[order // 3], weight[order]
+    size = np.bincount(vertex)
+    first = np.cumsum(size) - size
+    total, is_round = _vertex_sums(normal, weight, first, size)
+    start, count = np.repeat(first, size), np.repeat(size, size)
+    corner = np.flatnonzero(~is_round)
+    total[corner] = 0.0
+    for k in range(int(count[corner].max(initial=0))):  # the k-th face about every vertex that has as many
+        corner = corner[count[corner] > k]
+        other = start[corner] + k
+        n = normal[other]
+        near = np.einsum("ij,ij->i", n, normal[corner]) > _CREASE_COSINE
+        total[corner] += np.where(near, weight[other], 0.0)[:, None] * n
     length = np.linalg.norm(total, axis=-1, keepdims=True)
-    total = np.where(length > 1e-12, total / np.maximum(length, 1e-12), face[triangle])
-    return total.reshape(positions.shape)
+    normals = np.empty_like(total)
+    normals[order] = np.where(length > 1e-12, total / np.maximum(length, 1e-12), normal)
+    return normals.reshape(positions.shape)
 
 
-def smooth_patches(positions: Floats, normals: Floats, piece: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Number the smooth pieces: triangles are of one piece where they share a corner's place and normal."""
+def _vertex_sums(
+    normal: Floats, weight: Floats, first: NDArray[np.int64], size: NDArray[np.int64]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return for every corner the weighted sum (n, 3) of all normals about its vertex, and whether that is round (n,).
+
+    There all normals are within half the angle of a crease of one axis, so that no two of them make one.
+    first, size: (v,) of the vertices' runs of corners.
+    """
+    total = np.add.reduceat(weight[:, None] * normal, first, axis=0)
+    axis = np.repeat(total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-30), size, axis=0)
+    least = np.minimum.reduceat(np.einsum("ij,ij->i", normal, axis), first)
+    is_round = least > np.sqrt(0.5 * (1.0 + _CREASE_COSINE))
+    return np.repeat(total, size, axis=0), np.repeat(is_round, size)
+
+
+def smooth_patches(place: NDArray[np.int64], normals: Floats, piece: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Number the smooth pieces: triangles are of one piece where they share a corner's place and normal.
+
+    place: (3 T,) the number of every corner's place.
+    """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    extent = float(np.max(np.ptp(positions.reshape(-1, 3), axis=0)))
-    key = np.concatenate(
-        [
-            positions.reshape(-1, 3) / (1e-6 * extent),
-            normals.reshape(-1, 3) / 0.01,
-            np.repeat(piece, 3)[:, None].astype(np.float64),
-        ],
-        axis=1,
-    )
-    corner = _welded(key, 1.0)
-    count = len(positions)
+    facing = np.round(normals.reshape(-1, 3) / 0.01).astype(np.int64)
+    corner = _labels([place, *facing.T, np.repeat(piece, 3).astype(np.int64)])
+    count = len(normals)
     graph = coo_matrix(
         (np.ones(len(corner), np.int8), (np.repeat(np.arange(count), 3), count + corner)),
         shape=(count + corner.max() + 1,) * 2,
@@ -70,11 +85,25 @@ def smooth_patches(positions: Floats, normals: Floats, piece: NDArray[np.int32])
     return np.unique(labels, return_inverse=True)[1].astype(np.int32)
 
 
-def _welded(points: Floats, resolution: float) -> NDArray[np.int64]:
-    """Return the number (n,) of the place that each point (n, k) is at, places being `resolution` apart."""
-    grid = np.round(points / resolution).astype(np.int64)
-    order = np.lexsort(grid.T)
-    different = np.any(np.diff(grid[order], axis=0) != 0, axis=1)
-    label = np.empty(len(grid), np.int64)
-    label[order] = np.concatenate([[0], np.cumsum(different)])
-    return label
+def welded(positions: Floats) -> NDArray[np.int64]:
+    """Return the number (3 T,) of the place of every corner; nearer than a millionth of the extent is one place."""
+    points = positions.reshape(-1, 3)
+    resolution = 1e-6 * max(float(np.max(np.ptp(points, axis=0))), 1e-30)
+    return _labels(list(np.round(points / resolution).astype(np.int64).T))
+
+
+def _labels(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return a number (n,) for every row of integer columns, from 0 without gaps; equal rows have equal numbers.
+
+    Rows become single integers, as digits do, for they are sorted many times faster.
+    """
+    label, count = np.zeros(len(columns[0]), np.int64), 1
+    for column in columns:
+        low = int(column.min())
+        span = int(column.max()) - low + 1
+        if count * span > _LARGEST:
+            label = np.unique(label, return_inverse=True)[1]
+            count = int(label.max()) + 1
+        label = label * span + (column - low)
+        count *= span
+    return np.asarray(np.unique(label, return_inverse=True)[1])

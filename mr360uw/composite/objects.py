@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +15,16 @@ from mr360uw.composite.mesh import Mesh, load_mesh
 from mr360uw.composite.motion import Motion, object_motion, rigid
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.texture import Texture
 from mr360uw.composite.texture_file import read_texture
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
+
+_AT_REST = {
+    name: ObjectSettings.model_fields[name].default
+    for name in ("position_m", "rotation_deg", "scale", "attach", "key", "interpolation", "casts_shadow", "visible")
+}
+"""The settings that do not change an object's meshes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,10 +64,24 @@ class SceneObject:
 
 def load_object(settings: ObjectSettings) -> SceneObject:
     """Return an object with its meshes, textures and overrides; raise `MeshError`."""
-    meshes = tuple(
-        _overridden(load_mesh(path, settings.unit, settings.part), settings) for path in _paths(settings.mesh)
+    return load_objects([settings])[0]
+
+
+def load_objects(all_settings: Iterable[ObjectSettings]) -> tuple[SceneObject, ...]:
+    """Return objects with their meshes, textures and overrides; raise `MeshError`.
+
+    Every file is read once, and objects that differ only in where they are share their meshes.
+    """
+    read, texture = functools.cache(load_mesh), functools.cache(read_texture)
+
+    @functools.cache
+    def meshes(look: ObjectSettings) -> tuple[Mesh, ...]:
+        return tuple(_overridden(read(path, look.unit, look.part), look, texture) for path in _paths(look.mesh))
+
+    return tuple(
+        SceneObject(settings, meshes(settings.model_copy(update=_AT_REST)), object_motion(settings))
+        for settings in all_settings
     )
-    return SceneObject(settings, meshes, object_motion(settings))
 
 
 def _paths(path: Path) -> list[Path]:
@@ -80,7 +103,7 @@ def _paths(path: Path) -> list[Path]:
     return found
 
 
-def _overridden(mesh: Mesh, settings: ObjectSettings) -> Mesh:
+def _overridden(mesh: Mesh, settings: ObjectSettings, read_texture: Callable[..., Texture]) -> Mesh:
     """Return a mesh with the materials that a scene asks for."""
     base = read_texture(settings.texture, srgb=True) if settings.texture else None
     bump = read_texture(settings.normal_texture, srgb=False) if settings.normal_texture else None

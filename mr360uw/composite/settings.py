@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Literal
+
+from pydantic import field_validator
 
 from mr360uw.parameters import Parameters, parameter
 
@@ -56,6 +59,15 @@ class ObjectSettings(Parameters):
         "auto", "vertex colours as a tint; auto: where there is no base texture"
     )
     part: str = parameter("", "draw only the parts whose name contains this")
+
+    @field_validator("key")
+    @classmethod
+    def _ascending(cls, keys: tuple[KeySettings, ...]) -> tuple[KeySettings, ...]:
+        for number, (one, next_one) in enumerate(itertools.pairwise(keys)):
+            if next_one.time_s <= one.time_s:
+                what = f"key {number + 1} must be later than key {number}"
+                raise ValueError(f"{what} (got time_s {one.time_s:g}, then {next_one.time_s:g}) - sort the keys")
+        return keys
 
 
 class ReceiverSettings(Parameters):

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import io
+import itertools
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
@@ -14,12 +16,56 @@ import av.error
 
 from mr360uw.errors import VideoError
 
+CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
+"""FFmpeg's names of the kinds of output, by suffix."""
+_ADVISED = (".mp4", ".mov", ".mkv")
+_TRIAL_PACKETS = 16
+
+
+def check_sound(source: Path, target: Path) -> None:
+    """Raise `VideoError` where the kind of output that `target` names cannot hold the sound of `source`."""
+    if _holds(source, target.suffix.lower()):
+        return
+    with av.open(str(source), metadata_errors="replace") as container:
+        kinds = sorted({_described(stream) for stream in container.streams.audio})
+    others = [suffix for suffix in _ADVISED if _holds(source, suffix)]
+    better = f"write {' or '.join(others)}, or set output.sound = false" if others else "set output.sound = false"
+    raise VideoError(
+        f"{target} - {target.suffix} cannot hold the sound of {source.name} (got {', '.join(kinds)}) - {better}"
+    )
+
+
+def _holds(source: Path, suffix: str) -> bool:
+    """Return whether a container takes the first packets of a file's sound.
+
+    It is completed, in memory: some sound is refused only then, as PCM without a layout of its channels by MP4.
+    """
+    try:
+        with ExitStack() as closing:
+            container = closing.enter_context(av.open(str(source), metadata_errors="replace"))
+            trial = closing.enter_context(av.open(io.BytesIO(), "w", format=CONTAINERS[suffix]))
+            streams = {s.index: trial.add_stream_from_template(s) for s in container.streams.audio}
+            trial.start_encoding()
+            for packet in itertools.islice(container.demux(audio=list(range(len(streams)))), _TRIAL_PACKETS):
+                if packet.dts is not None:
+                    packet.stream = streams[packet.stream_index]
+                    trial.mux(packet)
+    except (av.error.FFmpegError, ValueError):
+        return False
+    return True
+
+
+def _described(stream: Any) -> str:
+    context = stream.codec_context
+    return f"{context.codec.canonical_name}, {context.layout.name}"
+
 
 class AudioCopy:
     """Moves the audio packets of one file into an output container, as far as the pictures have come.
 
     Times are in seconds on the clock of the input file. All packets of a whole clip keep their time stamps; of a part,
-    those that begin within it are kept and moved with the pictures.
+    those that begin within it are kept and moved with the pictures. The target must be able to hold them: see
+    `check_sound`.
     """
 
     def __init__(self, source: Path, target: Any) -> None:
@@ -27,15 +73,9 @@ class AudioCopy:
         self._container = self._closing.enter_context(av.open(str(source), metadata_errors="replace"))
         self._target = target
         self._streams: dict[int, Any] = {}
-        try:
-            for stream in self._container.streams.audio:
-                self._streams[stream.index] = target.add_stream_from_template(stream)
-                self._streams[stream.index].metadata.update(stream.metadata)
-        except (av.error.FFmpegError, ValueError) as error:
-            self.close()
-            raise VideoError(
-                f"{source} - its sound does not fit this kind of output (got {error}) - write .mov or .mkv"
-            ) from error
+        for stream in self._container.streams.audio:
+            self._streams[stream.index] = target.add_stream_from_template(stream)
+            self._streams[stream.index].metadata.update(stream.metadata)
         self._packets: Iterator[Any] = iter(())
         self._pending: Any = None
         self._shift_s = Fraction(0)

@@ -16,7 +16,7 @@ import av.error
 from av.video.reformatter import ColorRange, Interpolation
 
 from mr360uw.errors import VideoError
-from mr360uw.video.audio import AudioCopy
+from mr360uw.video.audio import CONTAINERS, AudioCopy, check_sound
 from mr360uw.video.clip import Clip
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.native import has_stereo_mark, native_frame, plane_views
@@ -26,7 +26,6 @@ from mr360uw.video.spherical import V1_TAG, SphericalMetadata, v1_xml, write_sph
 from mr360uw.video.tags import BT709_TAGS, color_spec
 from mr360uw.video.writer import VideoWriter
 
-_FORMATS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 _ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 _NO_PICTURE_TYPE = 0
 _X265_DELAY = 3  # x265 4 leaves the decoding times of shorter clips uninitialised; they have no B-frames
@@ -49,10 +48,10 @@ class ContainerWriter(VideoWriter):
         self._shift = 0
         self._durations: dict[int, int] = {}
         self._count = 0
-        kind = _FORMATS.get(path.suffix.lower())
+        kind = CONTAINERS.get(path.suffix.lower())
         if kind is None:
             raise VideoError(
-                f"{path} - this kind of output is not known (got {path.suffix}) - take {', '.join(_FORMATS)}"
+                f"{path} - this kind of output is not known (got {path.suffix}) - take {', '.join(CONTAINERS)}"
             )
         self._boxes = kind in ("mp4", "mov")
         self._metadata = replace(like.spherical or SphericalMetadata(), stereo="mono")
@@ -61,14 +60,17 @@ class ContainerWriter(VideoWriter):
             if self._boxes
             else (*like.notes, f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements")
         )
+        sound = like.sound if audio and settings.sound else None
         try:
             with self._errors("begun"):
-                self._open(kind, audio)
+                if sound is not None:
+                    check_sound(sound, path)
+                self._open(kind, sound)
         except BaseException:
             self.abort()
             raise
 
-    def _open(self, kind: str, audio: bool) -> None:
+    def _open(self, kind: str, sound: Path | None) -> None:
         like, settings = self._clip, self._settings
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
@@ -100,8 +102,8 @@ class ContainerWriter(VideoWriter):
             stream.metadata[V1_TAG] = v1_xml(self._metadata)
         stream.time_base = like.time_base
         self._stream = stream
-        if audio and like.sound is not None:
-            self._audio = AudioCopy(like.sound, self._container)
+        if sound is not None:
+            self._audio = AudioCopy(sound, self._container)
         self._container.start_encoding()
 
     def _pixel_format(self, codec: Any) -> str:

@@ -124,6 +124,14 @@ def _noise(row: int, column: int, frame: int) -> Any:
     return np.float32(0.001) + np.float32(0.998) * (value - np.float32(int(value)))
 
 
+@kernel
+def write_noise(row: int, column: int, frame: int, out: Any) -> None:
+    """Write the noise of a rectangle that begins at (row, column) into `out` (h, w)."""
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = _noise(row + r, column + c, frame)
+
+
 @inlined
 def _quantise(code: Any, noise: Any, peak: Any) -> Any:
     return int(min(max(code + noise, np.float32(0.0)), peak))

@@ -75,11 +75,13 @@ def panorama_crop(
         crop = Crop(0, 0, width, height, (width, height))
     elif eye is None:
         raise VideoError(
-            f"{path} - {stereo} stereo is not supported yet (got {width}x{height}) - take one eye with eye='left' or "
-            "eye='right'"
+            f"{path} - is {stereo} stereo (got {width}x{height}), and one eye is worked on at a time - choose it: "
+            'plate.eye = "left" or "right" in a scene, --eye left on the command line, eye="left" in Python'
         )
     else:
         crop = _eye_crop(path, width, height, stereo, eye)
+        if equirectangular and crop.width != 2 * crop.height and width == 2 * height:
+            raise VideoError(_squeezed(path, crop, stereo, eye))
     if equirectangular and crop.width != 2 * crop.height:
         raise VideoError(
             f"{path} - the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height}) - export it as "
@@ -102,13 +104,27 @@ def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Eye) -> 
     if stereo in ("left-right", "right-left"):
         first = (eye == "left") == (stereo == "left-right")
         return Crop(0 if first else width // 2, 0, width // 2, height, (width, height))
-    raise VideoError(f"{path} - stereo layout not supported (got {stereo}) - export one eye as mono")
+    raise VideoError(f"{path} - its stereo layout is not known (got {stereo}) - export one eye as mono")
+
+
+def _squeezed(path: Path, crop: Crop, stereo: Stereo, eye: Eye) -> str:
+    """Return what to say of two eyes in one 2:1 frame, each stretched to half its width or height."""
+    height = max(crop.height, crop.width // 2)
+    ffmpeg = (
+        f'ffmpeg -i {path.name} -vf "crop={crop.width}:{crop.height}:{crop.column}:{crop.row},'
+        f'scale={2 * height}:{height},setsar=1" -c:a copy {eye}.mp4'
+    )
+    return (
+        f"{path} - its two eyes are squeezed into one 2:1 frame, {stereo} (got {crop.width}x{crop.height} for each) - "
+        f"stretch one, and take that as a mono plate: {ffmpeg}"
+    )
 
 
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
     if spherical.projection != "equirectangular":
         raise VideoError(
-            f"{path} - projection not supported (got {spherical.projection}) - export the clip as equirectangular"
+            f"{path} - projection not supported (got {spherical.projection}) - export the clip as "
+            "equirectangular, or turn it with FFmpeg's filter v360"
         )
     if any(spherical.bounds):
         raise VideoError(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,25 @@ def peak_code(codes: NDArray[Any]) -> float:
     return float(np.iinfo(codes.dtype).max) if codes.dtype.kind == "u" else 1.0
 
 
+@lru_cache(maxsize=8)
+def _decode_table(peak: int, transfer: Transfer) -> NDArray[np.float32]:
+    return np.asarray(decode(np.arange(peak + 1) / peak, transfer), np.float32)
+
+
 def linear_from_codes(codes: NDArray[Any], transfer: Transfer) -> NDArray[np.float32]:
     """Return the linear light of code values (..., 3), float32."""
     if codes.dtype.kind == "u":
-        table = decode(np.arange(peak_code(codes) + 1) / peak_code(codes), transfer).astype(np.float32)
-        return table[codes]
+        return _decode_table(int(peak_code(codes)), transfer)[codes]
     return decode(np.asarray(codes, np.float32), transfer).astype(np.float32)
 
 
 def noise(rows: int, columns: int, row: int, column: int, frame_index: int) -> NDArray[np.float32]:
-    """Return interleaved gradient noise in (0, 1) of a rectangle (rows, columns); see `planes`."""
-    shift = 5.588238 * (frame_index & 63)
-    x = np.arange(column, column + columns) + shift
-    y = np.arange(row, row + rows)[:, None] + shift
-    ramp = 52.9829189 * ((0.06711056 * x + 0.00583715 * y) % 1.0)
-    return (0.001 + 0.998 * (ramp % 1.0)).astype(np.float32)
+    """Return the dither of a rectangle (rows, columns), in (0, 1); see `planes`."""
+    from mr360uw.video.kernels import write_noise
+
+    dither = np.empty((rows, columns), np.float32)
+    write_noise(row, column, frame_index, dither)
+    return dither
 
 
 def codes_from_linear(linear: Floats, transfer: Transfer, dtype: Any, frame_index: int) -> NDArray[Any]:

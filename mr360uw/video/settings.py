@@ -34,6 +34,7 @@ class EncodeSettings(Parameters):
     preset: Preset = parameter("veryfast", "speed against size (h264, h265, av1)")
     lossless: bool = parameter(False, "keep every code value (h264, h265; ffv1 always does)")
     pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
+    sound: bool = parameter(True, "copy the plate's sound")
     threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
     faststart: bool = parameter(True, "put the index of an mp4 or mov before the pictures, for the web")
 

@@ -87,8 +87,9 @@ def create_video(
 
     path: .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"), numbered
     by the frame's index. like: the plate; without one, width, height, frame_rate and sound (a file) say what is made,
-    in BT.709, 4:2:0, 8 bits. audio: copy the sound. rebase: when the first frame is not frame 0 of the plate, move
-    pictures and sound so that the output begins where the plate begins; False keeps the time stamps.
+    in BT.709, 4:2:0, 8 bits. audio: copy the sound, unless the settings leave it out. rebase: when the first frame is
+    not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
+    time stamps.
 
     OutputExistsError where the output is there already and `overwrite` is not set; VideoError where it cannot be made.
     """

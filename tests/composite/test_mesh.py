@@ -9,7 +9,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mr360uw.composite import load_mesh
+from mr360uw.composite import load_mesh, load_objects
+from mr360uw.composite import mesh as mesh_module
+from mr360uw.composite.material import Material
 from mr360uw.composite.mesh import make_mesh
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.part import Part
@@ -114,6 +116,46 @@ def test_creases_stay_sharp_and_round_bodies_smooth() -> None:
     assert bare.patch.max() == 0
 
 
+def test_normals_about_a_vertex_do_not_depend_on_how_many_faces_meet_there() -> None:
+    # a cone of n faces about its tip: blunt, it is round there; sharp, every face takes those within 60 degrees of it
+    count = 96
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turn), np.zeros(count), np.sin(turn)], axis=-1)
+    faces = np.stack([np.full(count, count), (np.arange(count) + 1) % count, np.arange(count)], axis=-1)
+    for height, is_round in ((0.2, True), (3.0, False)):
+        cone = make_mesh([Part("cone", np.vstack([rim, [[0.0, height, 0.0]]]), faces)], [Material()])
+        at_tip = cone.normals[:, 0]
+        if is_round:
+            np.testing.assert_allclose(at_tip, np.broadcast_to([0.0, 1.0, 0.0], at_tip.shape), atol=tol.FLOAT64)
+            assert cone.patch.max() == 0
+            continue
+        flat = np.cross(cone.positions[:, 1] - cone.positions[:, 0], cone.positions[:, 2] - cone.positions[:, 0])
+        flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+        expected = np.stack([flat[flat @ one > 0.5].sum(axis=0) for one in flat])  # the faces' angles are the same
+        expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+        np.testing.assert_allclose(at_tip, expected, atol=tol.FLOAT64)
+
+
+def test_hull_holds_every_vertex_of_a_mesh(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(300, 3))
+    mesh = make_mesh([Part("cloud", points, rng.integers(0, 300, (900, 3)))], [Material()])
+    corners = mesh.hull.reshape(-1, 3)
+    for direction in rng.normal(size=(50, 3)):
+        highest = np.max(mesh.positions @ direction)
+        np.testing.assert_allclose(np.max(corners @ direction), highest, rtol=tol.FLOAT64)
+
+
+def test_hull_of_a_large_round_mesh_is_small_and_holds_it(rng: np.random.Generator) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=7)  # 163842 vertices, all of them on the exact hull
+    mesh = make_mesh([Part("ball", np.asarray(ball.vertices), np.asarray(ball.faces))], [Material()])
+    assert len(mesh.hull) < 0.2 * len(mesh.positions)
+    corners = mesh.hull.reshape(-1, 3)
+    directions = rng.normal(size=(50, 3))
+    for direction in directions / np.linalg.norm(directions, axis=-1, keepdims=True):
+        out = np.max(mesh.positions @ direction) - np.max(corners @ direction)
+        assert 0.0 <= out <= 2.0 * tol.HULL_SHALLOW
+
+
 def test_surfels_hold_the_area() -> None:
     ball = sphere(32, radius=0.5)
     # a closed body counts half: a line through it crosses its surface twice
@@ -139,6 +181,29 @@ def test_scene_objects_override_materials_and_follow_sequences(tmp_path: Path) -
     np.testing.assert_allclose(at.world_from_object[:3, 3], [1.0, 2.0, 0.0], atol=tol.FLOAT64)
     with pytest.raises(MeshError, match="no such files"):
         load_object(ObjectSettings(mesh=tmp_path / "none_%03d.glb"))
+
+
+def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.new("RGB", (8, 8), (255, 0, 0)).save(tmp_path / "red.png")
+    fish = {"mesh": written(tmp_path / "fish.glb", trimesh.creation.box((3, 1, 1))), "texture": tmp_path / "red.png"}
+    reads: list[Path] = []
+    read = mesh_module.read_mesh_file
+    monkeypatch.setattr(mesh_module, "read_mesh_file", lambda path: reads.append(path) or read(path))
+    one, other, matt, large = load_objects(
+        [
+            ObjectSettings(**fish),
+            ObjectSettings(**fish, position_m=(1, 2, 3), scale=2.0, casts_shadow=False),
+            ObjectSettings(**fish, roughness=1.0),
+            ObjectSettings(**fish, unit="cm"),
+        ]
+    )
+    assert one.meshes[0] is other.meshes[0]
+    assert (one.motion.scale[0], other.motion.scale[0]) == (1.0, 2.0)
+    assert one.meshes[0].positions is matt.meshes[0].positions
+    assert one.meshes[0].materials[0].base_map is matt.meshes[0].materials[0].base_map
+    assert one.meshes[0].materials != matt.meshes[0].materials
+    np.testing.assert_allclose(large.meshes[0].extent_m, 0.01 * one.meshes[0].extent_m, rtol=tol.FLOAT64)
+    assert len(reads) == 2  # once a unit
 
 
 def test_found_meshes(shared: Path) -> None:

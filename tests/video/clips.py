@@ -56,10 +56,12 @@ def write_clip(
     options: dict[str, str] | None = None,
     tags: tuple[int, int, int, int] | None = (1, 1, 1, 1),
     audio_s: float = 0.0,
+    audio_codec: str = "aac",
     rotation: int = 0,
     container_options: dict[str, str] | None = None,
 ) -> Path:
-    """Encode moving planes; tags: range, matrix, primaries, transfer (H.273). audio_s: length of a tone."""
+    """Encode moving planes; tags: range, matrix, primaries, transfer (H.273). audio_s: length of a tone, in AAC, or in
+    stereo in 16-bit PCM."""
     bits = 10 if "10le" in pixel_format else 8
     subsampling = next(kind for kind in ("444", "422", "420") if kind in pixel_format)
     quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
@@ -74,7 +76,8 @@ def write_clip(
             context.color_range, context.colorspace, context.color_primaries, context.color_trc = tags
         if rotation:
             stream.set_display_rotation(rotation)
-        sound = container.add_stream("aac", rate=48000, layout="mono") if audio_s else None
+        layout = "mono" if audio_codec == "aac" else "stereo"
+        sound = container.add_stream(audio_codec, rate=48000, layout=layout) if audio_s else None
         for index in range(frames):
             native = av.VideoFrame(*size, pixel_format)
             fill(native, moving_planes(index, bits, subsampling, size))
@@ -84,8 +87,12 @@ def write_clip(
         container.mux(stream.encode(None))
         if sound is not None:
             wave = np.sin(2 * np.pi * 440 * np.arange(int(audio_s * 48000)) / 48000).astype(np.float32)
+            kind = "fltp" if audio_codec == "aac" else "s16"
+            tracks = wave[None] if kind == "fltp" else np.repeat((32767 * wave).astype(np.int16), 2)[None]
+            width = tracks.size // wave.size
             for start in range(0, wave.size, 1024):
-                block = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], "fltp", "mono")
+                part = tracks[:, start * width : (start + 1024) * width]
+                block = av.AudioFrame.from_ndarray(part, kind, layout)
                 block.sample_rate, block.pts, block.time_base = 48000, start, Fraction(1, 48000)
                 container.mux(sound.encode(block))
             container.mux(sound.encode(None))

@@ -13,6 +13,7 @@ from mr360uw.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
 from mr360uw.types import Layer, Tile, YuvImage
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.planes import linear_from_planes, planes_from_linear
+from mr360uw.video.rgb import noise
 from tests.tolerances import (
     VIDEO_CURVE_TABLE,
     VIDEO_DITHER_MEAN,
@@ -246,3 +247,11 @@ def test_a_flat_picture_is_flat_to_its_edges() -> None:
     planes_from_linear(np.full((64, 128, 3), [0.01, 0.06, 0.12]), planes)
     for plane in (planes.y, planes.u, planes.v):
         assert np.ptp(plane) <= VIDEO_OPAQUE_CODES
+
+
+def test_the_dither_of_a_part_is_that_of_the_whole() -> None:
+    whole = noise(64, 96, 0, 0, 5)
+    np.testing.assert_array_equal(noise(20, 30, 11, 37, 5), whole[11:31, 37:67])
+    assert 0.0 < whole.min() < 0.05
+    assert 0.95 < whole.max() < 1.0
+    assert not np.array_equal(noise(64, 96, 0, 0, 6), whole)

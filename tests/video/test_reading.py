@@ -149,7 +149,7 @@ def test_upside_down_footage_is_turned(tmp_path) -> None:
 
 def test_stereo_is_refused_and_one_eye_can_be_taken(shared) -> None:
     path = shared / "data/footage/fixtures/spherical_v2_tb_google.mp4"
-    with pytest.raises(VideoError, match=r"top-bottom stereo.*eye='left'"):
+    with pytest.raises(VideoError, match=r'top-bottom stereo.*plate.eye = "left"'):
         open_video(path)
     whole = decoded(path)[3][1]
     for eye, rows in (("left", slice(0, 320)), ("right", slice(320, 640))):
