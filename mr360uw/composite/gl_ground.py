@@ -34,7 +34,8 @@ class GroundShader:
         rows = -(-len(places) // _PLACES_ACROSS)
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
-        shader = self._targets.program("coarse", {"SUN": 1, "SHADOW": 1})
+        defines = frozenset(self._light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
+        shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
         bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **self._light.textures})
         self._light.set(shader)
         self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
@@ -42,19 +43,31 @@ class GroundShader:
         return sun.reshape(-1, 4)[: len(places)]
 
     def pixels(
-        self, shot: Shot, ground: Ground, j: Indices, i: Indices, wanted: frozenset[str], side: int
+        self,
+        shot: Shot,
+        ground: Ground,
+        j: Indices,
+        i: Indices,
+        halo: NDArray[np.float32],
+        wanted: frozenset[str],
+        side: int,
     ) -> list[NDArray[np.float32]]:
         """Return the images of receiver.frag of blocks, each (n, side, side, k).
 
+        halo: (n, 4) part of it seen at the corners of each block, negative where that does not tell the pixels.
         wanted: of SHADOW, CAUSTICS, and ROUGH for blocks that need all their light. side: samples along a block.
         """
         assert shot.receiver is not None
         rows = -(-len(j) // _BLOCKS_ACROSS)
         width, height = _BLOCKS_ACROSS * side, rows * side
-        blocks = np.zeros((rows * _BLOCKS_ACROSS, 2), np.float32)
-        blocks[: len(j)] = BLOCK * np.stack([i, j], axis=-1)
-        defines = wanted | (frozenset(self._light.defines) & {"SUN", "MEDIUM"})
-        textures = {"blocks": texture_from_array(blocks.reshape(rows, -1, 2)), **self._light.textures}
+        blocks, halos = (np.zeros((rows * _BLOCKS_ACROSS, k), np.float32) for k in (2, 4))
+        blocks[: len(j)], halos[: len(j)] = BLOCK * np.stack([i, j], axis=-1), halo
+        defines = wanted | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
+        textures = {
+            "blocks": texture_from_array(blocks.reshape(rows, -1, 2)),
+            "halos": texture_from_array(halos.reshape(rows, -1, 4)),
+            **self._light.textures,
+        }
         if shot.receiver.plane_y is not None and "ROUGH" not in wanted:
             defines |= {"PLANE"}
         else:

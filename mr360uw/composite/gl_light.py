@@ -12,9 +12,9 @@ import numpy as np
 from mr360uw.caustics.gl_stack import upload
 from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps, slot_size
 from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
-from mr360uw.composite.light import MINIMUM_SUN_UP
+from mr360uw.composite.light import MINIMUM_SUN_UP, widest_half_angle
 from mr360uw.composite.mesh import Mesh
-from mr360uw.composite.shadow import basis, disc_offsets, effective_half_angle
+from mr360uw.composite.shadow import basis, disc_offsets
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import (
     set_uniforms,
@@ -70,22 +70,25 @@ class LightTextures:
             self._hold("sun_map", "none", lambda: texture_from_array(np.zeros((1, 1, 2))))
             self._hold("casters", "none", lambda: texture_from_array(np.zeros((1, 2, 4))))
             return
-        half_angle = effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)
+        half_angle, halo = sun.half_angle_rad, widest_half_angle(shot)
+        if halo > half_angle:
+            self.defines["HALO"] = 1
         axes = basis(sun.direction)
         size = slot_size(casters, _pixels_across(shot, casters), half_angle)
+        count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._uniforms |= {
             "lights__sun_irradiance": sun.irradiance,
             "lights__sun_direction": sun.direction,
             "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
             "lights__half_angle": half_angle,
+            "lights__halo_angle": halo,
             "lights__slot_size": float(size),
             "lights__bias_scale": max(_BIASED_SLOT / size, 1.0),
             "lights__sun_axes": axes.T,
-            "lights__sun_count": min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES),
+            "lights__sun_count": count,
             "lights__casters": min(len(casters), MAXIMUM_SLOTS),
         }
-        count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
-        self._arrays["slopes"][:count] = np.tan(half_angle) * disc_offsets(count)
+        self._arrays["slopes"][:count] = disc_offsets(count)
         key = (size, axes.tobytes(), tuple((id(p.mesh), p.world_from_object.tobytes()) for p in casters))
         if self._keys.get("sun_map") != key:
             maps = self._sun_maps.draw(casters, axes, size, buffers)

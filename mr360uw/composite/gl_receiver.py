@@ -19,6 +19,7 @@ from mr360uw.composite.gl_ground import GroundShader
 from mr360uw.composite.gl_light import LightTextures
 from mr360uw.composite.gl_targets import Targets
 from mr360uw.composite.ground import BLOCK, Ground, Indices
+from mr360uw.composite.light import widest_half_angle
 from mr360uw.composite.receiver import (
     CoarseGrid,
     ReceiverShape,
@@ -28,12 +29,13 @@ from mr360uw.composite.receiver import (
     touched_cells,
 )
 from mr360uw.composite.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
-from mr360uw.composite.shadow import effective_half_angle
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.tiles import Rectangle
 from mr360uw.types import Floats, Tile
 
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
+_OF_DISC, _ALL = 2.0, 3.0
+"""What bodies keep off: part of the sun's disc, all of it (coarse.frag)."""
 _WIDE = 1.5
 """A penumbra so many times as wide as a block reaches has no detail that the corners and the middle do not show."""
 _HALVED = 12.0
@@ -113,7 +115,7 @@ class ReceiverPass:
         rough = ground.rough[j, i]
         corner = corner_light(shot, ground, blocks)
         free = free_images(shot, ground, corner, j, i)
-        edge, umbra = self._see_sun(shot, ground, shaded, corner, j, i)
+        edge, umbra, halo = self._see_sun(shot, ground, shaded, corner, j, i)
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)
         if receiver.plane_y is None:
@@ -133,7 +135,7 @@ class ReceiverPass:
             if not np.any(which):
                 continue
             wanted = frozenset(asked) & {"ROUGH", *of_sun}
-            falls, *own = self._shader.pixels(shot, ground, j[which], i[which], wanted, side)
+            falls, *own = self._shader.pixels(shot, ground, j[which], i[which], halo[which], wanted, side)
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else _enlarged(falls)))
             if "CAUSTICS" in wanted:
@@ -151,13 +153,14 @@ class ReceiverPass:
         corner: NDArray[np.float32],
         j: Indices,
         i: Indices,
-    ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.int8], NDArray[np.bool_], NDArray[np.float32]]:
         """Set the part of the sun seen at the corners of the shaded blocks (R, C).
 
-        Returns which edge of a shadow each of the blocks (j, i) holds that its corners do not tell, and which of them
-        lie wholly in the umbra.
+        Returns which edge of a shadow each of the blocks (j, i) holds that its corners do not tell, which of them lie
+        wholly in the umbra, and the part of the halo seen at their corners (n, 4), as `GroundShader.pixels` takes it.
         """
         edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
+        halo = np.full((*shaded.shape, 4), -1.0, np.float32)
         if np.any(shaded) and shot.sun is not None:
             cj, ci = np.nonzero(ground.corners_of(shaded))
             mj, mi = np.nonzero(shaded)
@@ -166,14 +169,21 @@ class ReceiverPass:
             places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
             sun = self._shader.sun_at(places)
             corner[cj, ci, SEEN] = sun[: len(cj), 0]
-            seen, between, dark, gap = sun[len(cj) :].T
-            spread = np.tan(effective_half_angle(shot.sun.half_angle_rad, shot.sun_spread_rad))
+            at_corners = np.zeros(corner.shape[:2], np.float32)
+            at_corners[cj, ci] = sun[: len(cj), 1]
+            seen, halo_seen, kept, gap = sun[len(cj) :].T
+            reach = ground.reach_m[mj, mi]
+            of_disc, of_halo = 2.0 * np.tan(shot.sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
             missed = np.abs(seen - ground.middle_between(corner[..., SEEN], mj, mi))
-            sharp = (2.0 * spread * gap < _WIDE * ground.reach_m[mj, mi]) | (missed > _HALVED * SMOOTH)
+            narrow = np.where(kept == _OF_DISC, of_disc, of_halo) < _WIDE * reach
+            sharp = narrow | (missed > _HALVED * SMOOTH)
             found = np.where(sharp, _SHARP, np.where(missed > SMOOTH, _SOFT, _NO_EDGE))
-            umbra[mj, mi] = dark > 0.5
-            edge[mj, mi] = np.where((between > 0.5) & (dark < 0.5), found, _NO_EDGE)
-        return edge[j, i], umbra[j, i]
+            umbra[mj, mi] = kept == _ALL
+            edge[mj, mi] = np.where((kept > 0.0) & (kept < _ALL), found, _NO_EDGE)
+            missed = np.abs(halo_seen - ground.middle_between(at_corners, mj, mi))
+            told = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
+            halo[mj, mi] = np.where(told[:, None], ground.four(at_corners, mj, mi), -1.0)
+        return edge[j, i], umbra[j, i], halo[j, i]
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:

@@ -75,7 +75,7 @@ class Ground:
         self.middle_point[j, i], self.middle_normal[j, i] = self._look(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
-        corner, middle = self._four(self.corner_point, j, i), self.middle_point[j, i, None]
+        corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
         limit = FADE_FROM * shot.receiver.extent_m if shot.receiver is not None else np.inf
         far = np.linalg.norm(np.concatenate([corner, middle], axis=1), axis=-1)
         self.rough[j, i] |= np.any((far == 0.0) | (far > limit), axis=1)
@@ -124,16 +124,16 @@ class Ground:
         t = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
         down = np.minimum((np.arange(BLOCK) + 0.5) / np.minimum(self._height - BLOCK * j, BLOCK)[:, None], 1.0)
         down = down.astype(np.float32)[:, :, None, None]
-        four = self._four(corner, j, i)
+        four = self.four(corner, j, i)
         left = four[:, None, 0] * (1.0 - down[..., 0]) + four[:, None, 2] * down[..., 0]
         right = four[:, None, 1] * (1.0 - down[..., 0]) + four[:, None, 3] * down[..., 0]
         return left[:, :, None] * (1.0 - t[:, None]) + right[:, :, None] * t[:, None]
 
     @staticmethod
-    def _four(corner: Floats, j: Indices, i: Indices) -> Floats:
+    def four(corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return the corners of blocks, (n, 4, ...): above left and right, below left and right."""
         return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
 
     def middle_between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return what corners (R + 1, C + 1) tell of the middles of blocks, (n,)."""
-        return np.asarray(self._four(corner, j, i).mean(axis=1))
+        return np.asarray(self.four(corner, j, i).mean(axis=1))

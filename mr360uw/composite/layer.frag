@@ -41,13 +41,14 @@ Parts light_surface(Surface s, float bias_m) {
     bool faces = dot(s.normal, lights.sun_direction) > 0.0 && dot(s.geometric_normal, lights.sun_direction) > 0.0;
     float free = 1.0;
 #if defined(SHADOW)
-    free = visibility(lights, sun_map, casters, slopes,
-                      s.point + lights.bias_scale * bias_m * s.geometric_normal, faces);
+    free = visibility(lights, medium, beam, sun_map, casters, slopes,
+                      s.point + lights.bias_scale * bias_m * s.geometric_normal, -1.0, faces);
 #endif
     waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     irradiance = beam_at(lights, medium, beam, s.point) * waves * (faces ? free : 0.0);
 #endif
-    return surface_light(lights, s, ambient, glossy, glossy_level(s.roughness), scale, irradiance, waves);
+    return surface_light(lights, s, ambient, glossy, glossy_level(s.roughness), scale, irradiance, waves,
+                         half_angle_at(lights, medium, beam, s.point));
 }
 
 void main() {

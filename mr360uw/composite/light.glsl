@@ -22,6 +22,7 @@ struct Lights {
     vec3 sun_direction;
     float sun_up;
     float half_angle;
+    float halo_angle;
     mat3 sun_axes;
     int sun_count;
     int casters;
@@ -75,22 +76,53 @@ vec3 waves_at(Lights lights, MediumTable medium, sampler2D beam, CausticStack st
     vec3 world = point + lights.camera_position;
     vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
 #if defined(MEDIUM)
-    value = 1.0 + (value - 1.0) * caustic_contrast(medium, beam, depth, lights.sun_up);
+    value = 1.0 + (value - 1.0) * unscattered_share(medium, beam, depth, lights.sun_up);
 #endif
     return value;
 #endif
 }
 
-float visibility(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point,
-                 bool wanted) {
-    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size,
-                          lights.sun_axes * (point + lights.camera_position), slopes, lights.sun_count,
-                          tan(lights.half_angle), wanted);
+// the part of the beam that the water has scattered into the halo
+float scattered_at(Lights lights, MediumTable medium, sampler2D beam, vec3 point) {
+#if defined(HALO)
+    return 1.0 - dot(unscattered_share(medium, beam, depth_of(lights, point), lights.sun_up), vec3(1.0 / 3.0));
+#else
+    return 0.0;
+#endif
+}
+
+// of the disc with the second moment of what the beam comes from
+float half_angle_at(Lights lights, MediumTable medium, sampler2D beam, vec3 point) {
+    vec2 squared = vec2(lights.half_angle * lights.half_angle, lights.halo_angle * lights.halo_angle);
+    return sqrt(mix(squared.x, squared.y, scattered_at(lights, medium, beam, point)));
+}
+
+vec3 in_sun_axes(Lights lights, vec3 point) {
+    return lights.sun_axes * (point + lights.camera_position);
+}
+
+// the part of a disc about the sun that is seen from p, in the sun's axes
+float disc_seen(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
+                float half_angle, bool wanted) {
+    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, p, slopes, lights.sun_count,
+                          tan(half_angle), wanted);
+}
+
+// the part of the beam that reaches a point. halo: the part of the halo that is seen, where that is known, else -1
+float visibility(Lights lights, MediumTable medium, sampler2D beam, sampler2D sun_map, sampler2D casters,
+                 vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, bool wanted) {
+    vec3 p = in_sun_axes(lights, point);
+    float seen = disc_seen(lights, sun_map, casters, slopes, p, lights.half_angle, wanted);
+#if defined(HALO)
+    float found = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, wanted && halo < 0.0);
+    seen = mix(seen, halo < 0.0 ? found : halo, scattered_at(lights, medium, beam, point));
+#endif
+    return seen;
 }
 
 // `level` is the place of the roughness among the glossy levels; `irradiance` that of the sun with waves and shadow
 Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DArray glossy, float level,
-                    vec3 ambient_scale, vec3 irradiance, vec3 waves) {
+                    vec3 ambient_scale, vec3 irradiance, vec3 waves, float half_angle) {
     vec3 view = -s.direction;
     float n_dot_v = clamp(dot(s.normal, view), 1e-3, 1.0);
     float dielectric = dielectric_f0(s.refractive_index, OUTSIDE_INDEX);
@@ -115,7 +147,7 @@ Parts surface_light(Lights lights, Surface s, sampler2DArray ambient, sampler2DA
     half_vector /= max(length(half_vector), 1e-9);
     float n_dot_h = clamp(dot(s.normal, half_vector), 0.0, 1.0), v_dot_h = clamp(dot(view, half_vector), 0.0, 1.0);
     vec3 f0 = mix(vec3(dielectric), s.base.rgb, s.metallic);
-    vec3 highlight = sun_highlight(f0, s.roughness * s.roughness, n_dot_v, n_dot_l, n_dot_h, v_dot_h, lights.half_angle);
+    vec3 highlight = sun_highlight(f0, s.roughness * s.roughness, n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle);
     parts.sun_diffuse = albedo * INV_PI * irradiance * n_dot_l;
     parts.sun_glossy = highlight * irradiance;
     parts.caustics = (parts.sun_diffuse + parts.sun_glossy) * (1.0 - 1.0 / max(waves, 1e-6));

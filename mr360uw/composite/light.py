@@ -2,10 +2,12 @@
 """The light that reaches a place in the water, and what surfaces send back to the camera (reference renderer).
 
     ambient  E = ambient(N) ambient_ratio(d)
-    beam     E = irradiance beam_ratio(d) (1 + (C - 1) contrast(d)) V
+    beam     E = irradiance beam_ratio(d) (1 + (C - 1) s(d)) V
+    V = s(d) V_disc + (1 - s(d)) V_halo
 
-with d the depth, C the caustic ratio, V the part of the sun's disc that is seen; the radiance of the surface then goes
-through the water, L = T L_surface + veil. The gl renderer's layer.glsl follows the same order.
+with d the depth, C the caustic ratio, s the share of the beam that the water has not scattered, V_disc the part of the
+sun's disc that is seen and V_halo that of the wider disc from which the rest of the beam comes; the radiance of the
+surface then goes through the water, L = T L_surface + veil. The gl renderer's layer.frag follows the same order.
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium.lookup import (
     ambient_ratio,
     beam_ratio,
-    caustic_contrast,
     transmittance_lookup,
+    unscattered_share,
     veil_lookup,
 )
 from mr360uw.types import Floats
@@ -72,11 +74,6 @@ class Light:
         self._bias = np.array([placed.bias_m for placed in shot.objects if placed.visible])
         self._levels = mip_levels(shot.caustics.ratio) if shot.caustics is not None else []
         if self.sun is not None:
-            half_angle = effective_half_angle(self.sun.half_angle_rad, shot.sun_spread_rad)
-            self.sun_directions = disc_directions(
-                self.sun.direction, half_angle, REFERENCE_SUN_FACTOR * shot.sun_samples
-            )
-            self.half_angle = half_angle
             self.sun_up = max(float(self.sun.direction[1]), MINIMUM_SUN_UP)
 
     def depth(self, point: Floats) -> Floats:
@@ -106,18 +103,33 @@ class Light:
             return np.ones((len(point), 3))
         depth, world = self.depth(point), point + shot.camera_position
         ratio = caustic_lookup(shot.caustics, self._levels, world[:, 0], depth, world[:, 2], footprint_m)
-        contrast = 1.0 if shot.medium is None else caustic_contrast(shot.medium, depth, self.sun_up)
+        contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self.sun_up)
         return 1.0 + (ratio - 1.0) * contrast
 
+    def _scattered(self, point: Floats) -> Floats:
+        """Return the part (n,) of the beam that the water has scattered into the halo, over the channels."""
+        if self.shot.medium is None or self.shot.sun_spread_rad == 0.0:
+            return np.zeros(len(point))
+        return 1.0 - unscattered_share(self.shot.medium, self.depth(point), self.sun_up).mean(axis=-1)
+
     def visibility(self, start: Floats) -> Floats:
-        """Return the part (n,) of the sun's disc that is seen from places (n, 3)."""
+        """Return the part (n,) of the sun's beam that reaches places (n, 3): of its disc and of the halo about it."""
         if self.sun is None or not (len(self._scene.triangles) or self._masked.there):
             return np.ones(len(start))
+        seen, scattered = self._disc_seen(start, self.sun.half_angle_rad), self._scattered(start)
+        if np.any(scattered):
+            seen = seen + scattered * (self._disc_seen(start, widest_half_angle(self.shot)) - seen)
+        return seen
+
+    def _disc_seen(self, start: Floats, half_angle_rad: float) -> Floats:
+        """Return the part (n,) of a disc about the sun that is seen from places (n, 3)."""
+        assert self.sun is not None
         seen = np.zeros(len(start))
-        for direction in self.sun_directions:
+        directions = disc_directions(self.sun.direction, half_angle_rad, REFERENCE_SUN_FACTOR * self.shot.sun_samples)
+        for direction in directions:
             rays = np.broadcast_to(direction, start.shape)
             seen += ~(self._scene.occluded(start, rays) | self._masked.occluded(start, rays))
-        return seen / len(self.sun_directions)
+        return seen / len(directions)
 
     def surface(self, hits: Hits) -> Radiance:
         """Return the light that surfaces send towards the camera."""
@@ -156,7 +168,9 @@ class Light:
         half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
         n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, view))
         f0 = dielectric * (1.0 - metal) + hits.base * metal
-        highlight = sun_highlight(f0, hits.roughness**2, n_dot_v, n_dot_l, n_dot_h, v_dot_h, self.half_angle)
+        spread = shot.sun_spread_rad * np.sqrt(self._scattered(hits.point))
+        half_angle = effective_half_angle(self.sun.half_angle_rad, spread)
+        highlight = sun_highlight(f0, hits.roughness**2, n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle)
         sun_diffuse = albedo * INV_PI * irradiance * n_dot_l[:, None]
         sun_glossy = highlight * irradiance
         added = (sun_diffuse + sun_glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
@@ -191,6 +205,14 @@ class Light:
         if medium is None:
             return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
         return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)
+
+
+def widest_half_angle(shot: Shot) -> float:
+    """Return the angular radius [rad] of the disc that a shot's sunlight comes from: with water, that of its halo."""
+    if shot.sun is None:
+        return 0.0
+    spread = shot.sun_spread_rad if shot.medium is not None else 0.0
+    return float(effective_half_angle(shot.sun.half_angle_rad, spread))
 
 
 def unblocked(blocked: Floats) -> Floats:

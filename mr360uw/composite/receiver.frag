@@ -1,7 +1,7 @@
 // what falls on the receiver in listed blocks, each SIDE samples wide that are SPACING pixels apart (light.py:
 // receiver_ratio)
 #include "composite/light.glsl"
-uniform sampler2D blocks, shape, diffuse, beam, veil, sun_map, casters, plane_depth;
+uniform sampler2D blocks, halos, shape, diffuse, beam, veil, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
@@ -34,7 +34,13 @@ void main() {
     vec3 point = distance_m * direction;
     float seen = 1.0;
 #if defined(SHADOW)
-    seen = visibility(lights, sun_map, casters, slopes, point, true);
+    float halo = -1.0;
+#if defined(HALO)
+    vec4 corners = texelFetch(halos, block, 0);  // of the block; negative where straight lines do not tell the rest
+    vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), below = mix(corners.xz, corners.yw, at.x);
+    if (corners.x >= 0.0) halo = mix(below.x, below.y, at.y);
+#endif
+    seen = visibility(lights, medium, beam, sun_map, casters, slopes, point, halo, true);
 #endif
 #if defined(CAUSTICS) || defined(ROUGH)
     falls = vec4(waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, point,

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.geometry import view_directions
-from mr360uw.composite.light import UNNOTICED
+from mr360uw.composite.light import UNNOTICED, widest_half_angle
 from mr360uw.composite.occlusion import mark_occluded, mark_shaded, surfel_table
 from mr360uw.composite.rays import RayScene, barycentric
-from mr360uw.composite.shadow import basis, effective_half_angle
+from mr360uw.composite.shadow import basis
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import Rectangle, rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
@@ -145,7 +145,7 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
     lit = sun is not None and sun.direction[1] > 0.0
     boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.camera_position) for placed in casters]
     if receiver.shadow and sun is not None and lit:
-        spread = float(np.tan(effective_half_angle(sun.half_angle_rad, shot.sun_spread_rad)))
+        spread = float(np.tan(widest_half_angle(shot)))
         for box in boxes:
             mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
     by_shadow = marks.copy()

@@ -110,7 +110,11 @@ class DrawSettings(Parameters):
     shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
     sun_samples: int = parameter(24, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
     sun_spread_deg: float = parameter(
-        0.0, "spread (standard deviation) of the sun's light by forward scattering", unit="deg", low=0.0, high=30.0
+        5.0,
+        "standard deviation of the directions of what the water scatters forwards of the sun's beam, for shadows",
+        unit="deg",
+        low=0.0,
+        high=30.0,
     )
     motion_samples: int = parameter(1, "sub-frames averaged for motion blur; 1: none", low=1, high=64)
     grain: float = parameter(

@@ -79,13 +79,13 @@ def reflectance(f0: Floats, split: Floats) -> Floats:
 
 
 def sun_highlight(
-    f0: Floats, alpha: Floats, n_dot_v: Floats, n_dot_l: Floats, n_dot_h: Floats, v_dot_h: Floats, half_angle: float
+    f0: Floats, alpha: Floats, n_dot_v: Floats, n_dot_l: Floats, n_dot_h: Floats, v_dot_h: Floats, half_angle: ArrayLike
 ) -> Floats:
     """Return the radiance (..., 3) of the sun's reflection for an irradiance of 1 across the beam.
 
     The disc of the sun widens the lobe by half its angular radius (Karis 2013, sphere lights).
     """
-    wide = np.minimum(np.maximum(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0)
+    wide = np.minimum(np.maximum(alpha, MINIMUM_ALPHA) + 0.5 * np.asarray(half_angle), 1.0)
     lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l
     grazing = np.power(np.clip(1.0 - v_dot_h, 0.0, 1.0), 5.0)[..., None]
     return lobe[..., None] * (f0 + (grazing_reflectance(f0) - f0) * grazing)

@@ -113,7 +113,7 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
     return between;
 }
 
-// p: in the sun's axes (two across, one along). slopes: of the directions over the sun's disc. spread: the largest.
+// p: in the sun's axes (two across, one along). slopes: of directions over a unit disc. spread: tangent of its radius.
 // without `wanted` the answer does not count, and costs nothing where a whole block of pixels does not want it
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
                      vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread, bool wanted) {
@@ -127,7 +127,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
         do {
             int lowest = left & -left;
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
-            float one = sun_blocked(sun_map, caster, slot_size, p, slopes[min(k, count - 1)], widening);
+            float one = sun_blocked(sun_map, caster, slot_size, p, spread * slopes[min(k, count - 1)], widening);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;
         } while (left != 0 && most < 1.0);

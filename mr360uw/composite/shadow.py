@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What keeps the sun's light off: its disc behind a body.
 
-The sun's visibility is the mean over directions that fill its disc. Water widens the disc by forward scattering; a
-Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 = half_angle^2 +
-4 sigma^2. Twin: shadow.glsl.
+The sun's visibility is the mean over directions that fill its disc. What the water has scattered forwards comes from a
+wider one: a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 =
+half_angle^2 + 4 sigma^2. Twin: shadow.glsl.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _TURN = np.pi * (3.0 - np.sqrt(5.0))
 """From ring to ring, so that no pieces line up."""
 
 
-def effective_half_angle(half_angle_rad: float, spread_rad: float) -> float:
-    """Return the angular radius of the disc that has the second moment of the sun's and the water's spread."""
-    return float(np.sqrt(half_angle_rad**2 + 4.0 * spread_rad**2))
+def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Floats:
+    """Return the angular radius (...,) of the disc that has the second moment of the sun's and the water's spread."""
+    return np.sqrt(np.square(half_angle_rad) + 4.0 * np.square(spread_rad))
 
 
 def basis(axis: ArrayLike) -> Floats:

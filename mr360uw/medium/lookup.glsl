@@ -51,7 +51,7 @@ vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up)
              - path_attenuation(medium, beam, 0.0, depth_m, sun_up));
 }
 
-vec3 caustic_contrast(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
+vec3 unscattered_share(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
     return exp(min(path_attenuation(medium, beam, 0.0, depth_m, sun_up)
                  - path_attenuation(medium, beam, 1.0, depth_m, sun_up), 0.0));
 }

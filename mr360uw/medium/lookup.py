@@ -82,7 +82,7 @@ def path_attenuation(table: MediumTable, per_metre: Floats, depth_m: ArrayLike, 
     return linear(per_metre, table_coordinate(path, table.length_m)) * path[..., None]
 
 
-def caustic_contrast(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
+def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
     """Return the share (..., 3) of the beam at a depth that has not been scattered, the part that bears the pattern.
 
     The beam of `beam_ratio` fades with c' = a + b (1 - f) [1/m], as the share f of the scattering, by small angles,

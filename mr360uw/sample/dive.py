@@ -22,7 +22,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio, caustic_contrast, transmittance_lookup, veil_lookup
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share, veil_lookup
 from mr360uw.medium.sensor import named_sensor
 from mr360uw.progress import Progress
 from mr360uw.sample.whale import write_whale
@@ -116,7 +116,7 @@ class DivePlate:
         stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
         pattern = caustic_lookup(stack, mip_levels(stack.ratio), x, np.full_like(x, depth), z, footprint)
         up = float(self._sun_in_water[1])
-        contrast = caustic_contrast(self._table, depth, up)
+        contrast = unscattered_share(self._table, depth, up)
         ambient = (1.0 - _SUN_SHARE) * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
         irradiance = ambient + self._beam(depth) * up * (1.0 + (pattern - 1.0) * contrast)
         texel = _SAND_TILE_M / _SAND_SIZE

@@ -13,8 +13,8 @@ from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.medium.lookup import (
     ambient_ratio,
     beam_ratio,
-    caustic_contrast,
     transmittance_lookup,
+    unscattered_share,
     veil_lookup,
 )
 from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
@@ -80,7 +80,7 @@ def test_medium(rng: np.random.Generator) -> None:
         "transmittance_lookup(medium, attenuation, v.x, v.y)": transmittance_lookup(table, distance, up),
         "ambient_ratio(medium, diffuse, v.z)": ambient_ratio(table, depth),
         "beam_ratio(medium, beam, v.z, 0.8)": beam_ratio(table, depth, 0.8),
-        "caustic_contrast(medium, beam, v.z, 0.8)": caustic_contrast(table, depth, 0.8),
+        "unscattered_share(medium, beam, v.z, 0.8)": unscattered_share(table, depth, 0.8),
     }
     for expression, expected in cases.items():
         got = glsl_call("medium/lookup.glsl", expression, 3, declarations, textures, uniforms, v=inputs)

@@ -164,7 +164,7 @@ def eight_shots(rng: np.random.Generator, width: int = 128) -> dict[str, Shot]:
         "nadir": shot(placed(rich, (0.1, -1.4, 0.05)), width=width),
         "deep": shot(
             placed(ball, (0.3, -0.3, -1.8)), placed(cube, (-0.8, -0.2, -1.6)), width=width, medium=deep,
-            camera_depth_m=25.0, receiver=floor,
+            camera_depth_m=25.0, receiver=floor, sun_spread_rad=0.09,
         ),
         "shadow": shot(
             placed(ball, (0.4, -0.6, -1.8)), placed(cube, (-0.6, -0.95, -1.6), (25, 0, 0)), width=width,

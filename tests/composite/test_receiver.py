@@ -18,7 +18,7 @@ from mr360uw.composite.texture import make_texture
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
 from tests import tolerances as tol
-from tests.composite.scenes import box, caustics, codes, environment, medium, placed, quad, shot, sphere
+from tests.composite.scenes import SUN, box, caustics, codes, environment, medium, placed, quad, shot, sphere
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -71,6 +71,41 @@ def test_blocks_tell_their_pixels(
     bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.1, -0.95, 1.6), (25, 0, 0))
     floor = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
     scene = shot(*bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng), receiver=floor)
+    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+def test_light_that_the_water_scatters_forwards_reaches_around_a_body(sea: Environment) -> None:
+    """Below a ball whose angular radius r is between those of the disc and of the halo R: (1 - s)(1 - r^2/R^2)."""
+    spread, distance, radius = np.radians(5.0), 3.0, 0.3
+    ball = placed(sphere(rows=48, radius=radius), tuple(distance * SUN.direction))
+    water = medium()
+    scene = shot(ball, environment=sea, medium=water, sun=replace(SUN, half_angle_rad=0.00465), sun_samples=32)
+    under = np.zeros((1, 3))
+    sharp = np.exp(-0.5 * water.beam[0] * water.camera_depth_m / SUN.direction[1]).mean()
+    halo = np.tan(np.hypot(0.00465, 2.0 * spread))
+    blocked = (radius / np.sqrt(distance**2 - radius**2) / halo) ** 2
+    seen = {
+        sigma: Light(replace(scene, sun_spread_rad=sigma), occluding((ball,), np.zeros(3))).visibility(under)[0]
+        for sigma in (0.0, spread)
+    }
+    assert seen[0.0] == 0.0
+    assert seen[spread] == pytest.approx((1.0 - sharp) * (1.0 - blocked), abs=tol.PENUMBRA)
+    in_air = replace(scene, sun_spread_rad=spread, medium=None)
+    assert Light(in_air, occluding((ball,), np.zeros(3))).visibility(under)[0] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["plane", "map"])
+def test_blocks_follow_the_halo_of_the_sun(renderer: LayerRenderer, sea: Environment, kind: str) -> None:
+    d = directions(512, 256)[..., 1]
+    floor = {
+        "plane": Receiver(plane_y=-1.2, extent_m=8.0),
+        "map": Receiver(distance_m=np.where(d < 0.0, -1.2 / np.minimum(d, -1e-9), 0.0), extent_m=8.0),
+    }[kind]
+    bodies = placed(sphere(), (0.4, -0.3, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    sun = replace(SUN, half_angle_rad=0.0035)
+    scene = shot(
+        *bodies, width=512, environment=sea, medium=medium(), receiver=floor, sun=sun, sun_spread_rad=np.radians(5.0)
+    )
     assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from mr360uw.gl.context import texture_from_array
 from mr360uw.medium import Medium, Sensor, Water
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio, caustic_contrast, transmittance_lookup
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share
 from mr360uw.types import MediumTable
 from tests.glsl import glsl_call
 from tests.tolerances import ANALYTIC_FIELD, FLOAT32_LOOKUP, FLOAT64, GREY_OF_OBSERVER, TABLE_BEAM
@@ -121,7 +121,7 @@ def test_the_pattern_is_borne_by_what_is_unscattered(sensor: str, name: str) -> 
         unscattered = beam(medium, water.attenuation(w), DEPTHS / up)
         whole = beam(medium, medium.model.extinction, DEPTHS / up)
         seen = unscattered > 1e-4
-        share = caustic_contrast(medium.table, DEPTHS, up)
+        share = unscattered_share(medium.table, DEPTHS, up)
         np.testing.assert_allclose(share[seen], (unscattered / whole)[seen], rtol=TABLE_BEAM)
         assert np.all(np.diff(share, axis=0) <= FLOAT64)
         np.testing.assert_array_equal(share[0], 1.0)
@@ -138,7 +138,7 @@ def test_contrast_in_all_light(name: str, up: float) -> None:
     one = medium_of_one_wavelength(medium, k)
     depth = np.array([1.0, 3.0, 6.0])
     beam_at = (beam_ratio(one, depth, up) / beam_ratio(one, 0.0, up))[:, 0]
-    pattern = beam_at * caustic_contrast(one, depth, up)[:, 0]
+    pattern = beam_at * unscattered_share(one, depth, up)[:, 0]
     np.testing.assert_allclose(pattern / np.exp(-kd * depth), np.exp(-(c / up - kd) * depth), rtol=TABLE_BEAM)
 
 
@@ -158,7 +158,7 @@ def test_twins_of_a_real_water() -> None:
     uniforms = {"medium__camera_depth_m": table.camera_depth_m, "medium__length_m": table.length_m}
     declared = "uniform MediumTable medium; uniform sampler2D beam;"
     for up in (0.3, 0.95):
-        for call, expected in (("beam_ratio", beam_ratio), ("caustic_contrast", caustic_contrast)):
+        for call, expected in (("beam_ratio", beam_ratio), ("unscattered_share", unscattered_share)):
             expression = f"{call}(medium, beam, d, {up})"
             got = glsl_call("medium/lookup.glsl", expression, 3, declared, textures, uniforms, d=depth)
             np.testing.assert_allclose(
