@@ -19,7 +19,7 @@ from mr360uw.composite.gl_ground import GroundShader
 from mr360uw.composite.gl_light import LightTextures
 from mr360uw.composite.gl_targets import Targets
 from mr360uw.composite.ground import BLOCK, Ground, Indices
-from mr360uw.composite.light import widest_half_angle
+from mr360uw.composite.light import scattered_share, widest_half_angle
 from mr360uw.composite.receiver import (
     CoarseGrid,
     ReceiverShape,
@@ -181,6 +181,7 @@ class ReceiverPass:
             umbra[mj, mi] = kept == _ALL
             edge[mj, mi] = np.where((kept > 0.0) & (kept < _ALL), found, _NO_EDGE)
             missed = np.abs(halo_seen - ground.middle_between(at_corners, mj, mi))
+            missed *= scattered_share(shot, ground.middle_point[mj, mi])
             told = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
             halo[mj, mi] = np.where(told[:, None], ground.four(at_corners, mj, mi), -1.0)
         return edge[j, i], umbra[j, i], halo[j, i]

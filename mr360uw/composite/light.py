@@ -106,17 +106,11 @@ class Light:
         contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self.sun_up)
         return 1.0 + (ratio - 1.0) * contrast
 
-    def _scattered(self, point: Floats) -> Floats:
-        """Return the part (n,) of the beam that the water has scattered into the halo, over the channels."""
-        if self.shot.medium is None or self.shot.sun_spread_rad == 0.0:
-            return np.zeros(len(point))
-        return 1.0 - unscattered_share(self.shot.medium, self.depth(point), self.sun_up).mean(axis=-1)
-
     def visibility(self, start: Floats) -> Floats:
         """Return the part (n,) of the sun's beam that reaches places (n, 3): of its disc and of the halo about it."""
         if self.sun is None or not (len(self._scene.triangles) or self._masked.there):
             return np.ones(len(start))
-        seen, scattered = self._disc_seen(start, self.sun.half_angle_rad), self._scattered(start)
+        seen, scattered = self._disc_seen(start, self.sun.half_angle_rad), scattered_share(self.shot, start)
         if np.any(scattered):
             seen = seen + scattered * (self._disc_seen(start, widest_half_angle(self.shot)) - seen)
         return seen
@@ -168,7 +162,7 @@ class Light:
         half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
         n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, view))
         f0 = dielectric * (1.0 - metal) + hits.base * metal
-        spread = shot.sun_spread_rad * np.sqrt(self._scattered(hits.point))
+        spread = shot.sun_spread_rad * np.sqrt(scattered_share(shot, hits.point))
         half_angle = effective_half_angle(self.sun.half_angle_rad, spread)
         highlight = sun_highlight(f0, hits.roughness**2, n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle)
         sun_diffuse = albedo * INV_PI * irradiance * n_dot_l[:, None]
@@ -205,6 +199,14 @@ class Light:
         if medium is None:
             return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
         return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)
+
+
+def scattered_share(shot: Shot, point: Floats) -> Floats:
+    """Return the part (n,) of the beam that the water has scattered into the halo, at points (n, 3) from the camera."""
+    if shot.medium is None or shot.sun is None or shot.sun_spread_rad == 0.0:
+        return np.zeros(len(point))
+    depth = shot.camera_depth_m - (point[:, 1] + shot.camera_position[1])
+    return 1.0 - unscattered_share(shot.medium, depth, max(float(shot.sun.direction[1]), MINIMUM_SUN_UP)).mean(axis=-1)
 
 
 def widest_half_angle(shot: Shot) -> float:
