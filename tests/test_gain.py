@@ -171,3 +171,15 @@ def test_the_clip_is_read_twice_only_where_the_gain_is_sought(
         progress=lambda *step: seen.append(step),
     )
     assert len(seen) == (passes - 1) * FRAMES + 1
+
+
+def test_a_camera_that_sinks_is_fitted_at_each_frame_s_depth(reef: Path) -> None:
+    camera = {"depth_m": DEPTH, "depth_keys": [[0.0, 2.0], [FRAMES / RATE, DEPTH]]}
+    gain = gain_of(scene_of(reef, camera=camera))
+    medium = scene_of(reef).water.medium(DEPTH)
+    assert medium is not None
+    # one plate at every depth: the gain makes up for the light that the model loses on the way down
+    half = medium.at_depth(0.5 * (2.0 + DEPTH)).level_radiance(np.zeros(1))[0]
+    lost = medium.level_radiance(np.zeros(1))[0] / half
+    assert lost[0] < 1.0 - 5.0 * GAIN
+    np.testing.assert_allclose(gain[FRAMES // 2], EXPOSURE * lost, rtol=2.0 * GAIN)
