@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first pass over a clip: the track of its sun, and a page about its light and its water."""
+"""A first pass over a clip: the track of its sun, the gain of its water, and a page about both."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -13,13 +13,14 @@ from mr360uw.camera_path import CameraPath
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
+from mr360uw.medium import Medium, exposure_change, fit_gain, picture_change, steady_gain
 from mr360uw.plate import keep_inputs, open_plate
 from mr360uw.plate_map import plate_map
 from mr360uw.progress import Progress
 from mr360uw.scene import PlateSettings, Scene, load_scene
 from mr360uw.scene_light import SceneLight
 from mr360uw.threads import one_blas_thread, prefetch
-from mr360uw.types import Floats, YuvImage
+from mr360uw.types import Floats, Sun, YuvImage
 from mr360uw.video import VideoFrame, VideoReader
 
 _PICTURES = 6
@@ -37,36 +38,95 @@ def picture(frame: VideoFrame) -> Floats | YuvImage:
     return frame.yuv if frame.yuv is not None else frame.image_linear
 
 
-def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None) -> SunTrack | None:
-    """Return the sun of every frame of a clip: the scene's own track, or one measured now; None where none is needed.
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipTrack:
+    """What is known of a whole clip, so that a frame looks the same in every run.
 
-    The whole clip is measured whatever range is rendered, so that a frame looks the same in every run. Raises
-    `SceneError` where the scene's track belongs to another clip.
+    sun: or None where each frame says its own. gain: (N, 3) of the veil, or None where each frame is fitted alone.
+    """
+
+    sun: SunTrack | None = None
+    gain: Floats | None = None
+
+    def sun_at(self, index: int) -> Sun | Literal["scene"] | None:
+        """Return the sun of frame `index`, None where its shot has none; "scene" where there is no track."""
+        return "scene" if self.sun is None else self.sun.at(index)
+
+    def gain_at(self, index: int) -> Floats | None:
+        """Return the veil's gain (3,) of frame `index`, or None; frames after the last take the last."""
+        return None if self.gain is None else self.gain[min(index, len(self.gain) - 1)]
+
+
+def clip_track(
+    scene: Scene, video: VideoReader, progress: Progress | None = None, *, sun: bool = True, gain: bool = True
+) -> ClipTrack:
+    """Return the sun and the veil's gain of every frame of a clip, as far as they are wanted and the scene needs them.
+
+    The sun is the scene's own track, or found in a first pass, in which the gain is fitted too. The whole clip is read
+    whatever range is rendered. With nothing to find there is no pass. Raises `SceneError` where the scene's track
+    belongs to another clip.
     """
     light = scene.light
-    if light.sun != "detect" or video.is_still:
-        return None
-    if light.track is not None:
-        track = load_track(light.track)
-        if len(track) != video.frame_count:
-            problem = f"belongs to another clip (got {len(track)} frames for {video.frame_count}) - run mr360uw analyse"
-            raise SceneError(str(light.track), [f"light.track - {problem}"])
-        return track
-    if not light.smooth:
-        return None
-
-    reader = scene_light(scene)
-
-    def measured() -> Iterator[SunMeasurement]:
+    sun = sun and light.sun == "detect" and not video.is_still
+    track = _stored_track(light.track, video) if sun and light.track is not None else None
+    smooth = light.smooth and not video.is_still
+    reader = scene_light(scene) if sun and track is None and smooth else None
+    medium = scene.water.medium(scene.camera.depth_m) if gain and scene.water.fits_gain and smooth else None
+    if reader is None and medium is None:
+        return ClipTrack(track)
+    camera = CameraPath.of(scene)
+    suns: list[SunMeasurement] = []
+    maps = _MapSeries()
+    with one_blas_thread():
         for frame in prefetch(video.frames()):
-            light = reader.of(picture(frame), time_s=frame.time_s)
-            yield measure_sun(light, frame.time_s, reader.world_from_camera(frame.time_s))
+            world_from_camera = camera.at(frame.time_s)[1]
+            if reader is not None:
+                suns.append(
+                    measure_sun(reader.of(picture(frame), time_s=frame.time_s), frame.time_s, world_from_camera)
+                )
+            if medium is not None:
+                here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
+                maps.add(here, plate_map(picture(frame), world_from_camera[1]))
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
+    return ClipTrack(
+        track_suns(suns, minimum_confidence=light.minimum_confidence) if suns else track,
+        maps.gain(float(video.frame_rate)) if medium is not None else None,
+    )
 
-    with one_blas_thread():
-        measurements = list(measured())
-    return track_suns(measurements, minimum_confidence=light.minimum_confidence)
+
+def sun_track(scene: Scene, video: VideoReader, progress: Progress | None = None) -> SunTrack | None:
+    """Return the sun of every frame of a clip, or None where none is needed: `clip_track` for the sun alone."""
+    return clip_track(scene, video, progress, gain=False).sun
+
+
+def _stored_track(path: Path, video: VideoReader) -> SunTrack:
+    track = load_track(path)
+    if len(track) != video.frame_count:
+        problem = f"belongs to another clip (got {len(track)} frames for {video.frame_count}) - run mr360uw analyse"
+        raise SceneError(str(path), [f"light.track - {problem}"])
+    return track
+
+
+class _MapSeries:
+    """What the small maps of a clip's frames, in order, say about the gain; the maps themselves are not kept."""
+
+    def __init__(self) -> None:
+        self._gains: list[Floats] = []
+        self._exposure: list[float] = []
+        self._picture: list[float] = []
+        self._last: Floats | None = None
+
+    def add(self, medium: Medium, shown: Floats) -> None:
+        before = shown if self._last is None else self._last
+        self._gains.append(fit_gain(medium, shown)[0])
+        self._exposure.append(exposure_change(before, shown))
+        self._picture.append(picture_change(before, shown))
+        self._last = shown
+
+    def gain(self, frame_rate: float) -> Floats:
+        """Return the gain (N, 3) of every frame."""
+        return steady_gain(self._gains, self._exposure, self._picture, frame_rate)
 
 
 def analyse_video(

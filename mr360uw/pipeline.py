@@ -15,12 +15,11 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.analysis import picture, scene_light, sun_track
+from mr360uw.analysis import ClipTrack, clip_track, picture, scene_light, sun_track
 from mr360uw.backends import make_backend
 from mr360uw.composite.aovs import RECIPE, exr_parts
 from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
-from mr360uw.ibl import SunTrack
 from mr360uw.plan import Plan
 from mr360uw.plate import keep_inputs, open_plate
 from mr360uw.progress import Progress
@@ -85,14 +84,16 @@ def render_frame(
     *,
     index: int = 0,
     sun: Sun | Literal["scene"] | None = "scene",
+    gain: Floats | None = None,
     shutter_s: float = 0.0,
 ) -> FrameResult:
     """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
 
     time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
     "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from the smoothed
-    track of the clip, `track.at(index)`. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
-    anew on each call; for many frames make a `renderer.SceneRenderer`.
+    track of the clip, `track.at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate
+    alone, a video takes it from `analysis.clip_track`. shutter_s: how long the shutter is open, for motion blur.
+    Everything is loaded anew on each call; for many frames make a `renderer.SceneRenderer`.
     """
     plate = np.asarray(plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
@@ -102,7 +103,7 @@ def render_frame(
     if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
         raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
     renderer = SceneRenderer(scene, plate.shape[1], plate.shape[0], backend)
-    light = renderer.light(plate, sun, time_s=time_s) if renderer.plan.runs("environment") else None
+    light = renderer.light(plate, sun, time_s=time_s, gain=gain) if renderer.plan.runs("environment") else None
     done = renderer.render(light, time_s, index, shutter_s)
     image = over(plate, done.layer)
     if renderer.plan.runs("grain"):
@@ -143,7 +144,7 @@ def composite_video(
     out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. layers: a
     pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur. Raises
     `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then no part of a file is left behind, of sequences
-    the pictures that were complete. progress: is called over the clip once more where a first pass looks for the sun.
+    the pictures that were complete. progress: is called over the clip once more where there is a first pass.
     """
     out, began, clock = Path(out), time.perf_counter(), _Clock()
     pattern = None if layers is None else _layers_pattern(Path(layers), out, overwrite=overwrite)
@@ -155,7 +156,7 @@ def composite_video(
         needs_light = renderer.plan.runs("environment")
         shutter_s = float(scene.draw.shutter / video.frame_rate) if video.frame_rate else 0.0
         empty = sunless = 0
-        track: SunTrack | None = None
+        track = ClipTrack()
 
         def lit() -> Iterator[tuple[VideoFrame, FrameLight | None]]:
             since = time.perf_counter()
@@ -163,17 +164,18 @@ def composite_video(
                 since = clock.add("decode", since)
                 light = None
                 if needs_light:
-                    sun: Sun | Literal["scene"] | None = "scene" if track is None else track.at(frame.index)
-                    light = renderer.light(picture(frame), sun, time_s=frame.time_s)
+                    sun, gain = track.sun_at(frame.index), track.gain_at(frame.index)
+                    light = renderer.light(picture(frame), sun, time_s=frame.time_s, gain=gain)
                 since = clock.add("light", since)
                 yield frame, light
                 since = time.perf_counter()
 
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
-            if renderer.plan.runs("sun"):
+            needs_sun, needs_gain = renderer.plan.runs("sun"), renderer.plan.runs("gain")
+            if needs_sun or needs_gain:
                 since = time.perf_counter()
-                track = sun_track(scene, video, progress)
-                clock.add("sun track", since)
+                track = clip_track(scene, video, progress, sun=needs_sun, gain=needs_gain)
+                clock.add("first pass", since)
 
             def write(item: tuple[VideoFrame, Rendered]) -> None:
                 since = time.perf_counter()

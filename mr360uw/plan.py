@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_ratio
 from mr360uw.scene import Scene
 from mr360uw.types import MediumTable
@@ -67,18 +68,29 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         steps.append(Step(stage, runs, yes if runs else no))
         return runs
 
+    smooth = "in a first pass over the clip" if scene.light.smooth else "frame by frame"
     step("environment", visible, "objects are lit by the plate", "nothing to light")
     beam = _beam_at_objects(objects, medium)
     deep = visible and beam < _NEGLIGIBLE_BEAM
     sun = step(
         "sun",
         visible and scene.light.sun != "none" and not deep,
-        f"sun: {scene.light.sun}",
+        f"sun: {_sun_source(scene.light, smooth)}",
         "nothing to light" if not visible
         else 'light.sun = "none"' if scene.light.sun == "none"
         else f"{100 * beam:.2f} % of the beam reaches the objects",
     )  # fmt: skip
     step("medium", medium is not None, f"water {scene.water.type}", 'water is "none"')
+    water = scene.water
+    step(
+        "gain",
+        visible and medium is not None and water.fits_gain,
+        f"the veil's gain is fitted to the plate {smooth}",
+        "no objects to veil" if not visible
+        else 'water is "none"' if medium is None
+        else "the veil is each frame's own map" if water.mode == "plate"
+        else "water.gain is given",
+    )  # fmt: skip
     step(
         "caustics",
         sun and medium is not None and scene.caustics.enabled,
@@ -111,6 +123,13 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         "draw.grain is 0" if visible else "nothing to cover",
     )
     return Plan(tuple(steps))
+
+
+def _sun_source(light: LightSettings, smooth: str) -> str:
+    """Return where the sun comes from, in words."""
+    if light.sun != "detect":
+        return light.sun
+    return f"light.track, {light.track.name}" if light.track is not None else f"detect, {smooth}"
 
 
 def _beam_at_objects(objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> float:

@@ -42,11 +42,12 @@ class FrameLight:
     """What a plate's frame says about the light.
 
     environment: in the axes of the camera. plate_map: (32, 64, 3) of the plate as it is, not expanded, levelled; None
-    where the water does not follow the plate.
+    where the water does not need it. gain: (3,) of the veil, of a clip's track, or None.
     """
 
     environment: Environment
     plate_map: Floats | None
+    gain: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +80,6 @@ class SceneRenderer:
         self._medium = scene.water.medium(scene.camera.depth_m)
         self._table = self._medium.unit_table if self._medium is not None else None
         self._at_depths = MediumAtDepths(self._medium) if self._medium is not None and self._camera.sinks else None
-        water = scene.water
-        self._follows_plate = self._medium is not None and (water.gain == "auto" or water.mode == "plate")
         self._light = SceneLight(scene, self._table, self._camera)
         still = self._receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
@@ -98,16 +97,25 @@ class SceneRenderer:
             self._receiver.check(stop)
 
     def light(
-        self, plate: Floats | YuvImage, sun: Sun | Literal["scene"] | None = "scene", *, time_s: float = 0.0
+        self,
+        plate: Floats | YuvImage,
+        sun: Sun | Literal["scene"] | None = "scene",
+        *,
+        time_s: float = 0.0,
+        gain: Floats | None = None,
     ) -> FrameLight:
         """Return the light of a plate's frame: linear RGB (H, W, 3) or decoded planes.
 
         sun: a smoothed track's, in the world, or None for none; "scene" does what the scene says, frame by frame.
-        time_s: of the frame, for how the camera is tilted.
+        time_s: of the frame, for how the camera is tilted. gain: (3,) of the veil, of a clip's track; None fits it to
+        this plate where the scene says "auto".
         """
         chosen = sun if self.plan.runs("sun") else None
         found = self._light.of(plate, chosen, time_s=time_s, glossy=self.plan.runs("glossy"))
-        return FrameLight(found, plate_map(plate, self._camera.at(time_s)[1][1]) if self._follows_plate else None)
+        water = self.scene.water
+        if self._medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
+            return FrameLight(found, None, gain if water.fits_gain else None)
+        return FrameLight(found, plate_map(plate, self._camera.at(time_s)[1][1]))
 
     def render(
         self,
@@ -177,8 +185,12 @@ class SceneRenderer:
     def _water(self, light: FrameLight, time_s: float) -> MediumTable | None:
         """Return the water's table for the depth and in the exposure of a frame."""
         medium = self._medium if self._at_depths is None else self._at_depths.at(self._camera.depth_at(time_s))
-        if medium is None or light.plate_map is None:
-            return None if medium is None else medium.table
+        if medium is None:
+            return None
+        if light.gain is not None:
+            return medium.scaled(light.gain).table
+        if light.plate_map is None:
+            return medium.table
         if self.scene.water.mode == "plate":
             return medium.with_map(light.plate_map).table
         return medium.scaled(fit_gain(medium, light.plate_map)[0]).table

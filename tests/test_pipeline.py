@@ -355,16 +355,16 @@ def test_layers_do_not_change_the_picture(dive: SampleDive, tmp_path: Path) -> N
     assert (tmp_path / "sharp_03.png").read_bytes() != (folders[0] / "out_03.png").read_bytes()
 
 
-def test_a_frame_alone_is_the_video_s_with_the_sun_of_its_track(dive: SampleDive, tmp_path: Path) -> None:
-    from mr360uw.analysis import sun_track
+def test_a_frame_alone_is_the_video_s_with_the_clip_s_track(dive: SampleDive, tmp_path: Path) -> None:
+    from mr360uw.analysis import clip_track
 
     scene = load_scene(dive.scene)
     uw.composite_video(scene, tmp_path / "out_%02d.exr", frames=(2, 3), backend="reference")
     with uw.open_video(dive.plate) as video:
-        track = sun_track(scene, video)
+        track = clip_track(scene, video)
         frame = next(iter(video.frames(2, 3)))
-    assert track is not None
-    alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, sun=track.at(2))
+    light = {"sun": track.sun_at(2), "gain": track.gain_at(2)}
+    alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, **light)
     from mr360uw.video.exr import read_rgb
 
     near = np.abs(codes(alone.image_linear) - codes(read_rgb(tmp_path / "out_02.exr"))) <= FRAME_ALONE_CODES

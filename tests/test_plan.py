@@ -24,10 +24,12 @@ def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
         ({"receiver": {"height_m": -2.0}}, {"grain"}),
         ({"receiver": {"height_m": -2.0, "shadow": False}}, {"shadow", "grain"}),
         ({"light": {"sun": "none"}, "receiver": {"height_m": -2.0}}, {"sun", "caustics", "shadow", "grain"}),
-        ({"water": {"type": "none"}}, {"medium", "caustics", "shadow", "grain"}),
+        ({"water": {"type": "none"}}, {"medium", "gain", "caustics", "shadow", "grain"}),
+        ({"water": {"gain": [1.0, 1.0, 1.0]}}, {"gain", "shadow", "grain"}),
+        ({"water": {"mode": "plate"}}, {"gain", "shadow", "grain"}),
         ({"caustics": {"enabled": False}}, {"caustics", "shadow", "grain"}),
         ({"camera": {"depth_m": 120.0}, "water": {"type": "5C"}}, {"sun", "caustics", "shadow", "grain"}),
-        ({"object": []}, {"environment", "sun", "caustics", "glossy", "shadow", "layer", "grain"}),
+        ({"object": []}, {"environment", "sun", "gain", "caustics", "glossy", "shadow", "layer", "grain"}),
     ],
 )
 def test_a_stage_runs_where_it_is_needed(
@@ -52,6 +54,19 @@ def test_an_object_that_rises_from_the_deep_gets_its_caustics(tmp_path: Path, wh
     below = [{**fixed, "position_m": [0.0, -1.0, -3.0]}]
     assert plan_of(tmp_path, None, camera=camera, object=below).runs("caustics")
     assert not plan_of(tmp_path, None, camera={"depth_m": 185.0}, object=below).runs("caustics")
+
+
+def test_the_plan_tells_of_the_first_pass(tmp_path: Path, whale: Path) -> None:
+    track = tmp_path / "dive.sun.json"
+    for light, sun, gain in (
+        ({}, "detect, in a first pass", "in a first pass"),
+        ({"smooth": False}, "detect, frame by frame", "frame by frame"),
+        ({"track": str(track)}, "light.track, dive.sun.json", "in a first pass"),
+    ):
+        track.touch()
+        why = {step.stage: step.why for step in plan_of(tmp_path, whale, light=light).steps}
+        assert sun in why["sun"]
+        assert gain in why["gain"]
 
 
 def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:

@@ -196,6 +196,8 @@ GAIN_STEP = 0.3
 """Change of a gain over that of the plate's pixels: 1 where all change alike, less where few do."""
 GAIN = 0.02
 """A gain found again in a plate with 15 % of noise in every pixel, by medians over a hundred or two of them."""
+GAIN_FLICKER = 0.05
+"""Change of a clip's gain from frame to frame over that of gains fitted to each frame alone."""
 SERIES = 5e-3
 """First-order expansions compared at one hundredth of an optical length: half of that is left of second order."""
 

@@ -68,7 +68,7 @@ class LightSettings(Parameters):
         0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0
     )
     track: Path | None = parameter(None, "track of the sun that `analyse` wrote (.json or .csv), edited or not")
-    smooth: bool = parameter(True, "whether a first pass over the clip smooths the detected sun and bridges gaps")
+    smooth: bool = parameter(True, "whether a first pass over the clip smooths the sun it detects and the veil's gain")
     glossy_roughness: tuple[float, ...] = parameter(
         (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending in [0.05, 1], at most 8", unit="1"
     )

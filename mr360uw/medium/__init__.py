@@ -19,12 +19,15 @@ _HOME = {
     "cameras": "sensor",
     "WaterSettings": "settings",
     "compress_gamut": "gamut",
+    "exposure_change": "exposure",
     "fit_gain": "plate",
     "WaterFit": "waterfit",
     "fit_water": "waterfit",
     "illuminant": "sensor",
     "spectral_model": "models",
+    "picture_change": "exposure",
     "reflectance": "upsampling",
+    "steady_gain": "exposure",
     "multiple_scattering": "closed_form",
 }
 

@@ -44,7 +44,9 @@ class WaterSettings(Parameters):
     junge_slope: float = parameter(
         3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
     )
-    mode: Mode = parameter("table", "how the veil is computed; kd = as published, table = solved light field")
+    mode: Mode = parameter(
+        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
+    )
     bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
     rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
     sensor: str | Path = parameter(
@@ -61,7 +63,7 @@ class WaterSettings(Parameters):
         60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
     )  # fmt: skip
     gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
-        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour"
+        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
     )
 
     @field_validator("sensor", mode="before")
@@ -74,6 +76,11 @@ class WaterSettings(Parameters):
         if self.type == "csv" and self.csv is None:
             raise ValueError("csv - type csv needs a file (got none) - name it")
         return self
+
+    @property
+    def fits_gain(self) -> bool:
+        """Whether the gain of the veil is fitted to the plate."""
+        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def water(self) -> Water | None:
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""

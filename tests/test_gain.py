@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gain of the veil over a clip: steady, and with the plate's exposure at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.analysis import clip_track
+from mr360uw.medium import Medium, Water, exposure_change, fit_gain, picture_change, steady_gain
+from mr360uw.medium.plate import row_up
+from mr360uw.plate import open_plate
+from mr360uw.plate_map import plate_map
+from mr360uw.scene import Scene
+from mr360uw.video import write_exr
+from mr360uw.video.exr import read_rgb
+from tests.scenes import scene_with
+from tests.tolerances import FLOAT32, FLOAT64, GAIN, GAIN_FLICKER
+
+FRAMES, RATE = 60, 20
+PASSES = range(25, 37)
+DEPTH = 5.0
+EXPOSURE = np.array([0.5, 0.4, 0.3])
+SIZE = (64, 32)
+
+
+def water(exposure: np.ndarray = EXPOSURE) -> np.ndarray:
+    """A plate (32, 64, 3) of the default water."""
+    medium = Medium(Water.jerlov("IB"), camera_depth_m=DEPTH)
+    rows = medium.display(medium.model.radiance(DEPTH, row_up(SIZE[1])))
+    return np.broadcast_to(exposure * rows[:, None, :], (SIZE[1], SIZE[0], 3)).copy()
+
+
+def write_clip(folder: Path, exposure: dict[int, float], body: range) -> Path:
+    """Write frames of water whose pixels move by 15 %, and return their folder.
+
+    exposure: from the frame of its key on. body: frames in which something bright passes, 45 of the 64 columns wide.
+    """
+    rng, now = np.random.default_rng(360), 1.0
+    for k in range(FRAMES):
+        plate = water() * np.exp(rng.normal(0.0, 0.15, (SIZE[1], SIZE[0], 1)))
+        if k in body:
+            head = 9 * (k - body.start + 1)
+            plate[6:26, max(head - 45, 0) : head] = [0.5, 0.4, 0.35]
+        now = exposure.get(k, now)
+        write_exr(folder / f"plate_{k:04d}.exr", (now * plate).astype(np.float32))
+    return folder
+
+
+def scene_of(folder: Path, **tables: Any) -> Scene:
+    plate = {"path": str(folder / "plate_%04d.exr"), "frame_rate": RATE}
+    usual = {"light": {"sun": "none"}, "camera": {"depth_m": DEPTH}, "object": []}
+    return scene_with(folder, None, **(usual | tables), plate=plate)
+
+
+@pytest.fixture(scope="module")
+def reef(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip in which something bright passes within a second."""
+    return write_clip(tmp_path_factory.mktemp("reef"), {}, PASSES)
+
+
+@pytest.fixture
+def body(whale: Path) -> list[dict[str, Any]]:
+    return [{"mesh": str(whale), "position_m": [0.3, -0.4, -3.0]}]
+
+
+def gain_of(scene: Scene) -> np.ndarray:
+    """Return the gain (N, 3) that the clip's frames are rendered with."""
+    with open_plate(scene) as video:
+        gain = clip_track(scene, video).gain
+    assert gain is not None
+    assert gain.shape == (FRAMES, 3)
+    return gain
+
+
+def each_alone(scene: Scene) -> np.ndarray:
+    """Return the gain (N, 3) of every frame fitted to its own plate."""
+    medium = scene.water.medium(DEPTH)
+    assert medium is not None
+    with open_plate(scene) as video:
+        return np.array([fit_gain(medium, plate_map(frame.image_linear))[0] for frame in video.frames()])
+
+
+def flicker(gain: np.ndarray) -> np.ndarray:
+    """Return the rms (3,) of the change of log gain from frame to frame."""
+    return np.sqrt(np.mean(np.diff(np.log(gain), axis=0) ** 2, axis=0))
+
+
+def test_what_swims_by_does_not_move_the_gain(reef: Path) -> None:
+    scene = scene_of(reef)
+    gain, alone = gain_of(scene), each_alone(scene)
+    assert np.all(np.abs(np.log(alone[PASSES] / EXPOSURE)).max(axis=0) > 10.0 * GAIN)
+    np.testing.assert_allclose(gain, np.broadcast_to(EXPOSURE, gain.shape), rtol=GAIN)
+    assert np.all(flicker(gain) < GAIN_FLICKER * flicker(alone))
+    calm = np.delete(alone, PASSES, axis=0)
+    assert np.all(flicker(gain) < GAIN_FLICKER * flicker(calm))
+
+
+def test_a_step_of_exposure_is_followed_at_once_and_a_flash_is_none(tmp_path: Path) -> None:
+    scene = scene_of(write_clip(tmp_path, {0: 0.6, 15: 1.8, 16: 0.6, 45: 1.0}, PASSES))
+    truth = np.where(np.arange(FRAMES) < 45, 0.6, 1.0)[:, None] * EXPOSURE
+    np.testing.assert_allclose(gain_of(scene), truth, rtol=2.0 * GAIN)
+
+
+def test_exposure_is_what_all_channels_do() -> None:
+    plate = water()
+    np.testing.assert_allclose(exposure_change(plate, 1.3 * plate), np.log(1.3), rtol=FLOAT64)
+    np.testing.assert_allclose(exposure_change(plate, plate * [1.5, 1.2, 1.3]), np.log(1.2), rtol=FLOAT64)
+    assert exposure_change(plate, plate * [1.5, 1.2, 0.9]) == 0.0
+    covered = plate.copy()
+    covered[:, :30] *= 1.5
+    assert exposure_change(plate, covered) == 0.0
+    black = plate * [0.0, 1.0, 1.0]
+    np.testing.assert_allclose(exposure_change(black, 0.7 * black), np.log(0.7), rtol=FLOAT64)
+    assert exposure_change(0.0 * plate, plate) == 0.0
+    np.testing.assert_allclose([picture_change(plate, m) for m in (covered, 1.3 * plate)], 0.0, atol=FLOAT64)
+    assert picture_change(plate, plate[::-1]) > 0.25
+    assert picture_change(0.0 * plate, plate) == np.inf
+    assert picture_change(0.0 * plate, 1e-4 * plate) == 0.0
+
+
+def test_a_shot_knows_nothing_of_the_next() -> None:
+    gain = np.where(np.arange(90) < 40, 1.0, 3.0)[:, None] * EXPOSURE
+    gain[:, 0] = 0.0  # a channel that is black
+    np.testing.assert_allclose(steady_gain(gain, np.zeros(90), np.arange(90) == 40, 30.0), gain, rtol=FLOAT64)
+    single = steady_gain(gain[:3], np.zeros(3), np.array([0.0, 0.5, 2.0]), 30.0)
+    np.testing.assert_allclose(single, gain[:3], rtol=FLOAT64)
+
+
+def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body: list[dict[str, Any]]) -> None:
+    scene, k = scene_of(reef, object=body), PASSES[5]
+    for name, frames in (("alone", (k, k + 1)), ("range", (k - 1, k + 1))):
+        (tmp_path / name).mkdir()
+        uw.composite_video(scene, tmp_path / name / "out_%02d.exr", frames=frames, backend="reference")
+    made = read_rgb(tmp_path / "alone" / f"out_{k}.exr")
+    np.testing.assert_array_equal(made, read_rgb(tmp_path / "range" / f"out_{k}.exr"))
+    with open_plate(scene) as video:
+        frame = next(iter(video.frames(k, k + 1)))
+
+    def render(gain: np.ndarray | None) -> np.ndarray:
+        done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, gain=gain)
+        return done.image_linear
+
+    np.testing.assert_allclose(render(gain_of(scene)[k]), made, atol=FLOAT32)
+    assert np.abs(render(None) - made).max() > 100.0 * FLOAT32
+
+
+@pytest.mark.parametrize(
+    ("tables", "passes"),
+    [
+        ({}, 2),
+        ({"water": {"gain": [0.5, 0.4, 0.3]}}, 1),
+        ({"water": {"mode": "plate"}}, 1),
+        ({"water": {"type": "none"}}, 1),
+        ({"light": {"sun": "none", "smooth": False}}, 1),
+    ],
+)
+def test_the_clip_is_read_twice_only_where_the_gain_is_sought(
+    tables: dict[str, Any], passes: int, tmp_path: Path, reef: Path, body: list[dict[str, Any]]
+) -> None:
+    seen: list[tuple[int, int | None]] = []
+    uw.composite_video(
+        scene_of(reef, object=body, **tables),
+        tmp_path / "out_%02d.exr",
+        frames=(0, 1),
+        backend="reference",
+        progress=lambda *step: seen.append(step),
+    )
+    assert len(seen) == (passes - 1) * FRAMES + 1
+
+
+def test_a_camera_that_sinks_is_fitted_at_each_frame_s_depth(reef: Path) -> None:
+    camera = {"depth_m": DEPTH, "depth_keys": [[0.0, 2.0], [FRAMES / RATE, DEPTH]]}
+    gain = gain_of(scene_of(reef, camera=camera))
+    medium = scene_of(reef).water.medium(DEPTH)
+    assert medium is not None
+    # one plate at every depth: the gain makes up for the light that the model loses on the way down
+    half = medium.at_depth(0.5 * (2.0 + DEPTH)).level_radiance(np.zeros(1))[0]
+    lost = medium.level_radiance(np.zeros(1))[0] / half
+    assert lost[0] < 1.0 - 5.0 * GAIN
+    np.testing.assert_allclose(gain[FRAMES // 2], EXPOSURE * lost, rtol=2.0 * GAIN)
