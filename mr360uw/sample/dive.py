@@ -33,6 +33,8 @@ from mr360uw.types import Floats
 
 _SUN_SHARE = 0.7
 """Part of the downwelling irradiance that is the sun's beam, a clear sky with the sun high."""
+_SKY_SHARE = (1.0 - _SUN_SHARE) * np.array([0.82, 1.03, 1.25])
+"""What the blue sky gives (3,) of it; the sun, a little yellow, gives the rest."""
 _GLOW_RAD = 0.035
 """Angular radius over which forward scattering spreads the sun's disc in a few metres of water."""
 _SENSOR = "CIE 1931"
@@ -91,6 +93,10 @@ class DivePlate:
         camera, floor, sea = settings.camera_depth_m, settings.floor_depth_m, settings.sea
         self._table = Medium(Water.jerlov(settings.water), named_sensor(_SENSOR), camera_depth_m=camera).table
         self._sun_in_water = refract_to_water(settings.sun_in_air)
+        # radiances in air that bring these shares through a flat surface
+        cosine, high = (np.arange(64) + 0.5) / 64, settings.sun_in_air[1]
+        self._sky = _SKY_SHARE / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * _transmitted(cosine)))
+        self._glow = (1.0 - _SKY_SHARE) / (2.0 * np.pi * _GLOW_RAD**2 * high * _transmitted(high))
         view = directions(width, height)
         up = view[:, :1, 1]
         distance = np.where(up > 0.0, camera, camera - floor) / up
@@ -125,7 +131,7 @@ class DivePlate:
         """Sun's irradiance (3,) perpendicular to its beam in the water."""
         up = float(self._sun_in_water[1])
         at = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
-        return at * (_SUN_SHARE / up)
+        return at * (1.0 - _SKY_SHARE) / up
 
     def _floor(self, time_s: float) -> NDArray[np.float32]:
         depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
@@ -133,7 +139,7 @@ class DivePlate:
         levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
         pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
         contrast = caustic_contrast(self._table, depth, up)
-        ambient = (1.0 - _SUN_SHARE) * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
+        ambient = _SKY_SHARE * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
         steady, moving = ambient + self._beam(depth) * up * (1.0 - contrast), self._beam(depth) * up * contrast
         irradiance = steady.astype(np.float32) + moving.astype(np.float32) * pattern
         return self._albedo / np.float32(np.pi) * irradiance
@@ -149,16 +155,27 @@ class DivePlate:
         root = 1.0 - eta**2 * (1.0 - cosine**2)
         air_cosine = np.sqrt(np.maximum(root, 0.0))
         air = eta * view + (air_cosine - eta * cosine)[..., None] * normal
-        transmitted = np.where(root > 0.0, 1.0 - fresnel_reflectance(air_cosine), 0.0)
-        sky = (1.0 - _SUN_SHARE) / np.pi * (0.6 + 0.8 * np.clip(air[..., 1], 0.0, 1.0))
+        transmitted = np.where(root > 0.0, _transmitted(air_cosine), 0.0)
+        sky = _sky_shape(np.clip(air[..., 1], 0.0, 1.0))
         angle = np.arccos(np.clip(air @ self._settings.sun_in_air.astype(np.float32), -1.0, 1.0))
-        glow = _SUN_SHARE / (2.0 * np.pi * _GLOW_RAD**2) * np.exp(-angle / _GLOW_RAD)
+        glow = np.exp(-angle / _GLOW_RAD)
         mirrored_up = view[..., 1] - 2.0 * cosine * normal[..., 1]
         image = np.empty_like(view)
-        for k, blue in enumerate((0.80, 1.0, 1.22)):
+        for k in range(3):
             mirrored = np.interp(mirrored_up, self._mirrored_up, self._mirrored[:, k])
-            image[..., k] = eta**2 * (sky * blue + glow) * transmitted + mirrored * (1.0 - transmitted)
+            image[..., k] = eta**2 * (self._sky[k] * sky + self._glow[k] * glow) * transmitted + mirrored * (
+                1.0 - transmitted
+            )
         return image
+
+
+def _sky_shape(up: Floats) -> Floats:
+    """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
+    return 3.0 + 4.0 * up
+
+
+def _transmitted(cos_air: Floats) -> Floats:
+    return 1.0 - fresnel_reflectance(cos_air)
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
