@@ -257,17 +257,3 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 def _length(vectors: Floats) -> Floats:
     return np.sqrt(np.einsum("...k,...k", vectors, vectors))
-
-
-def common_part(part: Rectangle, window: Rectangle, frame_width: int) -> Rectangle | None:
-    """Return the part of a window that a rectangle covers, relative to the window; both may pass the seam."""
-    top, bottom = max(part[1], window[1]), min(part[1] + part[3], window[1] + window[3])
-    spans = [
-        (max(part[0] + k, window[0]), min(part[0] + k + part[2], window[0] + window[2]))
-        for k in (-frame_width, 0, frame_width)
-    ]
-    spans = [(a, b) for a, b in spans if a < b]
-    if not spans or top >= bottom:
-        return None
-    left, right = min(a for a, _ in spans), max(b for _, b in spans)
-    return left - window[0], top - window[1], right - left, bottom - top
