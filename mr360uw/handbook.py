@@ -12,8 +12,6 @@ from mr360uw.problems import bounds_text, models_of
 from mr360uw.scene import Scene
 from mr360uw.template import toml_value
 
-_HEAD = "| key | default | values, range, unit | meaning |"
-
 
 def parameters_markdown() -> str:
     """Return the page docs/parameters.md: one table for each table of a scene file."""

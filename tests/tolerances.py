@@ -324,3 +324,9 @@ ROLL_FRACTION = 0.999
 """Part of the samples within ROLL_CODE."""
 SUN_PLACE = 2e-3
 """Direction of a given sun: the example's rounded digits, and the minute of the equinox' noon."""
+
+# --- the sample dive -------------------------------------------------------------------------------------------
+DIVE_SUN_SHARE = 0.01
+"""The sun's part of the light in the picture: pixels of 0.7 degrees, and the water's own glow above the camera."""
+DIVE_WHITE = 0.03
+"""Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""

@@ -88,40 +88,46 @@ def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
         return []
     column, row, columns, rows = whole
     window = np.roll(mask, -column, axis=1)[row : row + rows, :columns]
-    return [((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in _cut(window, spare)]
+    parts = _cut(window, np.arange(columns + 1), np.arange(rows + 1), spare)
+    return [((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in parts]
 
 
-def _cut(window: NDArray[np.bool_], spare: int) -> list[Rectangle]:
-    """Return rectangles that cover a window (h, w) whose border rows and columns hold set pixels."""
-    best = min((*_best_cut(window), 0), (*_best_cut(window.T), 1))
-    if best[0] > window.size - spare:
-        return [(0, 0, window.shape[1], window.shape[0])]
-    pieces = []
-    first, second = (
-        (window[:, : best[1]], window[:, best[1] :]) if best[2] == 0 else (window[: best[1]], window[best[1] :])
-    )
-    for start, part in ((0, first), (best[1], second)):
-        rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
-        r0, c0 = int(rows[0]), int(columns[0])
-        inner = part[r0 : int(rows[-1]) + 1, c0 : int(columns[-1]) + 1]
-        shift = (start, 0) if best[2] == 0 else (0, start)
-        pieces += [(c + c0 + shift[0], r + r0 + shift[1], w, h) for c, r, w, h in _cut(inner, spare)]
-    return pieces
+def _cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.int64], spare: int) -> list[Rectangle]:
+    """Return rectangles that cover the set cells (h, w), which lie between edges at columns (w + 1,) and rows (h + 1,).
+
+    It cuts in two wherever that leaves out at least `spare` pixels.
+    """
+    high, wide = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+    if len(wide) == 0:
+        return []
+    (r0, r1), (c0, c1) = (high[0], high[-1] + 1), (wide[0], wide[-1] + 1)
+    cells, columns, rows = cells[r0:r1, c0:c1], columns[c0 : c1 + 1], rows[r0 : r1 + 1]
+    width, height = int(columns[-1] - columns[0]), int(rows[-1] - rows[0])
+    whole = [(int(columns[0]), int(rows[0]), width, height)]
+    if width * height > spare and not cells.all():
+        along_x, x = _best_cut(cells, columns, rows)
+        along_y, y = _best_cut(cells.T, rows, columns)
+        if min(along_x, along_y) <= width * height - spare:
+            if along_x <= along_y:
+                return _cut(cells[:, :x], columns[: x + 1], rows, spare) + _cut(cells[:, x:], columns[x:], rows, spare)
+            return _cut(cells[:y], columns, rows[: y + 1], spare) + _cut(cells[y:], columns, rows[y:], spare)
+    return whole
 
 
-def _best_cut(window: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return (area, column): what two rectangles cover together if the window (h, w) is cut before that column."""
-    height, width = window.shape
-    if width < 2:
-        return window.size, 0
-    filled = window.any(axis=0)
-    top = np.where(filled, np.argmax(window, axis=0), height)
-    bottom = np.where(filled, height - np.argmax(window[::-1], axis=0), 0)
-    at = np.arange(width)
-    last = np.maximum.accumulate(np.where(filled, at + 1, 0))[:-1]
-    first = np.minimum.accumulate(np.where(filled, at, width)[::-1])[::-1][1:]
-    left = (np.maximum.accumulate(bottom) - np.minimum.accumulate(top))[:-1] * last
-    right = (np.maximum.accumulate(bottom[::-1]) - np.minimum.accumulate(top[::-1]))[::-1][1:] * (width - first)
+def _best_cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[int, int]:
+    """Return (area, column): what two rectangles cover together if the cells (h, w) are cut before that column.
+
+    Cells of the first and the last column are set. Where there is one column only, the area is that of all.
+    """
+    filled = cells.any(axis=0)
+    top = np.where(filled, rows[np.argmax(cells, axis=0)], rows[-1])
+    bottom = np.where(filled, rows[len(cells) - np.argmax(cells[::-1], axis=0)], rows[0])
+    last = np.maximum.accumulate(np.where(filled, columns[1:], columns[0]))[:-1]
+    first = np.minimum.accumulate(np.where(filled, columns[:-1], columns[-1])[::-1])[::-1][1:]
+    left = (np.maximum.accumulate(bottom) - np.minimum.accumulate(top))[:-1] * (last - columns[0])
+    right = (np.maximum.accumulate(bottom[::-1]) - np.minimum.accumulate(top[::-1]))[::-1][1:] * (columns[-1] - first)
+    if len(left) == 0:
+        return int((columns[-1] - columns[0]) * (rows[-1] - rows[0])), 0
     column = int(np.argmin(left + right))
     return int(left[column] + right[column]), column + 1
 
@@ -161,14 +167,17 @@ def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rec
 
     Origins and sizes are even where the frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.
     """
-    blocks = np.zeros((-(-height // 2), -(-width // 2)), bool)
-    for column, row, columns, rows in (part for r in rectangles for part in split(r, width)):
-        blocks[row // 2 : -(-(row + rows) // 2), column // 2 : -(-(column + columns) // 2)] = True
-    tiles = []
-    for c, r, w, h in rectangles_of_mask(blocks, _TILE_COST_PX // 4):
-        for column, row, columns, rows in split((2 * c, 2 * r, 2 * w, 2 * h), 2 * blocks.shape[1]):
-            tiles.append((column, row, min(columns, width - column), min(rows, height - row)))
-    return tiles
+    parts = np.array([part for r in rectangles for part in split(r, width)], np.int64).reshape(-1, 4)
+    start = parts[:, :2] // 2 * 2
+    end = np.minimum((parts[:, :2] + parts[:, 2:] + 1) // 2 * 2, (width, height))
+    # cells between all their edges, far fewer than pixels
+    columns, rows = (np.unique([start[:, axis], end[:, axis]]) for axis in (0, 1))
+    left, right = np.searchsorted(columns, start[:, 0]), np.searchsorted(columns, end[:, 0])
+    top, bottom = np.searchsorted(rows, start[:, 1]), np.searchsorted(rows, end[:, 1])
+    cells = np.zeros((max(len(rows) - 1, 0), max(len(columns) - 1, 0)), bool)
+    for k in range(len(parts)):
+        cells[top[k] : bottom[k], left[k] : right[k]] = True
+    return _cut(cells, columns, rows, _TILE_COST_PX)
 
 
 def _interval(touched: NDArray[np.bool_]) -> tuple[int, int]:
@@ -248,17 +257,3 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 def _length(vectors: Floats) -> Floats:
     return np.sqrt(np.einsum("...k,...k", vectors, vectors))
-
-
-def common_part(part: Rectangle, window: Rectangle, frame_width: int) -> Rectangle | None:
-    """Return the part of a window that a rectangle covers, relative to the window; both may pass the seam."""
-    top, bottom = max(part[1], window[1]), min(part[1] + part[3], window[1] + window[3])
-    spans = [
-        (max(part[0] + k, window[0]), min(part[0] + k + part[2], window[0] + window[2]))
-        for k in (-frame_width, 0, frame_width)
-    ]
-    spans = [(a, b) for a, b in spans if a < b]
-    if not spans or top >= bottom:
-        return None
-    left, right = min(a for a, _ in spans), max(b for _, b in spans)
-    return left - window[0], top - window[1], right - left, bottom - top

@@ -145,11 +145,6 @@ class LightField:
 
     # --- results -----------------------------------------------------------------------------------------------
 
-    @property
-    def decay(self) -> Array:
-        """The attenuation (n,) [1/m] that every quantity approaches with depth (K infinity)."""
-        return self._rate.min(axis=1)
-
     @functools.cached_property
     def rays(self) -> RayField:
         """The light along rays, its forward peak unscattered."""

@@ -14,9 +14,10 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.caustics import GerstnerSea, caustic_stack, fresnel_reflectance, refract_to_water
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels, periodic_trilinear
+from mr360uw.caustics.lookup import mip_level, mip_levels
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError
@@ -27,10 +28,13 @@ from mr360uw.medium.sensor import named_sensor
 from mr360uw.progress import Progress
 from mr360uw.sample.whale import write_whale
 from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
 _SUN_SHARE = 0.7
 """Part of the downwelling irradiance that is the sun's beam, a clear sky with the sun high."""
+_SKY_SHARE = (1.0 - _SUN_SHARE) * np.array([0.82, 1.03, 1.25])
+"""What the blue sky gives (3,) of it; the sun, a little yellow, gives the rest."""
 _GLOW_RAD = 0.035
 """Angular radius over which forward scattering spreads the sun's disc in a few metres of water."""
 _SENSOR = "CIE 1931"
@@ -40,6 +44,10 @@ _LEVEL_BRIGHTNESS = 0.035
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _SAND_TILE_M = 6.0
 _SAND_SIZE = 512
+_LEAST_SEA_SIZE = 512
+"""Pixels across the sea's tile at which its normals are known; as many as the frame has rows, about a pixel of it."""
+_SMALLEST_WAVE_M = 0.25
+"""Pixels that are wider see less of the waves' slopes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,79 +83,125 @@ class DiveSettings:
 
 
 class DivePlate:
-    """Renders the plate's frames; what does not move is computed once."""
+    """Renders the plate's frames; what does not move is computed once.
+
+    The camera is level, so the water between it and what it sees is the same all along a row.
+    """
 
     def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
         self._settings = settings
-        sensor = named_sensor(_SENSOR)
-        self._table = Medium(Water.jerlov(settings.water), sensor, camera_depth_m=settings.camera_depth_m).table
-        self._view = directions(width, height)
-        up = self._view[..., 1]
-        camera = settings.camera_depth_m
-        with np.errstate(divide="ignore"):
-            distance = np.where(up > 0.0, camera / up, (camera - settings.floor_depth_m) / up)
-        distance = np.where(np.isfinite(distance), distance, 1e6)
-        self._distance, self._down = distance, up < 0.0
-        self._transmittance = transmittance_lookup(self._table, distance, up)
-        self._veil = veil_lookup(self._table, distance, up)
-        self._footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
-        level = np.abs(up) < 0.05
-        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(self._veil[level]))
-        self._sand = mip_levels(_sand(settings.seed)[None])
+        camera, floor, sea = settings.camera_depth_m, settings.floor_depth_m, settings.sea
+        self._table = Medium(Water.jerlov(settings.water), named_sensor(_SENSOR), camera_depth_m=camera).table
         self._sun_in_water = refract_to_water(settings.sun_in_air)
+        # radiances in air that bring these shares through a flat surface
+        cosine, high = (np.arange(64) + 0.5) / 64, settings.sun_in_air[1]
+        self._sky = _SKY_SHARE / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * _transmitted(cosine)))
+        self._glow = (1.0 - _SKY_SHARE) / (2.0 * np.pi * _GLOW_RAD**2 * high * _transmitted(high))
+        view = directions(width, height)
+        up = view[:, :1, 1]
+        distance = np.where(up > 0.0, camera, camera - floor) / up
+        footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
+        veil = veil_lookup(self._table, distance, up)
+        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(veil[np.abs(up) < 0.05]))
+        self._veil = (self._exposure * veil).astype(np.float32)
+        self._transmittance = (self._exposure * transmittance_lookup(self._table, distance, up)).astype(np.float32)
 
-    def radiance(self, time_s: float) -> Floats:
+        above, below = slice(height // 2), slice(height // 2, height)
+        x, z = distance * view[..., 0], distance * view[..., 2]
+        self._view = view[above].astype(np.float32)
+        self._sea_size = max(height, _LEAST_SEA_SIZE)
+        self._sea_at = np.stack([x[above], z[above]]) / sea.tile_m
+        # far away a pixel holds many waves, whose slopes average out
+        self._fade = np.clip(_SMALLEST_WAVE_M / footprint[above, :, None], 0.0, 1.0).astype(np.float32)
+
+        self._floor_footprint = footprint[below, 0]
+        along_beam = floor / self._sun_in_water[1] * self._sun_in_water
+        self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
+        sand = [level[0].astype(np.float32) for level in mip_levels(_sand(settings.seed)[None])]
+        self._albedo = _read(sand, np.stack([x[below], z[below]]) / _SAND_TILE_M, self._floor_footprint / _SAND_TILE_M)
+        self._mirrored_up = np.linspace(-1.0, 0.0, 4 * len(self._table.veil))
+        self._mirrored = veil_lookup(self._table, np.full(self._mirrored_up.shape, 1e6), self._mirrored_up)
+
+    def radiance(self, time_s: float) -> NDArray[np.float32]:
         """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording."""
-        image = np.empty((*self._distance.shape, 3))
-        image[self._down] = self._floor(time_s)
-        image[~self._down] = self._surface(time_s)
-        return self._exposure * (self._transmittance * image + self._veil)
+        image = np.concatenate([self._surface(time_s), self._floor(time_s)])
+        return self._transmittance * image + self._veil
 
     def _beam(self, depth_m: float) -> Floats:
         """Sun's irradiance (3,) perpendicular to its beam in the water."""
         up = float(self._sun_in_water[1])
         at = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
-        return at * (_SUN_SHARE / up)
+        return at * (1.0 - _SKY_SHARE) / up
 
-    def _floor(self, time_s: float) -> Floats:
-        here, depth = self._down, self._settings.floor_depth_m
-        x, z = (self._distance[here] * self._view[here][:, k] for k in (0, 2))
-        footprint = self._footprint[here]
+    def _floor(self, time_s: float) -> NDArray[np.float32]:
+        depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
         stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
-        pattern = caustic_lookup(stack, mip_levels(stack.ratio), x, np.full_like(x, depth), z, footprint)
-        up = float(self._sun_in_water[1])
+        levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
+        pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
         contrast = unscattered_share(self._table, depth, up)
-        ambient = (1.0 - _SUN_SHARE) * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
-        irradiance = ambient + self._beam(depth) * up * (1.0 + (pattern - 1.0) * contrast)
-        texel = _SAND_TILE_M / _SAND_SIZE
-        level = np.clip(np.log2(np.maximum(footprint / texel, 1.0)), 0.0, len(self._sand) - 1.0)
-        plane = np.zeros(x.shape, np.int64)
-        albedo = periodic_trilinear(self._sand, plane, x / _SAND_TILE_M, z / _SAND_TILE_M, level)
-        return albedo / np.pi * irradiance
+        ambient = _SKY_SHARE * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
+        steady, moving = ambient + self._beam(depth) * up * (1.0 - contrast), self._beam(depth) * up * contrast
+        irradiance = steady.astype(np.float32) + moving.astype(np.float32) * pattern
+        return self._albedo / np.float32(np.pi) * irradiance
 
-    def _surface(self, time_s: float) -> Floats:
+    def _surface(self, time_s: float) -> NDArray[np.float32]:
         """Radiance that comes down from the surface: refracted sky and sun, or the deep water it mirrors."""
-        here = ~self._down
-        view = self._view[here]
-        x, z = (self._distance[here] * view[:, k] for k in (0, 2))
-        normal = self._settings.sea.surface(x, z, time_s).normal
-        # far away a pixel holds many waves, whose slopes average out
-        fade = np.clip(0.25 / self._footprint[here], 0.0, 1.0)[:, None]
-        normal = normal * fade + np.array([0.0, 1.0, 0.0]) * (1.0 - fade)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        cosine = np.maximum(np.sum(view * normal, axis=-1), 1e-6)
-        eta = REFRACTIVE_INDEX_SEA
+        view, eta = self._view, REFRACTIVE_INDEX_SEA
+        waves = self._settings.sea.grid_surface(self._sea_size, time_s).normal.astype(np.float32)
+        normal = _wrapped(waves, self._sea_at * self._sea_size) * self._fade
+        normal[..., 1:2] += 1.0 - self._fade
+        normal /= np.sqrt(_dot(normal, normal))[..., None]
+        cosine = np.maximum(_dot(view, normal), 1e-6)
         root = 1.0 - eta**2 * (1.0 - cosine**2)
-        air = eta * view + (np.sqrt(np.maximum(root, 0.0)) - eta * cosine)[:, None] * normal
-        transmitted = np.where(root > 0.0, 1.0 - fresnel_reflectance(np.sqrt(np.maximum(root, 0.0))), 0.0)
-        sky = (1.0 - _SUN_SHARE) / np.pi * (0.6 + 0.8 * np.clip(air[:, 1], 0.0, 1.0))
-        blue = np.array([0.80, 1.0, 1.22])
-        angle = np.arccos(np.clip(air @ self._settings.sun_in_air, -1.0, 1.0))
-        glow = _SUN_SHARE / (2.0 * np.pi * _GLOW_RAD**2) * np.exp(-angle / _GLOW_RAD)
-        window = eta**2 * (sky[:, None] * blue + glow[:, None])
-        mirrored_up = view[:, 1] - 2.0 * cosine * normal[:, 1]
-        mirrored = veil_lookup(self._table, np.full(mirrored_up.shape, 1e6), np.minimum(mirrored_up, 0.0))
-        return window * transmitted[:, None] + mirrored * (1.0 - transmitted)[:, None]
+        air_cosine = np.sqrt(np.maximum(root, 0.0))
+        air = eta * view + (air_cosine - eta * cosine)[..., None] * normal
+        transmitted = np.where(root > 0.0, _transmitted(air_cosine), 0.0)
+        sky = _sky_shape(np.clip(air[..., 1], 0.0, 1.0))
+        angle = np.arccos(np.clip(air @ self._settings.sun_in_air.astype(np.float32), -1.0, 1.0))
+        glow = np.exp(-angle / _GLOW_RAD)
+        mirrored_up = view[..., 1] - 2.0 * cosine * normal[..., 1]
+        image = np.empty_like(view)
+        for k in range(3):
+            mirrored = np.interp(mirrored_up, self._mirrored_up, self._mirrored[:, k])
+            image[..., k] = eta**2 * (self._sky[k] * sky + self._glow[k] * glow) * transmitted + mirrored * (
+                1.0 - transmitted
+            )
+        return image
+
+
+def _sky_shape(up: Floats) -> Floats:
+    """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
+    return 3.0 + 4.0 * up
+
+
+def _transmitted(cos_air: Floats) -> Floats:
+    return 1.0 - fresnel_reflectance(cos_air)
+
+
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the scalar products (...,) of vectors (..., 3)."""
+    return np.einsum("...k,...k", a, b)
+
+
+def _wrapped(image: NDArray[np.float32], at: Floats) -> NDArray[np.float32]:
+    """Return a periodic image (size, size, ...) at (column, row) coordinates (2, H, W), bilinear between its pixels."""
+    import cv2
+
+    column, row = np.remainder(at, len(image)).astype(np.float32)
+    return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+
+
+def _read(levels: list[NDArray[np.float32]], at: Floats, footprint: Floats) -> NDArray[np.float32]:
+    """Return mip levels (size, size, ...) of a tile at places (2, H, W) with a footprint of each row (H,), in tiles."""
+    level = mip_level(footprint, 1.0 / len(levels[0]), len(levels) - 1.0)
+    image = np.zeros((*at.shape[1:], *levels[0].shape[2:]), np.float32)
+    for k, texels in enumerate(levels):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
+        rows = np.flatnonzero(weight)
+        if len(rows):
+            value = _wrapped(texels, at[:, rows] * len(texels) - 0.5)
+            image[rows] += value * weight[rows].reshape(-1, *[1] * (value.ndim - 1))
+    return image
 
 
 def sample_dive(
@@ -185,12 +239,14 @@ def sample_dive(
     plate = DivePlate(settings, width, width // 2)
 
     def images() -> Iterator[Floats]:
-        for index in range(frames):
-            yield plate.radiance(float(index / frame_rate))
+        times = (float(index / frame_rate) for index in range(frames))
+        for index, image in enumerate(prefetch(map(plate.radiance, times), depth=1)):
+            yield image
             if progress is not None:
                 progress(index + 1, frames)
 
-    record(dive.plate, images(), frame_rate, settings.seed)
+    with one_blas_thread():
+        record(dive.plate, images(), frame_rate, settings.seed)
     write_whole(dive.truth, json.dumps(_truth(settings), indent=2) + "\n")
     write_whole(dive.scene, scene_text(_scene(settings)))
     return dive

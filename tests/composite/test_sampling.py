@@ -71,6 +71,39 @@ def test_even_tiles_are_even_disjoint_and_inside(rng: np.random.Generator) -> No
         assert np.all(claimed[row : row + height][:, (column + np.arange(width)) % 64] == 1)
 
 
+@pytest.mark.parametrize(("width", "height"), [(1000, 500), (1003, 501), (6, 3)])
+def test_tiles_keep_inside_frames_of_any_size(width: int, height: int, rng: np.random.Generator) -> None:
+    for _ in range(20):
+        claimed, wanted = np.zeros((height, width), int), np.zeros((height, width), bool)
+        rectangles = []
+        for _ in range(4):
+            column, row = int(rng.integers(width)), int(rng.integers(height))
+            columns, rows = int(rng.integers(1, width // 2)), int(rng.integers(1, height - row + 1))
+            rectangles.append((column, row, columns, rows))
+            wanted[row : row + rows, (column + np.arange(columns)) % width] = True
+        for column, row, columns, rows in even_tiles(rectangles, width, height):
+            assert column % 2 == row % 2 == 0
+            assert columns % 2 == 0 or column + columns == width
+            assert rows % 2 == 0 or row + rows == height
+            assert min(columns, rows) > 0
+            assert column + columns <= width
+            assert row + rows <= height
+            claimed[row : row + rows, column : column + columns] += 1
+        assert claimed.max() == 1
+        assert np.all(claimed[wanted] == 1)
+
+
+def test_one_rectangle_is_one_tile_no_wider_than_chroma_asks() -> None:
+    assert even_tiles([(101, 203, 30, 21)], 1000, 500) == [(100, 202, 32, 22)]
+
+
+def test_tiles_leave_out_what_is_far_apart() -> None:
+    assert even_tiles([], 1000, 500) == []
+    assert sorted(even_tiles([(980, 100, 40, 10), (400, 0, 20, 20), (410, 400, 100, 50)], 1000, 500)) == [
+        (0, 100, 20, 10), (400, 0, 20, 20), (410, 400, 100, 50), (980, 100, 20, 10)
+    ]  # fmt: skip
+
+
 def test_joined_rectangles_overlap_nowhere_around_the_seam() -> None:
     assert joined([(60, 0, 10, 4), (2, 2, 6, 4), (20, 0, 3, 3)], 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
 
