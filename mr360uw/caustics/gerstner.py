@@ -22,6 +22,7 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from mr360uw.caustics.dispersion import angular_frequency, lattice_vector, looping_frequency
 from mr360uw.caustics.sea import SeaParameters
@@ -123,15 +124,19 @@ class GerstnerSea(SeaParameters):
                 GerstnerWave(wave_vector=(kx, kz), amplitude_m=a, steepness=q, phase_rad=p)
                 for (kx, kz), a, q, p in zip(k.tolist(), *(r.tolist() for r in rows), strict=True)
             )
-            sea = cls(explicit_waves=waves, tile_m=tile_m, **knobs)  # type: ignore[arg-type]
+            return cls(explicit_waves=waves, tile_m=tile_m, **knobs)  # type: ignore[arg-type]
         except ValueError as error:
             reason = "; ".join(str(error).splitlines()[:4])
             raise ParameterError(f"waves - cannot be used (got: {reason}) - see GerstnerWave for the ranges") from error
-        if sea.waves.folding > _FOLDING:
-            raise ParameterError(
-                f"waves - fold over (got sum Q k A = {sea.waves.folding:.4g}) - lower the steepness or the amplitudes"
+
+    @model_validator(mode="after")
+    def _does_not_fold(self) -> Self:
+        if self.explicit_waves and self.waves.folding > _FOLDING:
+            raise ValueError(
+                f"the waves fold over (got sum Q k A = {self.waves.folding:.4g}, at most 1) - "
+                "lower the steepness or the amplitudes"
             )
-        return sea
+        return self
 
     @property
     def waves(self) -> Waves:

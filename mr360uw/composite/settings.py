@@ -106,7 +106,7 @@ class HoldoutSettings(Parameters):
 class DrawSettings(Parameters):
     """How finely objects are drawn."""
 
-    samples: Samples = parameter(41, "samples of every pixel, on a rotated grid", unit="1")
+    samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
     sun_samples: int = parameter(24, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
     sun_spread_deg: float = parameter(

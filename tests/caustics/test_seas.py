@@ -8,6 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.detail import DETAIL_SIZE, detail_slope, make_detail
 from mr360uw.caustics.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
+from mr360uw.caustics.gerstner import GerstnerWave
 from mr360uw.caustics.settings import Sea
 from mr360uw.caustics.spectrum import cosine_spread, jonswap, peak_frequency, tma_factor
 from mr360uw.caustics.surface import FIELD_NAMES, surface_jacobian, surface_normal
@@ -48,6 +49,9 @@ def test_jacobian_is_positive_inside_the_guard(rng):
 def test_waves_that_fold_over_are_an_error():
     with pytest.raises(ParameterError, match="fold over"):
         GerstnerSea.from_waves([[2.0 * np.pi, 0.0]], 0.2, 1.0, 0.0, tile_m=1.0)
+    wave = GerstnerWave(wave_vector=(2.0 * np.pi, 0.0), amplitude_m=0.2, steepness=1.0, phase_rad=0.0)
+    with pytest.raises(ValueError, match="fold over"):
+        GerstnerSea(explicit_waves=(wave,), tile_m=1.0)
 
 
 def test_explicit_waves_are_the_sum_that_the_definition_says(rng):

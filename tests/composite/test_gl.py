@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from mr360uw.composite.aovs import SUMS
 from mr360uw.composite.gl import LayerRenderer
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
+from mr360uw.composite.settings import DrawSettings
 from tests import tolerances as tol
 from tests.composite.scenes import box, codes, eight_shots, placed, plate, quad, shot, sphere
 
@@ -73,3 +76,18 @@ def test_a_frame_larger_than_one_raster(renderer: LayerRenderer, rng: np.random.
     near = shot(*(placed(o.mesh, o.world_from_object[:3, 3] * 0.55) for o in scene.objects), width=640, sun=None)
     expected, got = (r(near) for r in (render_layer, renderer.render))
     assert np.mean(np.abs(got.alpha - expected.alpha) > tol.ALPHA) <= 1.0 - tol.RENDERERS_FRACTION
+
+
+def test_edges_are_the_mean_of_what_a_pixel_shows(renderer: LayerRenderer) -> None:
+    """Against 8 x 8 pixels of a picture eight times as large."""
+    bodies = placed(sphere(), (-0.5, 0.1, -1.6)), placed(box((0.6, 0.5, 0.4)), (0.5, 0.0, -1.4), (30, 20, 10))
+    scene = shot(*bodies, width=256, samples=DrawSettings().samples)
+    fine = render_layer(replace(scene, width=2048, height=1024, samples=1))
+    alpha, radiance = (
+        image.reshape(128, 8, 256, 8, *image.shape[2:]).mean(axis=(1, 3)) for image in (fine.alpha, fine.radiance)
+    )
+    partly = (alpha > 0.004) & (alpha < 0.996)
+    ground = plate(256)
+    wrong = codes(over(ground, renderer.render(scene))) - codes(radiance + (1.0 - alpha[..., None]) * ground)
+    assert partly.sum() > 200
+    assert np.sqrt(np.mean(wrong[partly] ** 2)) <= tol.EDGE_CODES
