@@ -41,7 +41,7 @@ class Ground:
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
         self._shape = shape
-        self._width, self._height = shot.width, shot.height
+        self._height = shot.height
         self.rows, self.columns = -(-shot.height // BLOCK), -(-shot.width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
         self.corner_point, self.corner_normal = np.zeros((2, *corners, 3), np.float32)

@@ -30,15 +30,6 @@ mat3x2 unwrapped(vec3 p, vec3 q, vec3 r, vec2 size) {
     return places;
 }
 
-// how far [rad of latitude] the edges of a triangle bend away from straight lines in the frame: the great circle's
-// phi'' = -sin phi cos phi - 2 tan phi phi'^2 over its width in longitude
-float bend(mat3x2 places, vec2 size) {
-    vec2 low = min(places[0], min(places[1], places[2])), high = max(places[0], max(places[1], places[2]));
-    vec2 extent = (high - low) * vec2(2.0 * PI, PI) / size;
-    float latitude = PI * max(abs(0.5 - low.y / size.y), abs(0.5 - high.y / size.y));
-    return tan(min(latitude, 1.5)) * (extent.x * extent.x + 2.0 * extent.y * extent.y) / 8.0;
-}
-
 // (left, top, right, bottom) in frame coordinates
 vec4 rectangle_of_triangle(vec3 a, vec3 b, vec3 c, vec2 size) {
     vec3 p = normalize(a), q = normalize(b), r = normalize(c);

@@ -159,7 +159,7 @@ def texture_from_array(array: ArrayLike, dtype: str = "f4", *, nearest: bool = T
 
     image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
     channels = image.shape[2] if image.ndim == 3 else 1
-    texture = gl_context().texture(image.shape[1::-1], channels, image.tobytes(), dtype=dtype, alignment=1)
+    texture = gl_context().texture(image.shape[1::-1], channels, image, dtype=dtype, alignment=1)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST) if nearest else (moderngl.LINEAR, moderngl.LINEAR)
     return texture
 
@@ -170,7 +170,7 @@ def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
 
     images = np.ascontiguousarray(array, dtype=np.float32)
     count, height, width, channels = images.shape
-    texture = gl_context().texture_array((width, height, count), channels, images.tobytes(), dtype="f4", alignment=1)
+    texture = gl_context().texture_array((width, height, count), channels, images, dtype="f4", alignment=1)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 

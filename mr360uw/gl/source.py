@@ -75,7 +75,7 @@ def expand_source(text: str, name: str, defines: Mapping[str, str | int | float]
     """Return shader text with includes expanded; `name` is what messages call it and where relative includes start."""
     files = ["constants.glsl"]
     out = [VERSION]
-    for key, value in (defines or {}).items():
+    for key, value in sorted((defines or {}).items()):  # one order, so that drivers know what they compiled before
         out.append(f"#define {key} {value if isinstance(value, str) else glsl_number(value)}")
     out += ["#line 1", constants_source()]
     seen: set[str] = {"constants.glsl"}
