@@ -13,13 +13,13 @@ void main() {
     float gap, halo = 1.0;
     bool umbra;
     int between = bodies_between(sun_map, casters, lights.casters, lights.slot_size, p, place.w,
-                                 tan(lights.halo_angle), gap, umbra);
+                                 tan(lights.halo_angle) + length(lights.sun_slope), gap, umbra);
     float kept = between == 0 ? 0.0 : umbra ? 3.0 : 2.0;
 #if defined(HALO)
     float disc_gap;
     bool disc_umbra;
     int of_disc = bodies_between(sun_map, casters, lights.casters, lights.slot_size, p, place.w,
-                                 tan(lights.half_angle), disc_gap, disc_umbra);
+                                 tan(lights.half_angle) + length(lights.sun_slope), disc_gap, disc_umbra);
     if (kept == 2.0 && (of_disc == 0 || disc_umbra)) kept = 1.0;
     halo = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, true);
 #endif

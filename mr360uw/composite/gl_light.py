@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 _BIASED_SLOT = 256
 """Texels across a sun map of which `PlacedObject.bias_m` is one and a half."""
 _MAXIMUM_SUN_SAMPLES = 32
+_SUN_STEPS = 256.0
+"""Sun maps are drawn along directions whose components are so many parts of one, within 0.2 degrees of the sun's: those
+of bodies that stand still serve many frames while the sun's track moves a little."""
 
 
 class LightTextures:
@@ -73,7 +76,8 @@ class LightTextures:
         half_angle, halo = sun.half_angle_rad, widest_half_angle(shot)
         if halo > half_angle:
             self.defines["HALO"] = 1
-        axes = basis(sun.direction)
+        axes = basis(np.round(_SUN_STEPS * np.asarray(sun.direction)))
+        across, along = (axes @ sun.direction)[:2], float(axes[2] @ sun.direction)
         size = slot_size(casters, _pixels_across(shot, casters), half_angle)
         count = min(shot.sun_samples, _MAXIMUM_SUN_SAMPLES)
         self._uniforms |= {
@@ -85,6 +89,7 @@ class LightTextures:
             "lights__slot_size": float(size),
             "lights__bias_scale": max(_BIASED_SLOT / size, 1.0),
             "lights__sun_axes": axes.T,
+            "lights__sun_slope": across / along,
             "lights__sun_count": count,
             "lights__casters": min(len(casters), MAXIMUM_SLOTS),
         }

@@ -14,7 +14,8 @@ const float OUTSIDE_INDEX = REFRACTIVE_INDEX_SEA;
 const float OUTSIDE_INDEX = 1.0;
 #endif
 
-// the numbers of a shot; `sun_axes` has the rows (across, across, along the sun), all in the world's axes
+// the numbers of a shot; `sun_axes` has the rows (across, across, along), all in the world's axes, the last one near the
+// sun's direction, and `sun_slope` is that direction in them
 struct Lights {
     vec3 camera_position;
     float camera_depth_m;
@@ -24,6 +25,7 @@ struct Lights {
     float half_angle;
     float halo_angle;
     mat3 sun_axes;
+    vec2 sun_slope;
     int sun_count;
     int casters;
     float slot_size;
@@ -104,7 +106,7 @@ vec3 in_sun_axes(Lights lights, vec3 point) {
 // the part of a disc about the sun that is seen from p, in the sun's axes
 float disc_seen(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
                 float half_angle, bool wanted) {
-    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, p, slopes, lights.sun_count,
+    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, p, lights.sun_slope, slopes, lights.sun_count,
                           tan(half_angle), wanted);
 }
 
