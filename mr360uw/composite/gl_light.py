@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 _BIASED_SLOT = 256
 """Texels across a sun map of which `PlacedObject.bias_m` is one and a half."""
 _MAXIMUM_SUN_SAMPLES = 32
-_SUN_STEPS = 256.0
-"""Sun maps are drawn along directions whose components are so many parts of one, within 0.2 degrees of the sun's: those
+_SUN_STEPS = 64.0
+"""Sun maps are drawn along directions whose components are so many parts of one, within 0.8 degrees of the sun's: those
 of bodies that stand still serve many frames while the sun's track moves a little."""
 
 
