@@ -21,8 +21,8 @@ void main() {
     int of_disc = bodies_between(sun_map, casters, lights.casters, lights.slot_size, p, place.w,
                                  tan(lights.half_angle) + length(lights.sun_slope), disc_gap, disc_umbra);
     if (kept == 2.0 && (of_disc == 0 || disc_umbra)) kept = 1.0;
-    halo = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, true);
+    halo = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, 1, true);
 #endif
-    float seen = visibility(lights, medium, beam, sun_map, casters, slopes, place.xyz, halo, true);
+    float seen = visibility(lights, medium, beam, sun_map, casters, slopes, place.xyz, halo, 1, true);
     sun = vec4(seen, halo, kept, gap);
 }

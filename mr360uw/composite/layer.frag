@@ -23,6 +23,9 @@ layout(location = 0) out vec4 radiance;
 layout(location = 1) out float distance_m;
 #endif
 
+// bodies are lit at fewer directions than the ground: their own light varies more than what their halo misses
+const int HALO_EVERY = 2;
+
 vec3 world_direction(vec2 place) {
     return world_from_camera * direction_from_frame(place, frame_size);
 }
@@ -42,7 +45,7 @@ Parts light_surface(Surface s, float bias_m) {
     float free = 1.0;
 #if defined(SHADOW)
     free = visibility(lights, medium, beam, sun_map, casters, slopes,
-                      s.point + lights.bias_scale * bias_m * s.geometric_normal, -1.0, faces);
+                      s.point + lights.bias_scale * bias_m * s.geometric_normal, -1.0, HALO_EVERY, faces);
 #endif
     waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     irradiance = beam_at(lights, medium, beam, s.point) * waves * (faces ? free : 0.0);

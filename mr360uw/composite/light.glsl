@@ -103,20 +103,21 @@ vec3 in_sun_axes(Lights lights, vec3 point) {
     return lights.sun_axes * (point + lights.camera_position);
 }
 
-// the part of a disc about the sun that is seen from p, in the sun's axes
+// the part of a disc about the sun that is seen from p, in the sun's axes; by each `every`-th of its directions
 float disc_seen(Lights lights, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
-                float half_angle, bool wanted) {
-    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, p, lights.sun_slope, slopes, lights.sun_count,
-                          tan(half_angle), wanted);
+                float half_angle, int every, bool wanted) {
+    return sun_visibility(sun_map, casters, lights.casters, lights.slot_size, p, lights.sun_slope, slopes,
+                          (lights.sun_count + every - 1) / every, every, tan(half_angle), wanted);
 }
 
-// the part of the beam that reaches a point. halo: the part of the halo that is seen, where that is known, else -1
+// the part of the beam that reaches a point. halo: the part of the halo that is seen, where that is known, else -1;
+// then it is found by each `every`-th direction
 float visibility(Lights lights, MediumTable medium, sampler2D beam, sampler2D sun_map, sampler2D casters,
-                 vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, bool wanted) {
+                 vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, int every, bool wanted) {
     vec3 p = in_sun_axes(lights, point);
-    float seen = disc_seen(lights, sun_map, casters, slopes, p, lights.half_angle, wanted);
+    float seen = disc_seen(lights, sun_map, casters, slopes, p, lights.half_angle, 1, wanted);
 #if defined(HALO)
-    float found = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, wanted && halo < 0.0);
+    float found = disc_seen(lights, sun_map, casters, slopes, p, lights.halo_angle, every, wanted && halo < 0.0);
     seen = mix(seen, halo < 0.0 ? found : halo, scattered_at(lights, medium, beam, point));
 #endif
     return seen;

@@ -40,7 +40,7 @@ void main() {
     vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), below = mix(corners.xz, corners.yw, at.x);
     if (corners.x >= 0.0) halo = mix(below.x, below.y, at.y);
 #endif
-    seen = visibility(lights, medium, beam, sun_map, casters, slopes, point, halo, true);
+    seen = visibility(lights, medium, beam, sun_map, casters, slopes, point, halo, 1, true);
 #endif
 #if defined(CAUSTICS) || defined(ROUGH)
     falls = vec4(waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, point,

@@ -114,10 +114,10 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
 }
 
 // p: in the map's axes (two across, one along). middle: slope of the sun's middle, which the map's axis is near. slopes:
-// of directions over a unit disc. spread: tangent of its radius.
+// of directions over a unit disc, of which each `every`-th is taken. spread: tangent of its radius.
 // without `wanted` the answer does not count, and costs nothing where a whole block of pixels does not want it
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
-                     vec2 middle, vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, float spread, bool wanted) {
+                     vec2 middle, vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
     float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count));
     bool umbra;
     int between = bodies_between(sun_map, casters, caster_count, slot_size, p, 0.0, spread + length(middle), gap, umbra);
@@ -128,7 +128,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
         do {
             int lowest = left & -left;
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
-            vec2 slope = middle + spread * slopes[min(k, count - 1)];
+            vec2 slope = middle + spread * slopes[every * min(k, count - 1)];
             float one = sun_blocked(sun_map, caster, slot_size, p, slope, widening);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;
