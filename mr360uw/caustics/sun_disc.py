@@ -40,26 +40,30 @@ def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays."""
     size = image.shape[0]
     steps = np.round(footprint_m * (size / tile_m) / KERNEL_STEP)
-    kernel, reach = _kept_kernel(tuple(steps.ravel().tolist()), size)
+    kernel = _kept_kernel(tuple(steps.ravel().tolist()), size)
+    reach = len(kernel) // 2
     if reach == 0:
         return image
-    if 2 * reach + 1 > min(_WIDEST_DIRECT, size):
+    if len(kernel) > min(_WIDEST_DIRECT, size):
         from scipy.fft import irfft2, rfft2
 
-        return np.maximum(irfft2(rfft2(image) * rfft2(kernel), s=image.shape), 0.0)
+        around = np.zeros((size, size))
+        around[np.ix_(*2 * (np.arange(-reach, reach + 1),))] = kernel
+        return np.maximum(irfft2(rfft2(image) * rfft2(around), s=image.shape), 0.0)
     import cv2
 
-    near = np.arange(reach, -reach - 1, -1)  # turned round, because OpenCV correlates
     wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_WRAP)
-    return cv2.filter2D(wide, -1, kernel[np.ix_(near, near)])[reach:-reach, reach:-reach]
+    turned = np.ascontiguousarray(kernel[::-1, ::-1])  # because OpenCV correlates
+    return cv2.filter2D(wide, -1, turned)[reach:-reach, reach:-reach]
 
 
-@functools.lru_cache(maxsize=256)
-def _kept_kernel(steps: tuple[float, ...], size: int) -> tuple[NDArray[np.float64], int]:
-    """Return the kernel of a footprint in steps, and how many pixels it reaches to any side."""
+@functools.lru_cache(maxsize=32)
+def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
+    """Return the kernel (2 r + 1, 2 r + 1) of a footprint in steps as far as it reaches about its middle."""
     kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
     at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
-    return kernel, int(np.abs(at).max())
+    near = np.arange(-np.abs(at).max(), np.abs(at).max() + 1)
+    return kernel[np.ix_(near, near)]
 
 
 def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
