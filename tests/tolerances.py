@@ -259,6 +259,9 @@ the sun map. With corners of blocks alone it is 30 to 100."""
 BLOCK_ERROR = 0.12
 """Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.05 to 0.09 for balls a few
 pixels wide. With corners alone 0.3 and 2."""
+EDGE_CODES = 1.2
+"""Root mean square error of edge pixels in codes: coverage by 65 samples, times the contrast to the plate, leaves 0.9;
+that of 17 leaves 1.8."""
 SHADOW_RIM_FRACTION = 0.998
 """Pixels of a 128 x 64 frame within two codes where a wide penumbra on any floor is in view: 14 of its rim are 2 to 4
 codes off, on a plane as on a map of it."""
@@ -330,6 +333,3 @@ DIVE_SUN_SHARE = 0.01
 """The sun's part of the light in the picture: pixels of 0.7 degrees, and the water's own glow above the camera."""
 DIVE_WHITE = 0.03
 """Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""
-EDGE_CODES = 1.2
-"""Root mean square error of edge pixels in codes: coverage by 65 samples, times the contrast to the plate, leaves 0.9;
-that of 17 leaves 1.8."""

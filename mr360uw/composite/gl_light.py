@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.caustics.gl_stack import upload
 from mr360uw.composite.gl_sun_map import MAXIMUM_SLOTS, SunMaps, slot_size
 from mr360uw.composite.gl_upload import MeshBuffers, write_uniform
-from mr360uw.composite.light import MINIMUM_SUN_UP, widest_half_angle
+from mr360uw.composite.light import sun_up, widest_half_angle
 from mr360uw.composite.mesh import Mesh
 from mr360uw.composite.shadow import basis, disc_offsets
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -83,7 +83,7 @@ class LightTextures:
         self._uniforms |= {
             "lights__sun_irradiance": sun.irradiance,
             "lights__sun_direction": sun.direction,
-            "lights__sun_up": max(float(sun.direction[1]), MINIMUM_SUN_UP),
+            "lights__sun_up": sun_up(sun),
             "lights__half_angle": half_angle,
             "lights__halo_angle": halo,
             "lights__slot_size": float(size),

@@ -21,19 +21,18 @@ from mr360uw.composite.gl_facets import FACET_COLUMNS, FacetPass
 from mr360uw.composite.gl_targets import Targets, bind, read_attachment
 from mr360uw.composite.gl_upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh import Mesh
-from mr360uw.composite.sampling import PIXEL_FILTER, PLANE_TOLERANCE, Pattern, pattern
+from mr360uw.composite.sampling import BLEND_LAYERS, GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, pattern
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats
 
-BLEND_LAYERS = 4
 _PROBES = np.array(
     [(0.5, 0.5), (0.5, 0.17), (0.79, 0.67), (0.21, 0.67), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
 )
 """Rays that tell whole pixels: the centre, three around it, and the corners, which a straight edge parts."""
 _BLOCKS_AT_ONCE = 8192
 _RANKS = 128
-_SHOWN = 4
+_SHOWN = GROUPS // 2
 _SAMPLES_AT_ONCE = 32
 
 
@@ -159,6 +158,7 @@ class SurfacePass:
         shot, fours = draw.shot, -(-len(positions) // 4)
         every: dict[str, str | int | float] = {
             "FOURS": fours, "EACH_FOUR(DO)": " ".join(f"DO({k})" for k in range(fours)), "RANKS": _RANKS,
+            "GROUPS": GROUPS,
             "LAST": f"vec4({', '.join('1.0' if 4 * fours - 4 + k < len(positions) else '0.0' for k in range(4))})",
             "FACET_COLUMNS": FACET_COLUMNS, "PLANE_TOLERANCE": PLANE_TOLERANCE, "PIXEL_FILTER": PIXEL_FILTER,
         }  # fmt: skip

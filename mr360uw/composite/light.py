@@ -34,7 +34,7 @@ from mr360uw.medium.lookup import (
     unscattered_share,
     veil_lookup,
 )
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Sun
 
 UNNOTICED = 0.02
 """A body that blocks less than this part of the ambient light leaves it: two code values of 8 bits over metres."""
@@ -74,11 +74,11 @@ class Light:
         self._bias = np.array([placed.bias_m for placed in shot.objects if placed.visible])
         self._levels = mip_levels(shot.caustics.ratio) if shot.caustics is not None else []
         if self.sun is not None:
-            self.sun_up = max(float(self.sun.direction[1]), MINIMUM_SUN_UP)
+            self.sun_up = sun_up(self.sun)
 
     def depth(self, point: Floats) -> Floats:
         """Return the depth (n,) of points (n, 3) from the camera."""
-        return self.shot.camera_depth_m - (point[:, 1] + self.shot.camera_position[1])
+        return depth_of(self.shot, point)
 
     def ambient(self, point: Floats, normal: Floats) -> Floats:
         """Return the ambient irradiance (n, 3) on a surface."""
@@ -201,12 +201,21 @@ class Light:
         return transmittance_lookup(medium, distance_m, up), veil_lookup(medium, distance_m, up)
 
 
+def depth_of(shot: Shot, point: Floats) -> Floats:
+    """Return the depth (n,) of points (n, 3) from the camera."""
+    return shot.camera_depth_m - (point[:, 1] + shot.camera_position[1])
+
+
+def sun_up(sun: Sun) -> float:
+    """Return the sine of the sun's elevation in the water, at least `MINIMUM_SUN_UP`."""
+    return max(float(sun.direction[1]), MINIMUM_SUN_UP)
+
+
 def scattered_share(shot: Shot, point: Floats) -> Floats:
     """Return the part (n,) of the beam that the water has scattered into the halo, at points (n, 3) from the camera."""
     if shot.medium is None or shot.sun is None or shot.sun_spread_rad == 0.0:
         return np.zeros(len(point))
-    depth = shot.camera_depth_m - (point[:, 1] + shot.camera_position[1])
-    return 1.0 - unscattered_share(shot.medium, depth, max(float(shot.sun.direction[1]), MINIMUM_SUN_UP)).mean(axis=-1)
+    return 1.0 - unscattered_share(shot.medium, depth_of(shot, point), sun_up(shot.sun)).mean(axis=-1)
 
 
 def widest_half_angle(shot: Shot) -> float:

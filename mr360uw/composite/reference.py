@@ -32,13 +32,19 @@ from mr360uw.composite.light import Light
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.rays import RayScene, barycentric
 from mr360uw.composite.receiver import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
-from mr360uw.composite.sampling import GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, filter_width, pattern
+from mr360uw.composite.sampling import (
+    BLEND_LAYERS,
+    GROUPS,
+    PIXEL_FILTER,
+    PLANE_TOLERANCE,
+    Pattern,
+    filter_width,
+    pattern,
+)
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import Rectangle, even_tiles, split
 from mr360uw.types import Floats, Layer, Tile
 
-BLEND_LAYERS = 4
-"""Transparent surfaces in front of each other that are told apart."""
 _MAXIMUM_HITS = 64
 _RAYS_AT_ONCE = 200_000
 

@@ -25,7 +25,9 @@ PLANE_TOLERANCE = 0.5
 PIXEL_FILTER = 0.5
 """Width in pixels that textures are filtered over where a pixel is lit once: nearest to the mean of many samples."""
 GROUPS = 8
-"""Groups of samples that are lit in one pixel; the last takes all that are left."""
+"""Groups of samples that are lit in one pixel, an even number; the last takes all that are left."""
+BLEND_LAYERS = 4
+"""Transparent surfaces in front of each other that are told apart."""
 
 _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4), 65: (8, 1)}
 

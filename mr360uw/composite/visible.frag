@@ -27,7 +27,7 @@ out float shown;
 layout(location = 0) out vec4 shown[FOURS];
 #else
 uniform vec2 cells[4 * FOURS];
-layout(location = 0) out vec4 shown[4];
+layout(location = 0) out vec4 shown[GROUPS / 2];
 #endif
 
 // EACH_FOUR writes a line for every four rays: arrays whose places are known stay in registers
@@ -207,8 +207,6 @@ void tell() {
     EACH_FOUR(SHOW)
 }
 #else
-const int GROUPS = 8;
-
 struct Group {
     float triangle, nearness, piece;
     int rank;
@@ -263,7 +261,8 @@ const Group NONE = Group(0.0, 0.0, 0.0, -1, vec3(0.0), 0.0, false, 0.0, vec2(0.0
 
 void tell() {
     fours[FOURS - 1].nearness *= LAST;
-    vec4 found[4] = vec4[4](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    vec4 found[GROUPS / 2];
+    for (int k = 0; k < GROUPS / 2; ++k) found[k] = vec4(0.0);
     int number = 0;
     Group group = NONE;
     EACH_FOUR(SEED)
@@ -275,7 +274,7 @@ void tell() {
         EACH_FOUR(GATHER)
         EACH_FOUR(REPRESENT)
         vec2 entry = vec2(group.triangle, float(RANKS) * group.rays + float(group.rank));
-        for (int k = 0; k < 4; ++k) {
+        for (int k = 0; k < GROUPS / 2; ++k) {
             if (number == 2 * k) found[k].xy = entry;
             if (number == 2 * k + 1) found[k].zw = entry;
         }
@@ -283,7 +282,7 @@ void tell() {
         group = NONE;
         EACH_FOUR(SEED)
     } while (group.rank >= 0);
-    for (int k = 0; k < 4; ++k) shown[k] = found[k];
+    for (int k = 0; k < GROUPS / 2; ++k) shown[k] = found[k];
 }
 #endif
 
