@@ -29,10 +29,10 @@ from mr360uw.caustics import (
     caustic_stack,
     stack_depths,
 )
-from mr360uw.caustics.gl import CausticRenderer, caustic_renderer
-from mr360uw.caustics.gl_stack import upload
+from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.caustics.gl.renderer import CausticRenderer, caustic_renderer
+from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
-from mr360uw.caustics.planes import PlaneLadder
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.sphere import direction_from_angles

@@ -19,9 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
-from mr360uw.composite import light as light_module  # noqa: E402
-from mr360uw.composite.gl import LayerRenderer  # noqa: E402
-from mr360uw.composite.material import Material  # noqa: E402
+from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
+from mr360uw.composite.lighting import light as light_module  # noqa: E402
+from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
 from tests.composite import scenes  # noqa: E402

@@ -26,8 +26,8 @@ from mr360uw.ibl.glossy import ggx_kernel
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import OPERATORS, LightSettings
-from mr360uw.ibl.split import sky_irradiance
-from mr360uw.ibl.sun import find_disc
+from mr360uw.ibl.sun.detect import find_disc
+from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.sphere import (
     direction_from_angles,
     direction_from_frame,
@@ -388,7 +388,7 @@ def time_section() -> None:
     from mr360uw.gl.context import gl_available, gl_device, texture_from_array
 
     if gl_available():
-        from mr360uw.ibl.gl import reduce_texture
+        from mr360uw.ibl.gl.reduction import reduce_texture
 
         texture = texture_from_array(decode(code, "srgb"))
         reduce_texture(texture, LightSettings(), COARSE_COLUMNS, COARSE_ROWS)

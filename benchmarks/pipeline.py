@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 import mr360uw as uw
-from mr360uw.scene import Scene, load_scene, scene_from_dict
+from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.types import Floats
 from mr360uw.video import transcode
 

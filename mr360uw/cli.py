@@ -98,10 +98,10 @@ def composite(
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT."""
-    from mr360uw.check import explain_plan
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
-    from mr360uw.scene import load_scene
+    from mr360uw.render.check import explain_plan
+    from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
     if explain:
@@ -124,7 +124,7 @@ def new(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
-    from mr360uw.template import write_scene
+    from mr360uw.scene.template import write_scene
 
     path = write_scene(video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite)
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
@@ -139,8 +139,8 @@ def check(
     overrides: SetOption = None,
 ) -> None:
     """Check SCENE and every file it names, without rendering; print every problem, or the plan."""
-    from mr360uw.check import check_scene
-    from mr360uw.scene import load_scene
+    from mr360uw.render.check import check_scene
+    from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
     typer.echo(check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene)))
@@ -171,8 +171,8 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
-    from mr360uw.analysis import analyse_video
     from mr360uw.progress import terminal_progress
+    from mr360uw.render.first_pass import analyse_video
 
     with terminal_progress() as progress:
         written = analyse_video(
@@ -196,7 +196,7 @@ def caustics(
     """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
     from mr360uw.pipeline import export_caustics
     from mr360uw.progress import terminal_progress
-    from mr360uw.scene import load_scene
+    from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
     with terminal_progress() as progress:
@@ -214,8 +214,8 @@ def schema(
     """Print the JSON schema of a scene file."""
     import json
 
-    from mr360uw.handbook import parameters_markdown
-    from mr360uw.scene import scene_schema
+    from mr360uw.scene.handbook import parameters_markdown
+    from mr360uw.scene.model import scene_schema
 
     if markdown:
         typer.echo(parameters_markdown(), nl=False)

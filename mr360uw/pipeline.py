@@ -15,20 +15,20 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.analysis import ClipTrack, clip_track, picture, scene_light, sun_track
-from mr360uw.backends import make_backend
 from mr360uw.composite.aovs import RECIPE, exr_parts
 from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
-from mr360uw.plan import Plan
-from mr360uw.plate import keep_inputs, open_plate
 from mr360uw.progress import Progress
-from mr360uw.renderer import FrameLight, Rendered, SceneRenderer
-from mr360uw.scene import Scene
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipTrack, clip_track, picture, scene_light, sun_track
+from mr360uw.render.loaded import FrameLight, Rendered, SceneRenderer
+from mr360uw.render.plan import Plan
+from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.model import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame, create_video, with_grain, write_exr
-from mr360uw.video.images import is_pattern, matching_files, numbered
+from mr360uw.video.read.images import is_pattern, matching_files, numbered
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.camera_path import CameraPath
-from mr360uw.caustic_depths import CausticDepths
 from mr360uw.composite import Shot, load_object, load_receiver
+from mr360uw.render.camera import CameraPath
+from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.types import Floats
 from tests import tolerances as tol
 from tests.composite.scenes import environment

@@ -20,10 +20,10 @@ import pytest
 
 from mr360uw import cli
 from mr360uw.ibl import track_suns
-from mr360uw.ibl.trackfile import save_track
+from mr360uw.ibl.sun.trackfile import save_track
 from mr360uw.progress import terminal_progress
 from mr360uw.sample import SampleDive
-from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
+from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import mr360uw
-from mr360uw.handbook import parameters_markdown
+from mr360uw.scene.handbook import parameters_markdown
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.analysis import clip_track
 from mr360uw.medium import Medium, Water, exposure_change, fit_gain, picture_change, steady_gain
-from mr360uw.medium.plate import row_up
-from mr360uw.plate import open_plate
-from mr360uw.plate_map import plate_map
-from mr360uw.scene import Scene
+from mr360uw.medium.profile import row_up
+from mr360uw.render.first_pass import clip_track
+from mr360uw.render.plate_map import plate_map
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb
 from tests.scenes import scene_with

@@ -15,9 +15,9 @@ import pytest
 from mr360uw import composite_video
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import VideoError
-from mr360uw.mattes import GreyClip, Mattes, ReceiverClip
-from mr360uw.renderer import SceneRenderer
-from mr360uw.scene import Scene
+from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
+from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from mr360uw.video import write_exr

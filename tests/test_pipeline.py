@@ -11,7 +11,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.sample import SampleDive
-from mr360uw.scene import load_scene
+from mr360uw.scene.model import load_scene
 from mr360uw.video import read_spherical
 from tests.scenes import gradient_plate, scene_with, yawed
 from tests.tolerances import (
@@ -188,8 +188,8 @@ def test_the_sun_is_where_the_scene_says(
 
 
 def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -> None:
-    from mr360uw.analysis import analyse_video
     from mr360uw.ibl import load_track
+    from mr360uw.render.first_pass import analyse_video
 
     page, table, sheet = analyse_video(dive.scene, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")
@@ -257,7 +257,7 @@ def test_a_real_clip_keeps_sound_times_and_every_untouched_bit(
 def test_a_tilted_plate_is_levelled_like_a_camera_that_turned(whale: Path, tmp_path: Path) -> None:
     from scipy.spatial.transform import Rotation
 
-    from mr360uw.ibl.level import level_matrix
+    from mr360uw.ibl.level.tilt import level_matrix
 
     q = Rotation.from_matrix(level_matrix(np.radians(12.0), np.radians(-7.0))).as_quat()
     (tmp_path / "tilt.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0," + ",".join(map(str, q)) + "\n")
@@ -302,7 +302,7 @@ def test_a_camera_that_sinks_sees_the_water_of_its_depth(whale: Path, tmp_path: 
 
 
 def test_a_gopro_clip_levels_the_plate(shared: Path, whale: Path, tmp_path: Path) -> None:
-    from mr360uw.camera_path import level_track
+    from mr360uw.render.camera import level_track
 
     clip = shared / "data" / "footage" / "underwater" / "reef_clip_gopro_hero10.mp4"
     plate = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
@@ -356,7 +356,7 @@ def test_layers_do_not_change_the_picture(dive: SampleDive, tmp_path: Path) -> N
 
 
 def test_a_frame_alone_is_the_video_s_with_the_clip_s_track(dive: SampleDive, tmp_path: Path) -> None:
-    from mr360uw.analysis import clip_track
+    from mr360uw.render.first_pass import clip_track
 
     scene = load_scene(dive.scene)
     uw.composite_video(scene, tmp_path / "out_%02d.exr", frames=(2, 3), backend="reference")

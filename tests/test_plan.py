@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from mr360uw.plan import ObjectFacts, Plan, make_plan
-from mr360uw.renderer import SceneRenderer
+from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.plan import ObjectFacts, Plan, make_plan
 from tests.scenes import scene_with
 
 

@@ -10,7 +10,7 @@ import pytest
 from pydantic import Field, ValidationError
 
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.problems import key_lines, problems
+from mr360uw.scene.problems import key_lines, problems
 
 
 class Calm(Parameters):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea
-from mr360uw.caustics.gerstner import GerstnerWave
+from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.color import luminance
 from mr360uw.sample.dive import _SUN_SHARE, DivePlate, DiveSettings
 from mr360uw.sphere import directions, row_solid_angle

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.irradiance import AnySea, caustic_map, check_arguments, pass_indices
+from mr360uw.caustics.flux.irradiance import AnySea, caustic_map, check_arguments, pass_indices
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 

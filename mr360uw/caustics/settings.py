@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag, field_validator
 
-from mr360uw.caustics.gerstner import GerstnerSea
-from mr360uw.caustics.spectral import SpectralSea
+from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.parameters import Parameters, parameter
 

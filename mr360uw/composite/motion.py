@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from mr360uw.composite.settings import Interpolation, ObjectSettings
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level import level_matrix
+from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.composite.material import Material
-from mr360uw.composite.mesh import Mesh, load_mesh
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import Mesh, load_mesh
+from mr360uw.composite.mesh.texture import Texture
+from mr360uw.composite.mesh.texture_file import read_texture
 from mr360uw.composite.motion import Motion, object_motion, rigid
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.composite.texture import Texture
-from mr360uw.composite.texture_file import read_texture
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

@@ -16,7 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
-from mr360uw.composite.geometry import (
+from mr360uw.composite.holdout import hold_out
+from mr360uw.composite.lighting.light import Light
+from mr360uw.composite.over import empty_tile
+from mr360uw.composite.raycast.geometry import (
     Geometry,
     Hits,
     base_color,
@@ -27,11 +30,8 @@ from mr360uw.composite.geometry import (
     uv_change,
     view_directions,
 )
-from mr360uw.composite.holdout import hold_out
-from mr360uw.composite.light import Light
-from mr360uw.composite.over import empty_tile
-from mr360uw.composite.rays import RayScene, barycentric
-from mr360uw.composite.receiver import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
+from mr360uw.composite.raycast.rays import RayScene, barycentric
+from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mr360uw.composite.mesh import Mesh
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.types import Environment, Floats, MediumTable, Sun
 
@@ -65,9 +65,9 @@ class Shot:
 
     camera_position: (3,) in the world. world_from_camera: (3, 3) rotation. camera_depth_m: height of the mean water
     surface above the world's origin, the depth of a point being camera_depth_m - y. caustics: a `types.CausticStack`,
-    or for the gl renderer what `mr360uw.caustics.gl` keeps on the device. medium: None without water. holdout: (H, W)
-    in [0, 1], how much of the plate stays in front. holdout_distance_m: (H, W) distance of what is in front of
-    everything farther away. samples, shading, sun_samples, sun_spread_rad: see `DrawSettings`.
+    or for the gl renderer what `mr360uw.caustics.gl.renderer` keeps on the device. medium: None without water.
+    holdout: (H, W) in [0, 1], how much of the plate stays in front. holdout_distance_m: (H, W) distance of what is in
+    front of everything farther away. samples, shading, sun_samples, sun_spread_rad: see `DrawSettings`.
     """
 
     width: int

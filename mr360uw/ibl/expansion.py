@@ -23,9 +23,9 @@ from mr360uw.color import LUMINANCE, decode, encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
+from mr360uw.ibl.level.upward import frame_sines, upward
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.upward import frame_sines, upward
 from mr360uw.optics import critical_cosine
 from mr360uw.types import Floats
 

@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.blob import CLIPPED
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
-from mr360uw.ibl.level import level_matrix, roll_pitch
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
+from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
-from mr360uw.ibl.solar import given_direction
-from mr360uw.ibl.split import Split, close, with_sun
-from mr360uw.ibl.sun import find_disc, half_angle, is_display_referred, split_disc, split_given
-from mr360uw.ibl.upward import upward
+from mr360uw.ibl.sun.blob import CLIPPED
+from mr360uw.ibl.sun.detect import find_disc, half_angle, is_display_referred, split_disc, split_given
+from mr360uw.ibl.sun.solar import given_direction
+from mr360uw.ibl.sun.split import Split, close, with_sun
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
 

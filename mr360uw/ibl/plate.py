@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.expansion import expand
+from mr360uw.ibl.level.upward import LEVEL, elevation_sine
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.upward import LEVEL, elevation_sine
 from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 

@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import field_validator, model_validator
 
 from mr360uw.color import Transfer
-from mr360uw.ibl.solar import daylight_angles
+from mr360uw.ibl.sun.solar import daylight_angles
 from mr360uw.parameters import Parameters, parameter
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]

@@ -18,11 +18,11 @@ from mr360uw.color import ColorSpec, Matrix, Transfer, code_range, decode, rec70
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
+from mr360uw.ibl.level.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 

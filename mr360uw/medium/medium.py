@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.gamut import compress_gamut
 from mr360uw.medium.models import FormationModel, SpectralMode, SpectralModel, spectral_model
-from mr360uw.medium.plate import PlateProfile
-from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
-from mr360uw.medium.spectral_bands import Bands, Rule, bands
+from mr360uw.medium.profile import PlateProfile
+from mr360uw.medium.spectral.bands import Bands, Rule, bands
+from mr360uw.medium.spectral.gamut import compress_gamut
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water

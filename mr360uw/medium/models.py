@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import mean_cosine
-from mr360uw.medium.rays import RayField
+from mr360uw.medium.ray_field import RayField
 from mr360uw.medium.transfer import LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine

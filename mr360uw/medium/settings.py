@@ -13,9 +13,9 @@ from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase
-from mr360uw.medium.plate import fit_gain
-from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
-from mr360uw.medium.spectral_bands import Rule
+from mr360uw.medium.profile import fit_gain
+from mr360uw.medium.spectral.bands import Rule
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.transfer import SurfaceKind
 from mr360uw.medium.water import Diffuse, Inherent, JerlovType, Water
 from mr360uw.parameters import Parameters, parameter

@@ -26,7 +26,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, phase_moments
-from mr360uw.medium.rays import RayField, cosine_kernel, legendre_polynomials
+from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.plate import PlateProfile
-from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.profile import PlateProfile
+from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.types import Floats
 

@@ -24,7 +24,8 @@ from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share, veil_lookup
-from mr360uw.medium.sensor import named_sensor
+from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.medium.water import JerlovType
 from mr360uw.progress import Progress
 from mr360uw.sample.whale import write_whale
 from mr360uw.sphere import direction_from_angles, directions
@@ -66,7 +67,7 @@ class DiveSettings:
 
     camera_depth_m: float = 4.0
     floor_depth_m: float = 7.5
-    water: str = "IB"
+    water: JerlovType = "IB"
     sun_azimuth_rad: float = 0.6
     sun_elevation_rad: float = 1.0
     seed: int = 1
@@ -221,7 +222,7 @@ def sample_dive(
     `VideoError`; each file appears when it is complete.
     """
     from mr360uw.sample.recording import record
-    from mr360uw.template import scene_text
+    from mr360uw.scene.template import scene_text
 
     if width < 64 or width % 4:
         raise ParameterError(f"width - must be a multiple of 4 from 64 up (got {width}) - take 1024 or 2048")

@@ -9,8 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from mr360uw.color import ColorSpec
-from mr360uw.video.spherical import SphericalMetadata
-from mr360uw.video.tags import BT709_TAGS, ColorTags
+from mr360uw.video.metadata.spherical import SphericalMetadata
+from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
 
 
 @dataclass(kw_only=True, eq=False)

@@ -17,7 +17,7 @@ from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Tile, YuvImage
 
 if TYPE_CHECKING:
-    from mr360uw.video.grain import Grain
+    from mr360uw.video.pixels.grain import Grain
 
 Blend = Callable[[Floats, Tile], Floats]
 """(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
@@ -60,10 +60,10 @@ class VideoFrame:
 
     def _linear(self, rectangle: tuple[int, int, int, int]) -> NDArray[np.float32]:
         if self.yuv is not None:
-            from mr360uw.video.planes import linear_from_planes
+            from mr360uw.video.pixels.planes import linear_from_planes
 
             return linear_from_planes(self.yuv, rectangle, self.wrap)
-        from mr360uw.video.rgb import linear_from_codes
+        from mr360uw.video.pixels.rgb import linear_from_codes
 
         assert self.rgb is not None
         row, column, height, width = rectangle
@@ -72,7 +72,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.grain import grain_of_planes, grain_of_rgb
+        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)
@@ -105,9 +105,9 @@ class VideoFrame:
         return (self._over_planes if self.yuv is not None else self._over_codes)(layer, blend, grain)
 
     def _over_planes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
-        from mr360uw.video.grain import NO_GRAIN
-        from mr360uw.video.native import copy_planes
-        from mr360uw.video.planes import changed_pixels, lay_over_planes
+        from mr360uw.video.pixels.grain import NO_GRAIN
+        from mr360uw.video.pixels.native import copy_planes
+        from mr360uw.video.pixels.planes import changed_pixels, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
@@ -123,9 +123,9 @@ class VideoFrame:
         return replace(self, yuv=_read_only(planes), native=native)
 
     def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
-        from mr360uw.video.grain import add_grain
-        from mr360uw.video.planes import changed_pixels
-        from mr360uw.video.rgb import lay_over_codes
+        from mr360uw.video.pixels.grain import add_grain
+        from mr360uw.video.pixels.planes import changed_pixels
+        from mr360uw.video.pixels.rgb import lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()

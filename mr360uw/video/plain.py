@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mr360uw.video.reader import open_video
+from mr360uw.video.read.reader import open_video
 from mr360uw.video.settings import EncodeSettings
-from mr360uw.video.writer import create_video
+from mr360uw.video.write.writer import create_video
 
 
 def transcode(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.caustics.gl_stack import upload
+from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.gl.context import gl_device, texture_array_from_array, texture_from_array
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup

@@ -19,12 +19,12 @@ from mr360uw.caustics import (
     refract_to_water,
     stack_depths,
 )
-from mr360uw.caustics.cell import cell_light, intensities, opened
-from mr360uw.caustics.coverage import edge_coverage, twice_area
-from mr360uw.caustics.deposit import deposit_exact
-from mr360uw.caustics.irradiance import pass_indices
+from mr360uw.caustics.flux.cell import cell_light, intensities, opened
+from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
+from mr360uw.caustics.flux.deposit import deposit_exact
+from mr360uw.caustics.flux.irradiance import pass_indices
+from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
 from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
-from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint, marginal_kernel
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
 from tests import tolerances as tol
@@ -103,7 +103,7 @@ def test_energy_of_any_sea_on_opengl(seed, folding, zenith_deg, depth, tile_m):
 @functools.cache
 def drawing_renderer():
     """Return a renderer that draws stacks, as graphics hardware does, on whatever device there is."""
-    from mr360uw.caustics.gl import CausticRenderer
+    from mr360uw.caustics.gl.renderer import CausticRenderer
 
     return CausticRenderer(draws_stacks=True)
 
@@ -254,11 +254,11 @@ def test_cell_twins(rng):
         )
     expected = np.array(expected)
     call = "cell_light(opened(Cell(a, b, c, d)), intensities(opened(Cell(a, b, c, d)), 0.3, 0.7))"
-    got = glsl_call("caustics/cell.glsl", call, **columns)
+    got = glsl_call("caustics/flux/cell.glsl", call, **columns)
     np.testing.assert_allclose(got, expected[:, 0], atol=tol.COVERAGE_TWIN, rtol=tol.COVERAGE_TWIN)
-    got = glsl_call("caustics/cell.glsl", "edge_coverage(a, b)", **columns)
+    got = glsl_call("caustics/flux/cell.glsl", "edge_coverage(a, b)", **columns)
     np.testing.assert_allclose(got, expected[:, 1], atol=tol.FLOAT32_TWIN)
-    got = glsl_call("caustics/cell.glsl", "twice_area(a, b, c)", **columns)
+    got = glsl_call("caustics/flux/cell.glsl", "twice_area(a, b, c)", **columns)
     np.testing.assert_allclose(got, expected[:, 2], atol=tol.FLOAT32_TWIN)
 
 
@@ -345,7 +345,7 @@ def test_the_drawn_atlas_is_the_one_that_lookups_read(planes):
 
 @pytest.mark.usefixtures("gl")
 def test_a_software_device_reads_the_stack_of_the_reference():
-    from mr360uw.caustics.gl import CausticRenderer
+    from mr360uw.caustics.gl.renderer import CausticRenderer
 
     arguments = (SEAS["gerstner"], SLANTED, [2.0, 5.0], 0.5, CausticSettings(size=64, grid=32))
     got = CausticRenderer(draws_stacks=False).stack(*arguments).download()

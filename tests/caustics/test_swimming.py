@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air
-from mr360uw.composite.material import Material
+from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -33,7 +33,7 @@ def render(request) -> Any:
     if request.param == "reference":
         return render_layer
     request.getfixturevalue("gl")
-    from mr360uw.composite.gl import LayerRenderer
+    from mr360uw.composite.gl.layer_renderer import LayerRenderer
 
     return LayerRenderer().render
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from mr360uw.color import encode
-from mr360uw.composite.material import Material
-from mr360uw.composite.mesh import Mesh, make_mesh
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import Mesh, make_mesh
+from mr360uw.composite.mesh.part import Part
+from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.part import Part
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.composite.texture import make_texture
 from mr360uw.sphere import directions, row_solid_angle, unit
 from mr360uw.types import CausticStack, Environment, Floats, MediumTable, Sun
 

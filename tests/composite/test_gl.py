@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import SUMS
-from mr360uw.composite.gl import LayerRenderer
+from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import DrawSettings

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite import load_mesh
-from mr360uw.composite.mesh import Mesh
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError

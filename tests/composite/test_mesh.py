@@ -10,11 +10,11 @@ import trimesh
 from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
-from mr360uw.composite import mesh as mesh_module
-from mr360uw.composite.material import Material
-from mr360uw.composite.mesh import make_mesh
+from mr360uw.composite.mesh import mesh as mesh_module
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import make_mesh
+from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.objects import load_object
-from mr360uw.composite.part import Part
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
 from tests import tolerances as tol

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mr360uw.composite.geometry import occluding, view_directions
-from mr360uw.composite.gl import LayerRenderer
-from mr360uw.composite.light import Light
-from mr360uw.composite.material import Material
-from mr360uw.composite.receiver import ReceiverShape
+from mr360uw.composite.gl.layer_renderer import LayerRenderer
+from mr360uw.composite.lighting.light import Light
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.texture import make_texture
+from mr360uw.composite.raycast.geometry import occluding, view_directions
+from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.composite.texture import make_texture
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
 from tests import tolerances as tol

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.geometry import occluding
-from mr360uw.composite.light import Light
-from mr360uw.composite.material import Material
-from mr360uw.composite.occlusion import ambient_blocked, surfel_table
+from mr360uw.composite.lighting.light import Light
+from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
+from mr360uw.composite.lighting.shadow import disc_directions
+from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
-from mr360uw.composite.rays import RayScene
+from mr360uw.composite.raycast.geometry import occluding
+from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_aovs, render_layer
-from mr360uw.composite.shadow import disc_directions
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
 from tests import tolerances as tol

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.rays import barycentric
+from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
 from mr360uw.errors import ParameterError
@@ -115,13 +115,17 @@ def test_twins(rng: np.random.Generator) -> None:
     towards = unit(np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], count), corners)).astype(np.float32)
     a, b, c = (corners[:, k] for k in range(3))
     weights, distance = barycentric(corners.astype(float), towards.astype(float))
-    got = glsl_call("composite/rays.glsl", "barycentric(make_facet(a, b, c), d)", 4, a=a, b=b, c=c, d=towards)
+    got = glsl_call(
+        "composite/gl/shaders/rays.glsl", "barycentric(make_facet(a, b, c), d)", 4, a=a, b=b, c=c, d=towards
+    )
     volume = np.abs(np.sum(a * np.cross(b, c), -1))
     fair = volume > np.quantile(volume, 0.05)  # slivers seen edge-on lose digits
     np.testing.assert_allclose(got[fair, :3], weights[fair], atol=tol.FLOAT32_LOOKUP)
     np.testing.assert_allclose(got[fair, 3], distance[fair], rtol=tol.FLOAT32_LOOKUP)
     size = np.array([512.0, 256.0])
-    got = glsl_call("composite/tiles.glsl", "rectangle_of_triangle(a, b, c, vec2(512.0, 256.0))", 4, a=a, b=b, c=c)
+    got = glsl_call(
+        "composite/gl/shaders/tiles.glsl", "rectangle_of_triangle(a, b, c, vec2(512.0, 256.0))", 4, a=a, b=b, c=c
+    )
     x, y = frame_from_direction(towards, *size)
     turn = np.floor((got[:, 2] - x) / size[0]) * size[0]
     over_pole = got[:, 2] - got[:, 0] >= size[0]

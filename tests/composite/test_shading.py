@@ -4,10 +4,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl_upload import list_texture, upload_mesh
-from mr360uw.composite.material import Material
-from mr360uw.composite.reference import render_aovs
-from mr360uw.composite.shading import (
+from mr360uw.composite.gl.upload import list_texture, upload_mesh
+from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,
     lobe_axis,
@@ -15,8 +13,10 @@ from mr360uw.composite.shading import (
     smith_visibility,
     sun_highlight,
 )
-from mr360uw.composite.shadow import basis, disc_directions, disc_offsets, effective_half_angle
-from mr360uw.composite.texture import Texture, make_texture, texture_level, texture_lookup
+from mr360uw.composite.lighting.shadow import basis, disc_directions, disc_offsets, effective_half_angle
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.texture import Texture, make_texture, texture_level, texture_lookup
+from mr360uw.composite.reference import render_aovs
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import directions, unit
@@ -151,15 +151,17 @@ def test_shading_twins(rng: np.random.Generator) -> None:
         "smith_visibility(a, b, c)": smith_visibility(*double[:3]),
     }
     for expression, expected in cases.items():
-        got = glsl_call("composite/shading.glsl", expression, a=a, b=b, c=c)
+        got = glsl_call("composite/lighting/shading.glsl", expression, a=a, b=b, c=c)
         np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP, err_msg=expression)
-    got = glsl_call("composite/shading.glsl", "reflectance(f, s)", 3, f=f0, s=split)
+    got = glsl_call("composite/lighting/shading.glsl", "reflectance(f, s)", 3, f=f0, s=split)
     np.testing.assert_allclose(got, reflectance(double[4], double[5]), rtol=tol.FLOAT32_LOOKUP)
-    got = glsl_call("composite/shading.glsl", "sun_highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d)
+    got = glsl_call(
+        "composite/lighting/shading.glsl", "sun_highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d
+    )
     expected = sun_highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
     np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP)
     n, v = (unit(rng.normal(size=(COUNT, 3))).astype(np.float32) for _ in range(2))
-    got = glsl_call("composite/shading.glsl", "lobe_axis(n, v, a, b)", 3, n=n, v=v, a=a, b=b)
+    got = glsl_call("composite/lighting/shading.glsl", "lobe_axis(n, v, a, b)", 3, n=n, v=v, a=a, b=b)
     expected = lobe_axis(n.astype(float), v.astype(float), double[0], double[1])
     np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_LOOKUP)
 
@@ -173,7 +175,7 @@ def test_texture_twin(rng: np.random.Generator) -> None:
         texture: Texture = make_texture(image, srgb=True, wrap=wrap)
         buffers = upload_mesh(quad(Material(base_map=texture)))
         got = glsl_call(
-            "composite/texture.glsl",
+            "composite/mesh/texture.glsl",
             "texture_lookup(store, texelFetch(materials, ivec2(4, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
             4, "uniform sampler2D store, materials;", {"store": buffers.store, "materials": buffers.materials},
             uv=uv, c=change,
@@ -189,7 +191,7 @@ def test_lists_are_read_where_they_were_written(rng: np.random.Generator) -> Non
     values = rng.uniform(size=(5000, 4)).astype(np.float32)
     index = rng.integers(0, 5000, COUNT)
     got = glsl_call(
-        "composite/geometry.glsl", "listed(list, int(i))", 4, "uniform sampler2D list;", {"list": list_texture(values)},
-        i=index.astype(np.float32),
+        "composite/gl/shaders/geometry.glsl", "listed(list, int(i))", 4, "uniform sampler2D list;",
+        {"list": list_texture(values)}, i=index.astype(np.float32),
     )  # fmt: skip
     assert np.array_equal(got, values[index])

@@ -122,7 +122,7 @@ def test_gain_twins(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("size", [(512, 256), (350, 171)])
 def test_the_gpu_reduces_to_the_same_map(operator: str, size: tuple[int, int]) -> None:
     from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl import environment_from_texture, reduce_texture
+    from mr360uw.ibl.gl.reduction import environment_from_texture, reduce_texture
 
     image = clipped(sky(unit([0.3, 0.7, 0.2]), width=512))[: size[1], : size[0]]
     chosen = LightSettings(operator=operator)

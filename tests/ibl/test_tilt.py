@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.analysis import scene_light
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level import level_matrix
+from mr360uw.ibl.level.tilt import level_matrix
+from mr360uw.ibl.level.upward import frame_sines, upward
 from mr360uw.ibl.lighting import turned
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.upward import frame_sines, upward
-from mr360uw.plate_map import plate_map
+from mr360uw.render.first_pass import scene_light
+from mr360uw.render.plate_map import plate_map
 from mr360uw.sample.dive import DivePlate, DiveSettings
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.types import Environment, Sun
@@ -71,7 +71,7 @@ def test_a_tilted_dive_has_the_light_of_a_level_one(dive: np.ndarray, operator: 
 @pytest.mark.usefixtures("gl")
 def test_a_tilted_texture_has_the_light_of_the_tilted_plate(dive: np.ndarray) -> None:
     from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl import environment_from_texture
+    from mr360uw.ibl.gl.reduction import environment_from_texture
 
     chosen, seen = LightSettings(operator="mr360"), np.minimum(tilted(dive, TILT), 1.0)
     a = environment_from_texture(texture_from_array(seen), chosen, underwater=True, up=TILT[1])

@@ -11,11 +11,11 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.gpmf import parse_gpmf, streams
-from mr360uw.ibl.level import keyed_level, level_from_gpmf, level_matrix, roll_pitch
+from mr360uw.ibl.level.gravity import parse_gpmf, streams
+from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch
 from mr360uw.ibl.report import Snapshot, light_report
-from mr360uw.ibl.smooth import smooth
-from mr360uw.ibl.solar import parse_time, sun_angles
+from mr360uw.ibl.sun.smooth import smooth
+from mr360uw.ibl.sun.solar import parse_time, sun_angles
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped, sky

@@ -12,8 +12,8 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Sensor, Water, bands, cameras, compress_gamut, multiple_scattering, reflectance
-from mr360uw.medium.fitted import search
-from mr360uw.medium.sensor import illuminant, named_sensor
+from mr360uw.medium.spectral.fitted import search
+from mr360uw.medium.spectral.sensor import illuminant, named_sensor
 from tests.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
 
 SENSORS = [Sensor.cie1931(), Sensor.camera("Insta360 X5")]
@@ -66,7 +66,7 @@ def test_fitted_weights_of_a_camera_are_not_negative() -> None:
 
 
 def test_the_stored_search_is_the_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mr360uw.medium import fitted
+    from mr360uw.medium.spectral import fitted
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     stored = bands(4, SENSORS[1], "fitted")

@@ -1,0 +1,37 @@
+from . import caustics, composite, ibl, medium, video
+from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
+from .pipeline import FrameResult, Report, composite_video, render_frame
+from .sample import sample_dive
+from .scene import Scene, load_scene
+from .types import CausticStack, Environment, Layer, Sun
+from .video import open_video
+
+__version__: str
+
+__all__ = [
+    "CausticStack",
+    "Environment",
+    "FrameResult",
+    "GlError",
+    "Layer",
+    "MeshError",
+    "Mr360uwError",
+    "OutputExistsError",
+    "ParameterError",
+    "Report",
+    "Scene",
+    "SceneError",
+    "Sun",
+    "VideoError",
+    "__version__",
+    "caustics",
+    "composite",
+    "composite_video",
+    "ibl",
+    "load_scene",
+    "medium",
+    "open_video",
+    "render_frame",
+    "sample_dive",
+    "video",
+]

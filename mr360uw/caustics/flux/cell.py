@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell of the surface grid as its refracted image on the plane: two triangles that share their flux over pixels.
+
+Corners a, b, c, d run around the cell; the triangles are (a, b, c) and (a, c, d). Each carries an intensity (flux over
+signed area), so that intensity times signed coverage is the light it leaves in a pixel, whichever way it has folded.
+Compiled; a cell is eight coordinates in pixels. Twin: cell.glsl.
+"""
+
+from __future__ import annotations
+
+from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
+
+THINNEST = 2e-3
+"""Twice the area [pixel^2] below which a triangle shares no light of its own: single precision resolves no less."""
+
+Cell = tuple[float, float, float, float, float, float, float, float]
+
+
+@compiled
+def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
+    """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
+
+    A fold of the caustic turns cells into lines, and their flux needs some area to be shared over. The longer diagonal
+    stays (or is drawn out to a twentieth of a pixel) and becomes a c; the two other corners move to its sides.
+    """
+    if abs(twice_area(ax, ay, bx, by, cx, cy)) >= THINNEST or abs(twice_area(ax, ay, cx, cy, dx, dy)) >= THINNEST:
+        return ax, ay, bx, by, cx, cy, dx, dy
+    if (dx - bx) ** 2 + (dy - by) ** 2 > (cx - ax) ** 2 + (cy - ay) ** 2:
+        ax, ay, cx, cy = bx, by, dx, dy
+    ex, ey = cx - ax, cy - ay
+    length2 = ex * ex + ey * ey
+    if length2 < 0.0025:
+        ex, ey, length2 = 0.05, 0.0, 0.0025
+        cx, cy = ax + ex, ay
+    wide = 1.5 * THINNEST / length2
+    mx, my = ax + 0.5 * ex, ay + 0.5 * ey
+    return ax, ay, mx + wide * ey, my - wide * ex, cx, cy, mx - wide * ey, my + wide * ex
+
+
+@compiled
+def intensities(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, flux_b: float, flux_d: float
+) -> tuple[float, float]:
+    """Return the signed intensities of the triangles (a, b, c) and (a, c, d) of an opened cell.
+
+    A triangle that is too thin hands its flux to the other one.
+    """
+    b = twice_area(ax, ay, bx, by, cx, cy)
+    d = twice_area(ax, ay, cx, cy, dx, dy)
+    if abs(b) < THINNEST:
+        return 0.0, 2.0 * (flux_b + flux_d) / d
+    if abs(d) < THINNEST:
+        return 2.0 * (flux_b + flux_d) / b, 0.0
+    return 2.0 * flux_b / b, 2.0 * flux_d / d
+
+
+@compiled
+def cell_light(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
+    intensity_b: float, intensity_d: float,
+) -> float:  # fmt: skip
+    """Return the light that a cell leaves in the unit square."""
+    across = edge_coverage(cx, cy, ax, ay)
+    b = edge_coverage(ax, ay, bx, by) + edge_coverage(bx, by, cx, cy) + across
+    d = edge_coverage(cx, cy, dx, dy) + edge_coverage(dx, dy, ax, ay) - across
+    return intensity_b * b + intensity_d * d

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The blur of caustics by the sun's disc.
+
+The sun is a disc of angular radius r; every ray is a narrow cone. On a plane at depth d the cone's footprint is an
+ellipse, from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and d
+r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spectrum by 2 J1(p)/p (Goodman 2005 section
+2.1.5).
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.flux.refraction import refract_to_water
+
+Array = NDArray[np.floating[Any]]
+
+KERNEL_STEP = 1.0 / 256.0
+"""Steps [pixel] of the disc's footprint in which kernels are made and kept: a sun that moves slowly needs few."""
+_WIDEST_DIRECT = 11
+"""Pixels across a kernel up to which a sum over its pixels is quicker than two transforms."""
+
+
+def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
+    """Return the (2, 2) matrix that maps the unit disc to the sun's image on the plane, in metres over (x, z)."""
+    water = refract_to_water(sun_in_air, refractive_index)
+    horizontal = sun_in_air[[0, 2]]
+    sine = float(np.hypot(*horizontal))
+    along = horizontal / sine if sine > 0.0 else np.array([1.0, 0.0])
+    across = np.array([-along[1], along[0]])
+    scale = depth_m * half_angle_rad / (refractive_index * water[1])
+    return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
+
+
+def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
+    """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays."""
+    size = image.shape[0]
+    steps = np.round(footprint_m * (size / tile_m) / KERNEL_STEP)
+    kernel = _kept_kernel(tuple(steps.ravel().tolist()), size)
+    reach = len(kernel) // 2
+    if reach == 0:
+        return image
+    if len(kernel) > min(_WIDEST_DIRECT, size):
+        from scipy.fft import irfft2, rfft2
+
+        around = np.zeros((size, size))
+        around[np.ix_(*2 * (np.arange(-reach, reach + 1),))] = kernel
+        return np.maximum(irfft2(rfft2(image) * rfft2(around), s=image.shape), 0.0)
+    import cv2
+
+    wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_WRAP)
+    turned = np.ascontiguousarray(kernel[::-1, ::-1])  # because OpenCV correlates
+    return cv2.filter2D(wide, -1, turned)[reach:-reach, reach:-reach]
+
+
+@functools.lru_cache(maxsize=32)
+def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
+    """Return the kernel (2 r + 1, 2 r + 1) of a footprint in steps as far as it reaches about its middle."""
+    kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
+    at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
+    near = np.arange(-np.abs(at).max(), np.abs(at).max() + 1)
+    return kernel[np.ix_(near, near)]
+
+
+def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
+    """Return the periodic kernel (size, size), sum 1, of the disc mapped by a (2, 2) matrix, in pixels."""
+    (xa, xb), (za, zb) = footprint_pixel
+    points = _disc_points(float(abs(xa * zb - xb * za))) @ footprint_pixel.T
+    cell, part = _drawn_in(points)
+    kernel = np.zeros((size, size))
+    for dx in (0, 1):
+        for dz in (0, 1):
+            weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dz - part[:, 1])
+            np.add.at(kernel, ((cell[:, 1] + dz) % size, (cell[:, 0] + dx) % size), weight / len(points))
+    return kernel
+
+
+@functools.lru_cache(maxsize=64)
+def marginal_kernel(radius_pixel: float, size: int) -> NDArray[np.float64]:
+    """Return (2 m + 1,) symmetric weights, sum 1, 2 m < size, of the disc's projection on one axis.
+
+    The product of two of them stands for the disc on the GPU: along both axes its spectrum is the disc's.
+    """
+    points = _disc_points(radius_pixel**2)[:, :1] * radius_pixel
+    cell, part = _drawn_in(np.concatenate([points, -points]))
+    kernel = np.zeros(size)
+    np.add.at(kernel, cell[:, 0] % size, (1.0 - part[:, 0]) / len(cell))
+    np.add.at(kernel, (cell[:, 0] + 1) % size, part[:, 0] / len(cell))
+    m = min(int(np.ceil(radius_pixel)), (size - 1) // 2)
+    half = 0.5 * (kernel[: m + 1] + kernel[np.arange(0, -m - 1, -1)])
+    weights = np.concatenate([half[:0:-1], half])
+    return weights / weights.sum()
+
+
+def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
+    """Return (n, 2) points spread evenly over the unit disc on a sunflower's spiral (Vogel 1979)."""
+    i = np.arange(int(np.clip(60.0 * area_over_pi, 2048, 500_000)))
+    radius, angle = np.sqrt((i + 0.5) / len(i)), i * (np.pi * (3.0 - np.sqrt(5.0)))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def _drawn_in(points: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return the pixel (n, k) of each point's splat and its fractional part, points drawn in towards the middle.
+
+    Sharing a point between the pixels around it widens the kernel, by the variance part (1 - part). Points are scaled
+    down until the whole has the variance of the disc; that matters for discs of about a pixel.
+    """
+    wanted = float(np.mean(points**2))
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        scale = 0.5 * (low + high)
+        part = scale * points - np.floor(scale * points)
+        wide = float(np.mean((scale * points) ** 2 + part * (1.0 - part)))
+        low, high = (scale, high) if wide < wanted else (low, scale)
+    cell = np.floor(low * points)
+    return cell.astype(np.int64), low * points - cell

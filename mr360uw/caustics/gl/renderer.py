@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Caustics on OpenGL 3.3: the same cells, shared over the same pixels, as in `irradiance` and `deposit`.
+
+Where OpenGL is a processor, the processor makes the maps of stacks by itself (`irradiance.caustic_stack`) and OpenGL
+only reads them: it finds the light along the cells' edges in a fifth of the time it needs to draw their squares.
+
+Passes: surface (once for each frame), rays and cell flux (for each refractive index), then for each plane: cells drawn
+into an additive target, fold, sun disc. A cell is a point whose square covers its refracted image; each pixel of the
+square takes the exact area. Cells larger than the driver's points become rectangles. A cell starts in the tile, and the
+target spans two tiles each way, so the mesh is drawn once and the fold adds what lies beyond the edges. Light is only
+ever divided by what came in: that the mean is 1 is a result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustics.flux.irradiance import (
+    AnySea,
+    beam_slope,
+    caustic_stack,
+    check_arguments,
+    pass_indices,
+    scroll,
+    scroll_offsets,
+)
+from mr360uw.caustics.flux.refraction import fresnel_transmittance, refract_to_water
+from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, footprint, marginal_kernel
+from mr360uw.caustics.gl.passes import Passes, Textures
+from mr360uw.caustics.gl.sea_textures import field_image, wave_table
+from mr360uw.caustics.gl.stack import GlCausticStack, on_device, upload
+from mr360uw.caustics.lookup import layer_planes
+from mr360uw.caustics.sea.base import check_time
+from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.settings import CausticSettings, Method
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.gl.context import (
+    gl_context,
+    gl_device,
+    per_thread,
+    read_framebuffer,
+    texture_from_array,
+)
+from mr360uw.types import Floats
+
+Array = NDArray[np.floating[Any]]
+
+_NO_BLUR_PIXELS = 0.25
+"""Half width of the sun's image below which no blur can be seen (its standard deviation is an eighth of a pixel)."""
+_DRAWN_AS_MESH = ("ratio", "fan", "jacobian")
+
+
+@per_thread
+def caustic_renderer() -> CausticRenderer:
+    """Return this thread's renderer, made at the first call."""
+    return CausticRenderer()
+
+
+class CausticRenderer:
+    """Makes caustic maps and stacks; keeps its programs and textures from frame to frame.
+
+    draws_stacks: whether stacks are drawn, or made by the processor and uploaded; None: drawn on graphics hardware.
+    """
+
+    def __init__(self, *, draws_stacks: bool | None = None) -> None:
+        self._draws_stacks = not gl_device().software if draws_stacks is None else draws_stacks
+        self._passes = Passes()
+        self._point_limit = float(gl_context().info["GL_POINT_SIZE_RANGE"][1])
+
+    def map(
+        self,
+        sea: AnySea,
+        sun_direction_in_air: ArrayLike,
+        depth_m: float,
+        time_s: float,
+        size: int = 512,
+        grid: int = 256,
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
+        sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
+        method: Method = "exact",
+    ) -> Floats:
+        """Return the irradiance ratio (size, size) of `irradiance.caustic_map`."""
+        sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
+        self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
+        total = self._rays(sun, refractive_index, grid, "rays 0")
+        plane = _Plane(sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method)
+        light = self._light(plane, 0, "light")
+        incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
+        ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
+        return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
+
+    def stack(
+        self,
+        sea: AnySea,
+        sun_direction_in_air: ArrayLike,
+        depths_m: Sequence[float] | Array,
+        time_s: float,
+        settings: CausticSettings | None = None,
+    ) -> GlCausticStack:
+        """Return the stack of `irradiance.caustic_stack` on the GPU, mip levels included."""
+        s = settings or CausticSettings()
+        sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
+        gl_context().gc()
+        if not self._draws_stacks:
+            return upload(caustic_stack(sea, sun, depths_m, time_s, s))
+        depths = np.asarray(depths_m, np.float64)
+        sun_in_water = refract_to_water(sun, s.refractive_index)
+        indices, planes = pass_indices(s), layer_planes(len(depths))
+        levels = s.size.bit_length()
+        texture = gl_context().texture_array(
+            (s.size + 2, 2 * s.size + 2 * levels, len(planes) * len(indices)), planes.shape[1], dtype="f4"
+        )
+        target = gl_context().framebuffer([texture])
+        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
+        for channel, index in enumerate(indices):
+            lights, totals = [], []
+            total = self._rays(sun, index, s.grid, f"rays {channel}")
+            for number, depth in enumerate(depths.tolist()):
+                plane = _Plane(
+                    sea.tile_m, sun, depth, s.size, s.grid, index, s.sun_half_angle_rad, s.method,
+                    beam_slope(sun_in_water),
+                )  # fmt: skip
+                light = self._light(plane, channel, f"light {number}")
+                if s.method == "scrolling":
+                    light = self._scrolled(light, sea, time_s, s.size, number)
+                    total = self._mean(light, s.size, f"scrolled {number}")
+                light.build_mipmaps()
+                lights.append(light)
+                totals.append(total)
+            for layer, held in enumerate(planes):
+                inputs = {f"light_{k}": lights[p] for k, p in enumerate(held)}
+                inputs |= {f"total_{k}": totals[p] for k, p in enumerate(held)}
+                self._passes.draw(
+                    target, "atlas", inputs, geometry="caustics/gl/layer.geom", PLANES=planes.shape[1], size=s.size,
+                    last=levels - 1, layer=layer * len(indices) + channel,
+                )  # fmt: skip
+        return on_device(texture, depths, sea.tile_m, sun_in_water)
+
+    def _surface(self, sea: AnySea, grid: int, time_s: float) -> None:
+        """Fill "position" and "normal"."""
+        check_time(time_s)
+        inputs: dict[str, moderngl.Texture] = {}
+        uniforms: dict[str, Any] = {"grid": grid, "detail__repeats": (0.0, 0.0)}
+        if isinstance(sea, GerstnerSea) and sea.tiling == "lattice":
+            inputs["waves"] = texture_from_array(wave_table(sea.waves, sea.tile_m, time_s))
+            uniforms["wave_count"] = len(sea.waves.amplitude_m)
+        else:
+            inputs["fields"] = texture_from_array(field_image(sea, grid, time_s))
+            uniforms["FIELDS"] = 1
+        detail = sea.detail(time_s)
+        if detail is not None:
+            inputs["slopes"] = texture_from_array(detail.slopes)
+            uniforms |= {"detail__repeats": detail.repeats, "detail__offset": detail.offset}
+        targets = [self._passes.texture(name, grid, grid, 4) for name in ("position", "normal")]
+        self._passes.fill(targets, "surface", inputs, **uniforms)
+
+    def _rays(self, sun: Array, refractive_index: float, grid: int, name: str) -> moderngl.Texture:
+        """Fill the rays and the flux of each cell; return the mean flux of a cell, a texture of one texel."""
+        targets = [self._passes.texture(name, grid, grid, 4), self._passes.texture(f"{name} flux", grid, grid, 2)]
+        self._passes.fill(
+            targets, "rays", {"position": self._passes["position"], "normal": self._passes["normal"]}, sun_in_air=sun,
+            refractive_index=refractive_index, grid=grid,
+            flat_flux=float(sun[1] * fresnel_transmittance(sun[1], refractive_index)) / grid**2,
+        )  # fmt: skip
+        return self._mean(targets[1], grid, name)
+
+    def _mean(self, image: moderngl.Texture, size: int, name: str) -> moderngl.Texture:
+        """Return the mean over size x size texels of the sum of an image's first two channels."""
+        column, mean = self._passes.texture(f"{name} column", 1, size), self._passes.texture(f"{name} mean", 1, 1)
+        self._passes.fill([column], "mean", {"image": image}, axis=(1, 0), count=size)
+        self._passes.fill([mean], "mean", {"image": column}, axis=(0, 1), count=size)
+        return mean
+
+    def _light(self, plane: _Plane, channel: int, name: str) -> moderngl.Texture:
+        """Return the light of one plane, folded and blurred, in units of the flat sea's."""
+        size, passes = plane.size, self._passes
+        drawn, light = passes.texture("drawn", 2 * size, 2 * size + 1), passes.texture(name, size, size)
+        passes.target([drawn]).clear()
+        rays = {"rays": passes[f"rays {channel}"], "flux": passes[f"rays {channel} flux"]}
+        if plane.method in _DRAWN_AS_MESH:
+            self._mesh(passes.target([drawn]), rays, plane)
+        else:
+            self._cells(passes.target([drawn]), rays, plane)
+        radius_x, radius_z = plane.disc_radii
+        if max(radius_x, radius_z) < _NO_BLUR_PIXELS:
+            passes.fill([light], "fold", {"light": drawn}, size=size)
+            return light
+        folded, half = passes.texture("folded", size, size), passes.texture("half blurred", size, size)
+        passes.fill([folded], "fold", {"light": drawn}, size=size)
+        self._blur(half, folded, (1, 0), radius_x)
+        self._blur(light, half, (0, 1), radius_z)
+        return light
+
+    def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
+        """Draw every cell by exact coverage: small ones as points, those beyond the driver's points as rectangles."""
+        widest = plane.size - 1.0
+        limit = min(self._point_limit, widest)
+        common: dict[str, Any] = plane.uniforms | {
+            "vertex": "caustics/gl/cell.vert", "mode": moderngl.POINTS, "vertices": plane.grid**2
+        }  # fmt: skip
+        self._passes.draw(target, "cell", rays, extents=(0.0, limit), **common)
+        if limit < widest:
+            self._passes.draw(
+                target, "cell", rays, geometry="caustics/gl/cell.geom", RECTANGLES=1, extents=(limit, widest), **common
+            )
+
+    def _mesh(self, target: moderngl.Framebuffer, rays: Textures, plane: _Plane) -> None:
+        """Draw every triangle with the intensity that a method without coverage gives it."""
+        inputs: dict[str, Any] = dict(rays)
+        define: dict[str, Any] = {plane.method.upper(): 1}
+        if plane.method != "ratio":
+            vertices = self._passes.texture("vertices", plane.grid, plane.grid, 2)
+            self._passes.fill([vertices], "vertices", rays, **plane.uniforms, **define)
+            inputs["vertices"] = vertices
+        count = 6 * plane.grid**2
+        self._passes.draw(
+            target, "mesh", inputs, vertex="caustics/gl/mesh.vert", vertices=count, **plane.uniforms, **define
+        )
+
+    def _blur(
+        self, target: moderngl.Texture, image: moderngl.Texture, axis: tuple[int, int], radius_pixel: float
+    ) -> None:
+        kernel = marginal_kernel(round(radius_pixel / KERNEL_STEP) * KERNEL_STEP, image.width)
+        reach = len(kernel) // 2
+        weights = texture_from_array(kernel[None, reach:])
+        self._passes.fill(
+            [target], "blur", {"image": image, "weights": weights}, axis=axis, reach=reach, size=image.width
+        )
+
+    def _scrolled(
+        self, light: moderngl.Texture, sea: AnySea, time_s: float, size: int, number: int
+    ) -> moderngl.Texture:
+        out = self._passes.texture(f"scrolled light {number}", size, size)
+        shift = (np.round(scroll_offsets(sea, time_s) * size) % size).astype(np.int64).ravel()
+        self._passes.fill([out], "scroll", {"light": light}, size=size, shift=shift)
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Plane:
+    """What one map is made of. travel: (2,) what it is shifted back by for each metre of depth."""
+
+    tile_m: float
+    sun: Array
+    depth_m: float
+    size: int
+    grid: int
+    refractive_index: float
+    sun_half_angle_rad: float
+    method: Method
+    travel: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def uniforms(self) -> dict[str, Any]:
+        return {
+            "grid": self.grid, "size": float(self.size), "depth": self.depth_m / self.tile_m, "travel": self.travel
+        }  # fmt: skip
+
+    @property
+    def disc_radii(self) -> tuple[float, float]:
+        """Half widths of the sun's image along x and z, in pixels."""
+        disc = footprint(self.sun, self.refractive_index, self.sun_half_angle_rad, self.depth_m)
+        x, z = np.linalg.norm(disc, axis=1) * (self.size / self.tile_m)
+        return float(x), float(z)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all seas have in common: knobs, detail slopes, evaluation at points and on the grid of one tile."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
+from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface
+from mr360uw.errors import ParameterError
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.types import Surface
+
+Array = NDArray[np.float64]
+
+_POINTS_AT_ONCE = 1 << 13
+
+
+class SeaParameters(Parameters):
+    """The knobs of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
+
+    wind_speed: float = parameter(4.0, "wind speed 10 m above the sea", unit="m/s", low=0.0, high=40.0)
+    wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
+    tile_m: float = parameter(8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0)
+    water_depth_m: float = parameter(1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0)
+    loop_s: float | None = parameter(
+        None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0
+    )
+    detail_slope: float = parameter(0.0, "root mean square slope of the fine ripples; 0: none", low=0.0, high=0.5)
+    detail_wavelength_m: float = parameter(0.12, "dominant length of the fine ripples", unit="m", above=0.0, high=100.0)
+    detail_speed: float = parameter(0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0)
+    seed: int = parameter(1, "seed of the waves' directions and phases", low=0)
+
+    @property
+    def wind_travel(self) -> Array:
+        """Horizontal direction (2,) over (x, z) the wind blows towards."""
+        azimuth = math.radians(self.wind_direction_deg)
+        return np.array([math.sin(azimuth), -math.cos(azimuth)])
+
+    def detail(self, time_s: float) -> Detail | None:
+        """Return the two scrolling slope maps at one time, or None where the sea has none."""
+        if self.detail_slope == 0.0:
+            return None
+        return make_detail(
+            self.tile_m, self.detail_slope, self.detail_wavelength_m, self.detail_speed * self.wind_travel,
+            self.loop_s, self.seed, time_s,
+        )  # fmt: skip
+
+    def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
+        """Return the fields at points (n,) [m]."""
+        raise NotImplementedError
+
+    def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
+        """Return the fields (size, size) at x = column tile/size, z = row tile/size."""
+        raise NotImplementedError
+
+    def surface(self, x_m: ArrayLike, z_m: ArrayLike, time_s: float) -> Surface:
+        """Return the displaced surface whose particles rest at world (x, z) [m], arrays of any one shape.
+
+        time_s: seconds. Raises `ParameterError` for times and places that are not finite.
+        """
+        check_time(time_s)
+        x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
+            raise ParameterError("x_m, z_m - must be finite (got NaN or infinity) - give metres")
+        flat_x, flat_z = x.ravel(), z.ravel()
+        parts = [
+            self.fields_at(flat_x[i : i + _POINTS_AT_ONCE], flat_z[i : i + _POINTS_AT_ONCE], time_s)
+            for i in range(0, max(x.size, 1), _POINTS_AT_ONCE)
+        ]
+        fields = SurfaceFields(
+            *(np.concatenate([getattr(p, name) for p in parts]).reshape(x.shape) for name in FIELD_NAMES)
+        )
+        detail = self.detail(time_s)
+        return displaced_surface(x, z, fields, 0.0 if detail is None else detail_slope(detail, x, z))
+
+    def grid_surface(self, size: int, time_s: float) -> Surface:
+        """Return `surface` at x = column tile/size, z = row tile/size, (size, size), by the quickest exact way."""
+        check_time(time_s)
+        at = np.arange(size) * (self.tile_m / size)
+        x, z = np.broadcast_arrays(at, at[:, None])
+        detail = self.detail(time_s)
+        return displaced_surface(
+            x, z, self.grid_fields(size, time_s), 0.0 if detail is None else detail_slope(detail, x, z)
+        )
+
+
+def check_time(time_s: float) -> None:
+    """Raise `ParameterError` unless the time is finite."""
+    if not math.isfinite(time_s):
+        raise ParameterError(f"time_s - must be finite (got {time_s}) - give seconds")

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sea of Gerstner waves (trochoids) with exact normals and Jacobian.
+
+    symbol   field              unit     meaning
+    k        wave_vector        rad/m    over (x, z)
+    A        amplitude_m        m
+    Q        steepness          1        horizontal over vertical amplitude; 1 = circular orbits
+    theta    k.(x, z) - omega t + phase
+
+    height = sum A sin theta        shift = sum Q A k/|k| cos theta
+
+The surface cannot fold over while sum Q |k| A <= 1 (Finch 2004; Thompson et al. 2019 eq. 1 without its slips). Wave
+vectors lie on the tile's lattice and frequencies on the loop's, so both close exactly. Twin: gerstner.glsl.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
+from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
+from mr360uw.caustics.sea.surface import SurfaceFields
+from mr360uw.errors import ParameterError
+from mr360uw.parameters import Parameters, parameter
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_BLEND_FROM = 0.9
+"""Where the blend of Thompson et al. 2019 towards the neighbouring tile begins."""
+_FOLDING = 1.0 + 1e-9
+
+
+class GerstnerWave(Parameters):
+    """One explicit wave."""
+
+    wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m")
+    amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=1000.0)
+    steepness: float = parameter(1.0, "horizontal over vertical amplitude", low=0.0, high=1.0)
+    phase_rad: float = parameter(0.0, "phase at the origin at time 0", unit="rad")
+
+
+@dataclass(frozen=True, slots=True)
+class Waves:
+    """The waves a sea is made of: wave_vector (n, 2) rad/m, the others (n,)."""
+
+    wave_vector: Array
+    amplitude_m: Array
+    steepness: Array
+    phase_rad: Array
+    angular_frequency: Array
+
+    @property
+    def folding(self) -> float:
+        """The sum of Q |k| A: the surface cannot fold over up to 1."""
+        return float(np.sum(self.steepness * np.linalg.norm(self.wave_vector, axis=1) * self.amplitude_m))
+
+    def coefficients(self, time_s: float) -> Complex:
+        """Return (n, 8) complex amplitudes c of the fields of `SurfaceFields`: field = Re sum c exp(i k.(x, z))."""
+        k = self.wave_vector
+        length = np.linalg.norm(k, axis=1)
+        dx, dz = (k / np.maximum(length, 1e-30)[:, None]).T
+        amplitude = self.amplitude_m
+        sideways = self.steepness * amplitude
+        strain = 1j * sideways * length
+        turn = np.exp(1j * np.remainder(self.phase_rad - self.angular_frequency * time_s, 2.0 * np.pi))
+        columns = [-1j * amplitude, sideways * dx, sideways * dz, amplitude * k[:, 0], amplitude * k[:, 1],
+                   strain * dx * dx, strain * dz * dz, strain * dx * dz]  # fmt: skip
+        return np.stack(columns, axis=1) * turn[:, None]
+
+
+class GerstnerSea(SeaParameters):
+    """A sea of Gerstner waves from a few knobs, or of explicit waves."""
+
+    model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
+    steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
+    spread_deg: float = parameter(
+        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0
+    )
+    dominant_wavelength_m: float | None = parameter(
+        None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0
+    )
+    shortest_wavelength_m: float | None = parameter(
+        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
+    )
+    wave_count: int = parameter(24, "number of waves", low=1, high=512)
+    tiling: Literal["lattice", "blend"] = parameter(
+        "lattice", "lattice: exact; blend: into the neighbour over the last tenth (Thompson et al. 2019)"
+    )
+    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of those the knobs make")
+
+    @classmethod
+    def from_waves(
+        cls,
+        wave_vector: ArrayLike,
+        amplitude_m: ArrayLike,
+        steepness: ArrayLike,
+        phase_rad: ArrayLike,
+        tile_m: float = 8.0,
+        **knobs: object,
+    ) -> Self:
+        """Return a sea of explicit waves.
+
+        wave_vector: (n, 2) rad/m over (x, z), moved to the nearest vector that repeats after tile_m. amplitude_m,
+        steepness, phase_rad: (n,) or one number. At t = 0, theta = k.(x, z) + phase, height = sum A sin theta, shift =
+        sum Q A k/|k| cos theta. Raises `ParameterError` for values out of range, or where sum Q |k| A > 1.
+        """
+        k = np.atleast_2d(np.asarray(wave_vector, np.float64))
+        if k.ndim != 2 or k.shape[1] != 2:
+            raise ParameterError(f"wave_vector - must be (n, 2) (got {k.shape}) - give k_x, k_z of each wave")
+        try:
+            rows = [
+                np.broadcast_to(np.asarray(a, np.float64), k.shape[:1]) for a in (amplitude_m, steepness, phase_rad)
+            ]
+            waves = tuple(
+                GerstnerWave(wave_vector=(kx, kz), amplitude_m=a, steepness=q, phase_rad=p)
+                for (kx, kz), a, q, p in zip(k.tolist(), *(r.tolist() for r in rows), strict=True)
+            )
+            return cls(explicit_waves=waves, tile_m=tile_m, **knobs)  # type: ignore[arg-type]
+        except ValueError as error:
+            reason = "; ".join(str(error).splitlines()[:4])
+            raise ParameterError(f"waves - cannot be used (got: {reason}) - see GerstnerWave for the ranges") from error
+
+    @model_validator(mode="after")
+    def _does_not_fold(self) -> Self:
+        if self.explicit_waves and self.waves.folding > _FOLDING:
+            raise ValueError(
+                f"the waves fold over (got sum Q k A = {self.waves.folding:.4g}, at most 1) - "
+                "lower the steepness or the amplitudes"
+            )
+        return self
+
+    @property
+    def waves(self) -> Waves:
+        """The waves that the knobs make."""
+        return _waves_of(self)
+
+    def _make_waves(self) -> Waves:
+        if self.explicit_waves:
+            k = np.array([w.wave_vector for w in self.explicit_waves])
+            amplitude, steepness, phase = np.array(
+                [(w.amplitude_m, w.steepness, w.phase_rad) for w in self.explicit_waves]
+            ).T
+            if self.tiling == "lattice":
+                k = lattice_vector(k, self.tile_m)
+        else:
+            k, amplitude, phase = self._random_waves()
+            length = np.linalg.norm(k, axis=1)
+            steepness = np.full(len(k), self.steepness / max(1.0, float(np.sum(length * amplitude))))
+        frequency = looping_frequency(angular_frequency(np.linalg.norm(k, axis=1), self.water_depth_m), self.loop_s)
+        return Waves(k, amplitude, steepness, phase, frequency)
+
+    def _random_waves(self) -> tuple[Array, Array, Array]:
+        """Return wave vectors, amplitudes and phases: lengths even in log k, directions about the wind.
+
+        Every octave carries the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958), and all
+        of them together their share of Cox and Munk's (1954).
+        """
+        shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
+        longest = self.dominant_wavelength_m or peak_wavelength(self.wind_speed)
+        longest = max(min(longest, self.tile_m), shortest)
+        count = self.wave_count
+        random = np.random.default_rng([self.seed, 0x5EA])
+        place = (np.arange(count) + random.uniform(0.0, 1.0, count)) / count
+        length = 2.0 * np.pi / longest * (longest / shortest) ** place
+        angle = math.radians(self.spread_deg) * random.standard_normal(count)
+        phase = random.uniform(0.0, 2.0 * np.pi, count)
+        wx, wz = self.wind_travel
+        c, s = np.cos(angle), np.sin(angle)
+        k = length[:, None] * np.stack([c * wx - s * wz, s * wx + c * wz], axis=1)
+        if self.tiling == "lattice":
+            k = lattice_vector(k, self.tile_m)
+        variance = band_slope_variance(self.wind_speed, 2.0 * np.pi / longest, 2.0 * np.pi / shortest)
+        amplitude = math.sqrt(2.0 * variance / count) / np.linalg.norm(k, axis=1)
+        return k, amplitude, phase
+
+    def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
+        """Return the fields at points (n,) [m]."""
+        if self.tiling == "lattice":
+            return SurfaceFields(*self._stacked(x_m, z_m, time_s))
+        u, v = x_m - self.tile_m * np.floor(x_m / self.tile_m), z_m - self.tile_m * np.floor(z_m / self.tile_m)
+        wu, wv = ((np.maximum(a / self.tile_m - _BLEND_FROM, 0.0)) / (1.0 - _BLEND_FROM) for a in (u, v))
+        here = [((1.0 - wu) * (1.0 - wv), 0.0, 0.0), (wu * (1.0 - wv), self.tile_m, 0.0),
+                ((1.0 - wu) * wv, 0.0, self.tile_m), (wu * wv, self.tile_m, self.tile_m)]  # fmt: skip
+        return SurfaceFields(*np.sum([w * self._stacked(u - a, v - b, time_s) for w, a, b in here], axis=0))
+
+    def _stacked(self, x_m: Array, z_m: Array, time_s: float) -> Array:
+        wave = np.exp(1j * (x_m[:, None] * self.waves.wave_vector[:, 0] + z_m[:, None] * self.waves.wave_vector[:, 1]))
+        return (wave @ self.waves.coefficients(time_s)).real.T
+
+    def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
+        """Return the fields (size, size) at x = column tile/size, z = row tile/size.
+
+        On a grid, exp(i k.(x, z)) is a product of a function of x and one of z: two matrices instead of a sum at every
+        point.
+        """
+        if self.tiling == "blend":
+            x, z = np.meshgrid(*(np.arange(size) * (self.tile_m / size),) * 2)
+            f = self.fields_at(x.ravel(), z.ravel(), time_s)
+            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in SurfaceFields.__slots__))
+        columns, along_z = _grid_phases_of(self, size)
+        rows = self.waves.coefficients(time_s).T[:, None] * along_z
+        fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns
+        return SurfaceFields(*fields.reshape(-1, size, size))
+
+
+@functools.lru_cache(maxsize=8)
+def _grid_phases_of(sea: GerstnerSea, size: int) -> tuple[Array, Complex]:
+    """Return exp(i k_x x) of the waves at the grid's columns, as (2 n, size) of real and imaginary parts for a product
+    with real and imaginary parts, and exp(i k_z z) at its rows (size, n)."""
+    at = np.arange(size)[:, None] * (sea.tile_m / size)
+    along_x, along_z = (np.exp(1j * at * sea.waves.wave_vector[:, axis]) for axis in (0, 1))
+    return np.ascontiguousarray(np.concatenate([along_x.real, -along_x.imag], axis=1).T), along_z
+
+
+@functools.lru_cache(maxsize=32)
+def _waves_of(sea: GerstnerSea) -> Waves:
+    # kept outside of the frozen model, whose copies would carry it along
+    return sea._make_waves()

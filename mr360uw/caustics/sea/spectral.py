@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sea from a wave spectrum, summed by fast Fourier transform (Tessendorf 2001).
+
+    h(k, t) = h0(k) exp(-i omega t) + conj h0(-k) exp(i omega t)
+
+so that h(x, t) = sum h(k, t) exp(i k.x) is real and waves run along k. Slopes i k h; shift i k/|k| h, whose sign draws
+particles towards the crests (the paper's -i sharpens the troughs). Wave vectors are the tile's lattice; the rows of
+the highest frequency, which have no partner, stay empty.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
+from mr360uw.caustics.sea.spectrum import variance_density
+from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
+from mr360uw.parameters import parameter
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class SpectralSea(SeaParameters):
+    """A sea of random waves with the spectrum of a wind sea."""
+
+    model: Literal["spectral"] = parameter("spectral", "kind of sea")
+    spectrum: Literal["phillips", "jonswap", "tma"] = parameter("jonswap", "spectrum; tma: jonswap on shallow water")
+    resolution: int = parameter(128, "wave vectors across the lattice", low=4, high=1024)
+    significant_wave_height_m: float | None = parameter(
+        None, "four standard deviations of the tile's heights; none: of the spectrum's waves that fit into it",
+        unit="m", low=0.0, high=40.0,
+    )  # fmt: skip
+    fetch_m: float = parameter(100e3, "distance the wind has blown over", unit="m", low=10.0, high=1e7)
+    peak_enhancement: float = parameter(3.3, "sharpness gamma of the spectrum's peak", low=1.0, high=20.0)
+    swell: float = parameter(0.0, "0: wind sea, 1: long parallel crests", low=0.0, high=1.0)
+    choppiness: float = parameter(0.7, "horizontal shift: 0 = none, 1 = circular orbits", low=0.0, high=2.0)
+    shortest_wavelength_m: float | None = parameter(
+        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
+    )
+
+    @property
+    def lattice(self) -> tuple[Array, Array]:
+        """The wave vectors (k_x, k_z) [rad/m], each (n, n) in the order of the transform."""
+        m = np.fft.fftfreq(self.resolution, 1.0 / self.resolution) * (2.0 * np.pi / self.tile_m)
+        return np.broadcast_to(m, (self.resolution,) * 2), np.broadcast_to(m[:, None], (self.resolution,) * 2)
+
+    @property
+    def significant_height_m(self) -> float:
+        """Four standard deviations [m] of the height."""
+        return 4.0 * float(np.sqrt(_variance_of(self).sum()))
+
+    def spectra(self, time_s: float) -> Complex:
+        """Return the spectra (8, n, n) of the fields of `SurfaceFields`: field = Re sum c(k) exp(i k.(x, z))."""
+        h0, frequency = _amplitudes_of(self)
+        turn = np.exp(-1j * np.remainder(frequency * time_s, 2.0 * np.pi))
+        opposite = np.roll(h0[::-1, ::-1], (1, 1), (0, 1))
+        h = h0 * turn + np.conj(opposite * turn)
+        kx, kz = self.lattice
+        k = np.hypot(kx, kz)
+        shift = 1j * self.choppiness * h / np.where(k > 0.0, k, 1.0)
+        return np.stack([h, shift * kx, shift * kz, 1j * kx * h, 1j * kz * h,
+                         1j * kx * kx * shift, 1j * kz * kz * shift, 1j * kx * kz * shift])  # fmt: skip
+
+    def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
+        """Return the fields at points (n,) [m], summed wave by wave: for few points; `grid_fields` for whole tiles."""
+        spectra = self.spectra(time_s)
+        used = np.flatnonzero(np.any(spectra != 0.0, axis=(0, 2)))
+        m = np.fft.fftfreq(self.resolution, 1.0 / self.resolution)[used] * (2.0 * np.pi / self.tile_m)
+        along_x, along_z = np.exp(1j * x_m[:, None] * m), np.exp(1j * z_m[:, None] * m)
+        core = spectra[:, used[:, None], used]
+        return SurfaceFields(*(np.sum((along_z @ c) * along_x, axis=1).real for c in core))
+
+    def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
+        """Return the fields (size, size) at x = column tile/size, z = row tile/size.
+
+        Frequencies above what the grid holds fall on lower ones, as they do when a surface is sampled.
+        """
+        from scipy.fft import ifft2
+
+        spectra = self.spectra(time_s)
+        place = np.fft.fftfreq(self.resolution, 1.0 / self.resolution).astype(np.int64) % size
+        folded = np.zeros((len(FIELD_NAMES), size, size), np.complex128)
+        for field, spectrum in zip(folded, spectra, strict=True):
+            np.add.at(field, (place[:, None], place), spectrum)
+        # two real fields in one transform
+        pairs = ifft2(folded[0::2] + 1j * folded[1::2], norm="forward")
+        values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
+        return SurfaceFields(*values)
+
+
+@functools.lru_cache(maxsize=8)
+def _variance_of(sea: SpectralSea) -> Array:
+    """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
+    kx, kz = sea.lattice
+    variance = variance_density(
+        kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
+        sea.water_depth_m,
+    ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
+    highest = np.arange(sea.resolution) == sea.resolution // 2
+    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
+    longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / sea.tile_m)
+    out = (np.hypot(kx, kz) > longest_kept * (1.0 + 1e-9)) | highest | highest[:, None]
+    variance = np.where(out, 0.0, variance)
+    total = float(variance.sum())
+    if sea.significant_wave_height_m is not None and total > 0.0:
+        variance = variance * ((sea.significant_wave_height_m / 4.0) ** 2 / total)
+    return variance
+
+
+@functools.lru_cache(maxsize=8)
+def _amplitudes_of(sea: SpectralSea) -> tuple[Complex, Array]:
+    """Return h0 (n, n) and the angular frequencies (n, n).
+
+    Gaussian amplitudes, scaled as a whole so that this sea has the stated height and not only the mean sea of many.
+    """
+    n = sea.resolution
+    random = np.random.default_rng([sea.seed, 0xFF7])
+    gauss = random.standard_normal((2, n, n))
+    h0 = (gauss[0] + 1j * gauss[1]) * np.sqrt(_variance_of(sea) / 4.0)
+    made = 2.0 * float(np.sum(np.abs(h0) ** 2))
+    h0 *= np.sqrt(float(_variance_of(sea).sum()) / made) if made > 0.0 else 0.0
+    kx, kz = sea.lattice
+    k = np.hypot(kx, kz)
+    frequency = angular_frequency(np.where(k > 0.0, k, 1.0), sea.water_depth_m)
+    return h0, looping_frequency(frequency, sea.loop_s)

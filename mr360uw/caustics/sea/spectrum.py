@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spectra of wind seas as variance over wave vectors.
+
+    phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread 2/pi cos^2      Phillips 1958; Tessendorf 2001 eq. 40
+    jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
+    tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
+
+Waves against the wind are left out: then no standing waves beat, and the variance is the same at all times.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed
+from mr360uw.constants import GRAVITY_M_S2
+
+Array = NDArray[np.float64]
+
+_PHILLIPS_ALPHA = 8.1e-3
+
+
+def variance_density(
+    kx: Array,
+    kz: Array,
+    spectrum: str,
+    wind_speed: float,
+    wind_travel: Array,
+    fetch_m: float,
+    peak_enhancement: float,
+    swell: float,
+    water_depth_m: float,
+) -> Array:
+    """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h)."""
+    k = np.hypot(kx, kz)
+    if wind_speed == 0.0:
+        return np.zeros(k.shape)
+    used = k > 0.0
+    k = np.where(used, k, 1.0)
+    cosine = (kx * wind_travel[0] + kz * wind_travel[1]) / k
+    if spectrum == "phillips":
+        length = wind_speed**2 / GRAVITY_M_S2
+        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * cosine**2 * 2.0 / np.pi
+    else:
+        frequency = angular_frequency(k, water_depth_m)
+        density = jonswap(frequency, wind_speed, fetch_m, peak_enhancement)
+        if spectrum == "tma":
+            density = density * tma_factor(frequency, water_depth_m)
+        spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m, swell)
+        density = density * spread * group_speed(k, water_depth_m) / k
+    return np.where(used & (cosine > 0.0), density, 0.0)
+
+
+def peak_frequency(wind_speed: float, fetch_m: float) -> float:
+    """Return the angular frequency [rad/s] of the peak of a fetch-limited sea (Hasselmann et al. 1973)."""
+    return 22.0 * (GRAVITY_M_S2**2 / (wind_speed * fetch_m)) ** (1.0 / 3.0)
+
+
+def jonswap(frequency: Array, wind_speed: float, fetch_m: float, peak_enhancement: float) -> Array:
+    """Return S(omega) [m^2 s] of a fetch-limited sea."""
+    alpha = 0.076 * (wind_speed**2 / (fetch_m * GRAVITY_M_S2)) ** 0.22
+    peak = peak_frequency(wind_speed, fetch_m)
+    width = np.where(frequency <= peak, 0.07, 0.09)
+    r = np.exp(-((frequency - peak) ** 2) / (2.0 * width**2 * peak**2))
+    tail = np.exp(-1.25 * np.minimum((peak / frequency) ** 4, 500.0))
+    return alpha * GRAVITY_M_S2**2 * frequency**-5.0 * tail * peak_enhancement**r
+
+
+def tma_factor(frequency: Array, water_depth_m: float) -> Array:
+    """Return the factor of shallow water, 1 where it is deep (Thompson & Vincent 1983)."""
+    w = frequency * np.sqrt(water_depth_m / GRAVITY_M_S2)
+    return np.where(w <= 1.0, 0.5 * w * w, np.where(w < 2.0, 1.0 - 0.5 * (2.0 - np.minimum(w, 2.0)) ** 2, 1.0))
+
+
+def cosine_spread(angle: Array, frequency: Array, wind_speed: float, fetch_m: float, swell: float) -> Array:
+    """Return the directional distribution [1/rad], integral 1: cos^2s(angle/2) (Hasselmann et al. 1980)."""
+    from scipy.special import gammaln
+
+    ratio = frequency / peak_frequency(wind_speed, fetch_m)
+    s = np.where(ratio > 1.0, 9.77 * ratio**-2.5, 6.97 * ratio**5.0) + 16.0 * np.tanh(1.0 / ratio) * swell**2
+    log_normal = gammaln(s + 1.0) - gammaln(s + 0.5) - np.log(2.0 * np.sqrt(np.pi))
+    half = np.maximum(np.abs(np.cos(0.5 * angle)), 1e-30)
+    return np.exp(log_normal + 2.0 * s * np.log(half))

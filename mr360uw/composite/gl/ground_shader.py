@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What falls on the ground of the plate, found on the device: at listed places, and in the pixels of listed blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.targets import Targets, bind
+from mr360uw.composite.lighting.light import FADE_FROM
+from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.shot import Shot
+from mr360uw.gl.context import set_uniforms, texture_from_array
+from mr360uw.types import Floats
+
+_BLOCKS_ACROSS = 32
+_PLACES_ACROSS = 256
+
+
+class GroundShader:
+    """Runs coarse.frag and receiver.frag with the light of the shot that `light` was last updated to."""
+
+    def __init__(self, targets: Targets, light: LightTextures) -> None:
+        self._targets, self._light = targets, light
+
+    @property
+    def of_sun(self) -> frozenset[str]:
+        """What of the sun there is on the ground: SHADOW, CAUSTICS."""
+        return frozenset(self._light.defines) & {"SHADOW", "CAUSTICS"}
+
+    def sun_at(self, places: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what coarse.frag says of balls (n, 4), place and radius [m]: (n, 4)."""
+        rows = -(-len(places) // _PLACES_ACROSS)
+        listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
+        listed[: len(places)] = places
+        defines = frozenset(self._light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
+        shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
+        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **self._light.textures})
+        self._light.set(shader)
+        self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
+        (sun,) = self._targets.read("coarse", _PLACES_ACROSS, rows)
+        return sun.reshape(-1, 4)[: len(places)]
+
+    def pixels(
+        self,
+        shot: Shot,
+        ground: Ground,
+        j: Indices,
+        i: Indices,
+        halo: NDArray[np.float32],
+        wanted: frozenset[str],
+        side: int,
+    ) -> list[NDArray[np.float32]]:
+        """Return the images of receiver.frag of blocks, each (n, side, side, k).
+
+        halo: (n, 4) part of it seen at the corners of each block, negative where that does not tell the pixels.
+        wanted: of SHADOW, CAUSTICS, and ROUGH for blocks that need all their light. side: samples along a block.
+        """
+        assert shot.receiver is not None
+        rows = -(-len(j) // _BLOCKS_ACROSS)
+        width, height = _BLOCKS_ACROSS * side, rows * side
+        blocks, halos = (np.zeros((rows * _BLOCKS_ACROSS, k), np.float32) for k in (2, 4))
+        blocks[: len(j)], halos[: len(j)] = BLOCK * np.stack([i, j], axis=-1), halo
+        defines = wanted | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
+        textures = {
+            "blocks": texture_from_array(blocks.reshape(rows, -1, 2)),
+            "halos": texture_from_array(halos.reshape(rows, -1, 4)),
+            **self._light.textures,
+        }
+        if shot.receiver.plane_y is not None and "ROUGH" not in wanted:
+            defines |= {"PLANE"}
+        else:
+            textures["shape"] = texture_from_array(_atlas(ground.pixels(shot, j, i), rows))
+        shader = self._targets.program("receiver", dict.fromkeys(defines, 1) | {"SIDE": side, "SPACING": BLOCK // side})
+        bind(shader, textures)
+        self._light.set(shader)
+        extent = shot.receiver.extent_m
+        set_uniforms(
+            shader,
+            world_from_camera=shot.world_from_camera.T,
+            frame_size=(shot.width, shot.height),
+            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.camera_position[1]),
+            fade=(FADE_FROM * extent, extent),
+        )
+        channels = (4, 4, 4) if "ROUGH" in wanted else (4,) if "CAUSTICS" in wanted else (1,)
+        name = f"receiver {len(channels)} {channels[0]}"
+        self._targets.draw(shader, name, width, height, channels)
+        return [_images_of_atlas(image, len(j)) for image in self._targets.read(name, width, height)]
+
+
+def _atlas(images: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+    """Return images (n, side, side, k) next to each other, `_BLOCKS_ACROSS` in a row."""
+    side, channels = images.shape[2:]
+    whole = np.zeros((rows * _BLOCKS_ACROSS, side, side, channels), np.float32)
+    whole[: len(images)] = images
+    apart = whole.reshape(rows, _BLOCKS_ACROSS, side, side, channels).transpose(0, 2, 1, 3, 4)
+    return apart.reshape(rows * side, _BLOCKS_ACROSS * side, channels)
+
+
+def _images_of_atlas(atlas: Floats, count: int) -> NDArray[np.float32]:
+    """Return the first images (count, side, side, k) of an atlas."""
+    side, channels = atlas.shape[1] // _BLOCKS_ACROSS, atlas.shape[-1]
+    apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, channels).transpose(0, 2, 1, 3, 4)
+    return np.ascontiguousarray(apart).reshape(-1, side, side, channels)[:count]

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The layer of a frame on OpenGL 3.3: the same samples, groups and light as the reference renderer.
+
+Only what objects and their shadows touch is drawn and read back. What has not changed since the frame before is kept:
+meshes, sun maps, the samples of objects that stand still and the shape of the receiver.
+"""
+
+from __future__ import annotations
+
+from mr360uw.composite.aovs import AovFrame, Aovs
+from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.object_pass import ObjectPass
+from mr360uw.composite.gl.receiver_pass import ReceiverPass
+from mr360uw.composite.gl.targets import Targets
+from mr360uw.composite.gl.upload import MeshBuffers, upload_mesh
+from mr360uw.composite.holdout import hold_out
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.over import empty_tile
+from mr360uw.composite.raycast.geometry import object_rectangles
+from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import even_tiles
+from mr360uw.gl.context import gl_context
+from mr360uw.types import Layer
+
+_KEPT_MESHES = 64
+
+
+class LayerRenderer:
+    """Draws shots; keeps on the device what the next one can use. One for each OpenGL thread."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[Mesh, MeshBuffers] = {}
+        self._light = LightTextures()
+        targets = Targets()
+        self._objects = ObjectPass(targets, self._light, self._buffers)
+        self._receiver = ReceiverPass(targets, self._light)
+
+    def render(self, shot: Shot) -> Layer:
+        """Return the layer of a shot, as `reference.render_layer` does."""
+        return self._render(shot, None)
+
+    def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
+        """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
+        frame = AovFrame(shot)
+        layer = self._render(shot, frame)
+        return layer, frame.finish(shot, layer)
+
+    def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
+        gl_context().gc()
+        object_parts = object_rectangles(shot)
+        changes = self._receiver.find(shot)
+        parts = object_parts + (changes.rectangles if changes is not None else [])
+        tiles = even_tiles(parts, shot.width, shot.height)
+        if not tiles:
+            return Layer(shot.height, shot.width, ())
+        self._light.update(shot, self._buffers)
+        drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
+        if object_parts:
+            self._objects.draw(shot, drawn, frame)
+        self._receiver.draw(shot, changes, drawn)
+        return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
+
+    def _buffers(self, mesh: Mesh) -> MeshBuffers:
+        if mesh not in self._meshes:
+            if len(self._meshes) >= _KEPT_MESHES:
+                self._meshes.pop(next(iter(self._meshes)))
+            self._meshes[mesh] = upload_mesh(mesh)
+        return self._meshes[mesh]

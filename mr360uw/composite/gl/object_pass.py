@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects on OpenGL 3.3: the surfaces that pixels show, lit one by one and added up.
+
+What is lit is a list, a texel each (layer.frag), so that no pixel waits for another that shows more. Objects of one
+mesh are lit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.aovs import SUMS, AovFrame
+from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
+from mr360uw.composite.gl.facet_pass import camera_centred
+from mr360uw.composite.gl.fragments import Fragments, add_behind, through
+from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.surface_pass import SurfacePass
+from mr360uw.composite.gl.targets import Targets, bind, read_attachment
+from mr360uw.composite.gl.upload import MeshBuffers, list_texture
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.sampling import filter_width
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.gl.context import set_uniforms
+from mr360uw.types import Floats, Tile
+
+_CHANNELS = ((4, 1), (4,) * 5, (4,) * 4)
+"""Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
+_AT_ONCE = 1 << 19
+_KEPT = 1 << 21
+
+
+class ObjectPass:
+    """Draws and lights the objects of shots; keeps the surfaces while objects and camera stand still.
+
+    buffers: gives the device's copy of a mesh.
+    """
+
+    def __init__(self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+        self._targets, self._light, self._buffers = targets, light, buffers
+        self._surfaces = SurfacePass(targets, buffers)
+        self._kept: tuple[object, list[Fragments], NDArray[np.int64]] | None = None
+
+    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None) -> None:
+        """Lay the objects of a shot behind what tiles hold. frame: gathers output variables where there is one."""
+        objects = [placed for placed in shot.objects if placed.visible]
+        layers, first = self._find(shot, objects)
+        for number, fragments in enumerate(layers):
+            if len(fragments) == 0:
+                continue
+            body = np.searchsorted(first, fragments.triangle, side="right") - 1
+            lit = (shot, objects, fragments, body, fragments.triangle - first[body], number < len(layers) - 1)
+            values = self._light_up(*lit, 0)
+            share = fragments.weight * values[:, 3]
+            if frame is not None:
+                seen = through(tiles, fragments)[fragments.pixel()] * share
+                variables = np.concatenate([self._light_up(*lit, half) for half in (1, 2)], axis=1)
+                _add_variables(frame, fragments, seen, variables, body)
+            color = fragments.sums(np.append(values[:, :3] * share[:, None], share[:, None], axis=1))
+            add_behind(tiles, fragments, color, fragments.smallest(values[:, 4]))
+
+    def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
+        key = (
+            shot.width, shot.height, shot.samples, shot.shading, shot.camera_position.tobytes(),
+            shot.world_from_camera.tobytes(), tuple((p.mesh, p.world_from_object.tobytes()) for p in objects),
+        )  # fmt: skip
+        if self._kept is None or self._kept[0] != key:
+            layers, first = self._surfaces.find(shot, objects)
+            if sum(len(layer) for layer in layers) > _KEPT:
+                self._kept = None
+                return layers, first
+            self._kept = key, layers, first
+        return self._kept[1], self._kept[2]
+
+    def _light_up(
+        self,
+        shot: Shot,
+        objects: Sequence[PlacedObject],
+        fragments: Fragments,
+        body: NDArray[np.int64],
+        triangle: NDArray[np.int64],
+        blended: bool,
+        outputs: int,
+    ) -> Floats:
+        """Return the outputs of layer.frag (n, channels) for every fragment.
+
+        body: (n,) object of each, triangle: (n,) number in its mesh. outputs: see `_CHANNELS`.
+        """
+        table = np.zeros((len(objects), 4, 4))
+        for row, placed in zip(table, objects, strict=True):
+            row[:3], row[3, 0] = camera_centred(placed, shot)[:3], placed.bias_m
+        bodies = list_texture(table)
+        entries = np.concatenate([triangle[:, None], fragments.place, body[:, None]], axis=1)
+        meshes = list(dict.fromkeys(placed.mesh for placed in objects))
+        of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
+        values = np.empty((len(fragments), sum(_CHANNELS[outputs])), np.float32)
+        for number, mesh in enumerate(meshes):
+            chosen = np.flatnonzero(of_mesh == number)
+            for start in range(0, len(chosen), _AT_ONCE):
+                part = chosen[start : start + _AT_ONCE]
+                values[part] = self._light_mesh(shot, mesh, entries[part], bodies, blended, outputs)
+        return values
+
+    def _light_mesh(self, shot: Shot, mesh: Mesh, entries: Floats, bodies: Any, blended: bool, outputs: int) -> Floats:
+        buffers = self._buffers(mesh)
+        shader = self._targets.program("layer", {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines)
+        bind(
+            shader,
+            {
+                "fragments": list_texture(entries),
+                "bodies": bodies,
+                "triangles": buffers.triangles,
+                "materials": buffers.materials,
+                "store": buffers.store,
+                **self._light.textures,
+            },
+        )
+        self._light.set(shader)
+        set_uniforms(
+            shader,
+            world_from_camera=shot.world_from_camera.T,
+            frame_size=(shot.width, shot.height),
+            count=len(entries),
+            filter_width=filter_width(shot.samples, shot.shading),
+            blended=blended,
+        )
+        rows = lane_rows(len(entries))
+        target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
+        part = (0, 0, LANE_COLUMNS, rows)
+        self._targets.fill(target, shader, part)
+        images = [read_attachment(target, k, part) for k in range(len(_CHANNELS[outputs]))]
+        return np.concatenate([in_lane_order(image)[: len(entries)] for image in images], axis=1)
+
+
+def _add_variables(
+    frame: AovFrame, fragments: Fragments, share: Floats, values: Floats, body: NDArray[np.int64]
+) -> None:
+    """Add the output variables (n, 36) of fragments that have a share (n,) in their pixels."""
+    at = fragments.row, fragments.column
+    for k, name in enumerate(SUMS):
+        frame.sums[name][at] += fragments.sums(share[:, None] * values[:, 4 * k : 4 * k + 3])
+    pixel = fragments.pixel()
+    order = np.lexsort((-np.arange(len(pixel)), share))  # of several in a pixel, the largest is written last
+    largest = np.full(len(fragments.row), -1, np.int64)
+    largest[pixel[order]] = order
+    larger = share[largest] > frame.share[at]
+    rows, columns, chosen = fragments.row[larger], fragments.column[larger], largest[larger]
+    frame.share[rows, columns], frame.object_id[rows, columns] = share[chosen], body[chosen] + 1
+
+
+def _map_defines(mesh: Mesh) -> dict[str, int]:
+    """Return a define for every kind of map that some material of a mesh has."""
+    kinds = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
+    return {kind.upper(): 1 for kind in kinds if any(getattr(m, kind) is not None for m in mesh.materials)}

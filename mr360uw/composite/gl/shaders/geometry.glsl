@@ -1,0 +1,136 @@
+// a triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
+// a material is nine of `materials`: see gl_upload.py.
+// maps are switched at compile time: software drivers run both sides of every branch
+#include "composite/gl/shaders/rays.glsl"
+#include "composite/mesh/texture.glsl"
+
+const int TRIANGLE_TEXELS = 10;
+const int MATERIAL_TEXELS = 9;
+
+struct Triangle {
+    vec3 a, b, c;
+    int first;
+    int material;
+    float patch_number;
+};
+
+struct Surface {
+    vec3 point;
+    float distance_m;
+    vec3 direction;
+    vec3 geometric_normal;
+    vec3 normal;
+    vec4 base;
+    float metallic;
+    float roughness;
+    vec3 emission;
+    float occlusion;
+    float refractive_index;
+    float footprint_m;
+};
+
+// rows of 2048: shifts, because software drivers divide integers one lane at a time
+vec4 listed(sampler2D list, int index) {
+    return texelFetch(list, ivec2(index & 2047, index >> 11), 0);
+}
+
+// placed: (3 rows of the linear part and translation) from the object's axes to the camera's place, world axes
+Triangle fetch_triangle(sampler2D triangles, mat4 placed, int number) {
+    int first = number * TRIANGLE_TEXELS;
+    vec4 last = listed(triangles, first + 9);
+    return Triangle((placed * vec4(listed(triangles, first).xyz, 1.0)).xyz,
+                    (placed * vec4(listed(triangles, first + 3).xyz, 1.0)).xyz,
+                    (placed * vec4(listed(triangles, first + 6).xyz, 1.0)).xyz, first, int(last.x), last.y);
+}
+
+mat3x2 fetch_uv(sampler2D triangles, int first) {
+    return mat3x2(listed(triangles, first).w, listed(triangles, first + 1).w,
+                  listed(triangles, first + 3).w, listed(triangles, first + 4).w,
+                  listed(triangles, first + 6).w, listed(triangles, first + 7).w);
+}
+
+vec2 uv_change(Facet facet, mat3x2 uv, vec2 here, vec3 neighbour) {
+    return clamp(uv * barycentric(facet, neighbour).xyz - here, -1e3, 1e3);
+}
+
+vec4 base_color(sampler2D triangles, sampler2D materials, sampler2D store, Triangle triangle, vec3 weights,
+                vec2 uv, vec2 du, vec2 dv) {
+    vec4 color = weights.x * listed(triangles, triangle.first + 2) + weights.y * listed(triangles, triangle.first + 5)
+               + weights.z * listed(triangles, triangle.first + 8);
+    int row = triangle.material * MATERIAL_TEXELS;
+    color *= listed(materials, row);
+#if defined(BASE_MAP)
+    vec4 map = listed(materials, row + 4);
+    if (map.x >= 0.0) color *= texture_lookup(store, map, uv, du, dv);
+#endif
+    return color;
+}
+
+vec3 bumped(vec3 normal, vec3 e1, vec3 e2, mat3x2 uv, vec3 bump) {
+    vec2 d1 = uv[1] - uv[0], d2 = uv[2] - uv[0];
+    float side = sign(d1.x * d2.y - d2.x * d1.y);
+    vec3 tangent = side * (e1 * d2.y - e2 * d1.y), up = -side * (e2 * d1.x - e1 * d2.x);
+    tangent -= normal * dot(normal, tangent);
+    up -= normal * dot(normal, up);
+    tangent /= max(length(tangent), 1e-18);
+    up /= max(length(up), 1e-18);
+    vec3 turned = bump.x * tangent + bump.y * up + bump.z * normal;
+    float size = length(turned);
+    return size > 1e-6 ? turned / size : normal;
+}
+
+Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 placed, Triangle triangle,
+                vec3 direction, vec3 next_column, vec3 next_row, float pixel_rad) {
+    Facet facet = make_facet(triangle.a, triangle.b, triangle.c);
+    vec4 hit = barycentric(facet, direction);
+    mat3x2 uv_corners = fetch_uv(triangles, triangle.first);
+    vec2 uv = uv_corners * hit.xyz;
+    vec2 du = uv_change(facet, uv_corners, uv, next_column), dv = uv_change(facet, uv_corners, uv, next_row);
+    Surface s;
+    s.base = base_color(triangles, materials, store, triangle, hit.xyz, uv, du, dv);
+    s.distance_m = hit.w;
+    s.direction = direction;
+    s.point = hit.w * direction;
+    s.footprint_m = hit.w * pixel_rad;
+    vec3 e1 = triangle.b - triangle.a, e2 = triangle.c - triangle.a;
+    vec3 flat_normal = normalize(cross(e1, e2));
+    float side = -sign(dot(flat_normal, direction));
+    s.geometric_normal = flat_normal * side;
+    vec3 normal = hit.x * listed(triangles, triangle.first + 1).xyz + hit.y * listed(triangles, triangle.first + 4).xyz
+                + hit.z * listed(triangles, triangle.first + 7).xyz;
+    normal = normalize(mat3(placed) * normal);
+    int row = triangle.material * MATERIAL_TEXELS;
+    vec4 factors = listed(materials, row + 1);
+    s.metallic = factors.x;
+    s.roughness = factors.y;
+    s.emission = listed(materials, row + 2).rgb;
+    s.refractive_index = listed(materials, row + 3).z;
+    s.occlusion = 1.0;
+    vec4 map;
+#if defined(METALLIC_ROUGHNESS_MAP)
+    map = listed(materials, row + 5);
+    if (map.x >= 0.0) {
+        vec4 texel = texture_lookup(store, map, uv, du, dv);
+        s.metallic *= texel.b;
+        s.roughness *= texel.g;
+    }
+#endif
+#if defined(OCCLUSION_MAP)
+    map = listed(materials, row + 7);
+    if (map.x >= 0.0) s.occlusion += factors.w * (texture_lookup(store, map, uv, du, dv).r - 1.0);
+#endif
+#if defined(EMISSION_MAP)
+    map = listed(materials, row + 8);
+    if (map.x >= 0.0) s.emission *= texture_lookup(store, map, uv, du, dv).rgb;
+#endif
+#if defined(NORMAL_MAP)
+    map = listed(materials, row + 6);
+    if (map.x >= 0.0) {
+        vec3 bump = 2.0 * texture_lookup(store, map, uv, du, dv).rgb - 1.0;
+        bump.xy *= factors.z;
+        normal = bumped(normal, e1, e2, uv_corners, bump);
+    }
+#endif
+    s.normal = normal * side;
+    return s;
+}

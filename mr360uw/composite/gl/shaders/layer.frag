@@ -1,0 +1,91 @@
+// the light of fragments: each a place on a triangle of a body, seen through the water (composite/lighting/light.py)
+#include "composite/gl/shaders/blocks.glsl"
+#include "composite/gl/shaders/light.glsl"
+uniform sampler2D fragments, bodies;
+uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
+uniform sampler2DArray ambient, glossy, caustic_ratio;
+uniform mat3 world_from_camera;
+uniform vec2 frame_size;
+uniform int count;
+uniform float filter_width;
+uniform bool blended;
+uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
+uniform float glossy_roughness[8];
+uniform Lights lights;
+uniform MediumTable medium;
+uniform CausticStack stack;
+#if OUTPUTS == 1
+layout(location = 0) out vec4 parts_out[5];
+#elif OUTPUTS == 2
+layout(location = 0) out vec4 parts_out[4];
+#else
+layout(location = 0) out vec4 radiance;
+layout(location = 1) out float distance_m;
+#endif
+
+// bodies are lit at fewer directions than the ground: their own light varies more than what their halo misses
+const int HALO_EVERY = 2;
+
+vec3 world_direction(vec2 place) {
+    return world_from_camera * direction_from_frame(place, frame_size);
+}
+
+float glossy_level(float roughness) {
+    float level = 0.0;
+    for (int k = 0; k + 1 < lights.glossy_levels; ++k)
+        level += clamp((roughness - glossy_roughness[k]) / (glossy_roughness[k + 1] - glossy_roughness[k]), 0.0, 1.0);
+    return level;
+}
+
+Parts light_surface(Surface s, float bias_m) {
+    vec3 scale = ambient_factor(lights, medium, diffuse, s.point);
+    vec3 irradiance = vec3(0.0), waves = vec3(1.0);
+#if defined(SUN)
+    bool faces = dot(s.normal, lights.sun_direction) > 0.0 && dot(s.geometric_normal, lights.sun_direction) > 0.0;
+    float free = 1.0;
+#if defined(SHADOW)
+    free = visibility(lights, medium, beam, sun_map, casters, slopes,
+                      s.point + lights.bias_scale * bias_m * s.geometric_normal, -1.0, HALO_EVERY, faces);
+#endif
+    waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
+    irradiance = beam_at(lights, medium, beam, s.point) * waves * (faces ? free : 0.0);
+#endif
+    return surface_light(lights, s, ambient, glossy, glossy_level(s.roughness), scale, irradiance, waves,
+                         half_angle_at(lights, medium, beam, s.point));
+}
+
+void main() {
+    int number = lane_number(ivec2(gl_FragCoord.xy));
+    vec4 fragment = texelFetch(fragments, list_place(min(number, count - 1)), 0);
+    int body = 4 * int(fragment.w);
+    mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
+                                 texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
+    float bias_m = texelFetch(bodies, list_place(body + 3), 0).x;
+    Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
+    vec2 place = fragment.yz;
+    Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place),
+                        world_direction(place + vec2(filter_width, 0.0)), world_direction(place + vec2(0.0, filter_width)),
+                        PI / frame_size.y * filter_width);
+    Parts p = light_surface(s, bias_m);
+    vec3 through = vec3(1.0), haze = vec3(0.0);
+#if defined(MEDIUM)
+    through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);
+    haze = veil_lookup(medium, veil, s.distance_m, s.direction.y);
+#endif
+    float alpha = blended ? s.base.a : 1.0;
+#if OUTPUTS == 1
+    parts_out[0] = vec4(through * p.diffuse, alpha);
+    parts_out[1] = vec4(through * p.glossy, alpha);
+    parts_out[2] = vec4(through * (p.sun_diffuse + p.sun_glossy), alpha);
+    parts_out[3] = vec4(through * p.caustics, alpha);
+    parts_out[4] = vec4(through * p.emission, alpha);
+#elif OUTPUTS == 2
+    parts_out[0] = vec4(haze, alpha);
+    parts_out[1] = vec4(through, alpha);
+    parts_out[2] = vec4(s.normal, alpha);
+    parts_out[3] = vec4(s.point + lights.camera_position, alpha);
+#else
+    radiance = vec4(through * (p.diffuse + p.glossy + p.sun_diffuse + p.sun_glossy + p.emission) + haze, alpha);
+    distance_m = s.distance_m;
+#endif
+}

@@ -1,0 +1,139 @@
+// `sun_map` holds for every body (or group of them) a square slot of columns along the sun: (part that is filled, top,
+// bottom), the last two times the first, metres above the lowest; and its levels are means of 2x2, 4x4, ... of them.
+// The twin shoots rays at the bodies instead. Loops test at their end, because software drivers run a body once more to
+// leave.
+const int MAXIMUM_SUN_SAMPLES = 32;
+const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
+const float SHARPEST = 0.2;   // part of RAMP that an edge may be sharpened to
+const float SMALLEST = 4.0;   // texels across the last level of a slot
+const int MAXIMUM_STEPS = 16;
+
+struct Caster {
+    vec2 center;
+    vec2 half_size;
+    vec2 reach;
+    vec2 slot;
+};
+
+Caster fetch_caster(sampler2D casters, int number) {
+    vec4 place = texelFetch(casters, ivec2(0, number), 0), more = texelFetch(casters, ivec2(1, number), 0);
+    return Caster(place.xy, place.zw, more.xy, more.zw);
+}
+
+// the largest power of two that is not above a positive number
+float power_below(float x) {
+    return uintBitsToFloat(floatBitsToUint(x) & 0x7f800000u);
+}
+
+// (part that is filled, top, bottom) at a place of a slot in [0, 1]^2, from the level whose texels are `texels` of the
+// finest wide: nothing beyond the slot
+vec3 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
+    vec2 inside = clamp(place * slot_size, 0.5 * texels, slot_size - 0.5 * texels);
+    return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels)).xyz;
+}
+
+// (part that is filled, top, bottom) at a place across the sun, a mean over `width` metres; edges are as wide, too
+vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, float width) {
+    float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
+    float wanted = max(width / (RAMP * texel), SHARPEST);
+    float texels = clamp(power_below(wanted), 1.0, slot_size / SMALLEST);
+    vec2 place = (at - caster.center) / caster.half_size * 0.5 + 0.5;
+    vec3 column = sun_texel(sun_map, caster, slot_size, texels, place);
+    vec2 ends = column.yz / max(column.x, 1e-6) + caster.reach.x;
+    // what is filled in part is thinner at its edge than in its middle
+    float middle = 0.5 * (ends.x + ends.y), half_height = 0.5 * (ends.x - ends.y) * column.x;
+    float filled = clamp((column.x - 0.5) * max(1.0 / wanted, 1.0) + 0.5, 0.0, 1.0);
+    bool there = column.x > 0.0 && place == clamp(place, 0.0, 1.0);
+    return vec3(there ? filled : 0.0, middle + half_height, middle - half_height);
+}
+
+// how much of a ray is blocked between two heights, whose columns are a and b; straight lines between them
+float blocked_between(vec3 a, vec3 b, float height_a, float height_b, float margin) {
+    if (a.x <= 0.0) a.yz = b.yz;
+    if (b.x <= 0.0) b.yz = a.yz;
+    vec2 below = vec2(height_a - a.z, height_b - b.z) + margin, above = vec2(a.y - height_a, b.y - height_b) + margin;
+    float cut_below = below.x / (below.x - below.y), cut_above = above.x / (above.x - above.y);
+    float enter = max(below.x < 0.0 ? cut_below : 0.0, above.x < 0.0 ? cut_above : 0.0);
+    float leave = min(below.y < 0.0 ? cut_below : 1.0, above.y < 0.0 ? cut_above : 1.0);
+    bool beside = max(below.x, below.y) < 0.0 || max(above.x, above.y) < 0.0 || enter > leave;
+    return beside ? 0.0 : max(mix(a.x, b.x, enter), mix(a.x, b.x, leave));
+}
+
+// how much of the ray from p, `slope` metres across for a metre along the sun, is blocked; it stands for all directions
+// around that widen by `widening` metres for a metre
+float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, float widening) {
+    float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
+    vec2 range = max(caster.reach - p.z, 0.0);
+    float across = max(length(slope), 1e-6), blocked = 0.0, h = range.x;
+    vec3 here = sun_column(sun_map, caster, slot_size, p.xy + slope * h, widening * h);
+    int k = 1;
+    do {
+        float next = k < MAXIMUM_STEPS ? min(h + max(widening * h, 0.5 * texel) / across, range.y) : range.y;
+        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * next, widening * next);
+        blocked = max(blocked, blocked_between(here, there, p.z + h, p.z + next, 0.01 * texel));
+        here = there;
+        h = next;
+        ++k;
+    } while (h < range.y && blocked < 1.0);
+    return blocked;
+}
+
+// the bodies, one bit each, that may keep part of the sun's disc off part of a ball about p. gap: how far [m] the nearest
+// of them is. umbra: whether one of them keeps all of the disc off all of the ball
+int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, float radius,
+                   float spread, out float gap, out bool umbra) {
+    int near = 0, between = 0, number = 0;
+    gap = 1e9;
+    umbra = false;
+    do {
+        Caster caster = fetch_caster(casters, number);
+        float above = caster.reach.y - p.z + radius;
+        vec2 across = abs(p.xy - caster.center) - caster.half_size;
+        if (above > 0.0 && max(across.x, across.y) <= radius + spread * above) near |= 1 << number;
+        ++number;
+    } while (number < caster_count);
+    // a filtered column is empty, or full, only where everything within a texel of that level is
+    do {
+        int lowest = near & -near;
+        Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
+        float wide = (radius + spread * (caster.reach.y - p.z + radius)) * slot_size;
+        float texels = max(2.0 * power_below(max(wide / min(caster.half_size.x, caster.half_size.y), 0.5)), 1.0);
+        bool known = texels * SMALLEST <= slot_size;
+        vec2 place = (p.xy - caster.center) / caster.half_size * 0.5 + 0.5;
+        float filled = sun_texel(sun_map, caster, slot_size, min(texels, slot_size / SMALLEST), place).x;
+        if (lowest != 0 && (filled > 0.0 || !known)) {
+            between |= lowest;
+            float below = caster.reach.x - p.z - radius;
+            gap = min(gap, max(below, 0.0));
+            umbra = umbra || (known && below >= 0.0 && filled > 0.9999 && place == clamp(place, 0.0, 1.0));
+        }
+        near &= ~lowest;
+    } while (near != 0);
+    return between;
+}
+
+// p: in the map's axes (two across, one along). middle: slope of the sun's middle, which the map's axis is near. slopes:
+// of directions over a unit disc, of which each `every`-th is taken. spread: tangent of its radius.
+// without `wanted` the answer does not count, and costs nothing where a whole block of pixels does not want it
+float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
+                     vec2 middle, vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
+    float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count));
+    bool umbra;
+    int between = bodies_between(sun_map, casters, caster_count, slot_size, p, 0.0, spread + length(middle), gap, umbra);
+    int k = !wanted || between == 0 || umbra ? count : 0;
+    do {
+        int left = between;
+        float most = 0.0;
+        do {
+            int lowest = left & -left;
+            Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
+            vec2 slope = middle + spread * slopes[every * min(k, count - 1)];
+            float one = sun_blocked(sun_map, caster, slot_size, p, slope, widening);
+            if (lowest != 0 && k < count) most = max(most, one);
+            left &= ~lowest;
+        } while (left != 0 && most < 1.0);
+        blocked += most;
+        ++k;
+    } while (k < count);
+    return umbra ? 0.0 : 1.0 - blocked / float(count);
+}

@@ -1,0 +1,19 @@
+#include "composite/gl/shaders/geometry.glsl"
+#if defined(MASKED)
+uniform sampler2D materials, store;
+in vec2 uv;
+in float vertex_alpha;
+flat in int material_row;
+#endif
+in float along;
+out vec2 column;
+
+void main() {
+#if defined(MASKED)
+    float alpha = vertex_alpha * listed(materials, material_row).a;
+    vec4 map = listed(materials, material_row + 4);
+    if (map.x >= 0.0) alpha *= texture_lookup(store, map, uv, vec2(0.0), vec2(0.0)).a;
+    if (alpha < listed(materials, material_row + 3).x) discard;
+#endif
+    column = vec2(along, -along);
+}

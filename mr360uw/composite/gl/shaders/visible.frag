@@ -1,0 +1,318 @@
+// what the rays of a pixel meet first, among the triangles that its block lists (reference.py: trace, groups). Tells
+//   WHOLE: triangle + 1 at the centre where one smooth piece fills the pixel, 0 where nothing is, -1 for anything else
+//   BY_SAMPLE: triangle + 1 of every ray
+//   neither: groups of rays on one smooth piece, (triangle + 1, RANKS * rays + the ray that stands for them) each
+#include "composite/gl/shaders/blocks.glsl"
+#include "composite/gl/shaders/geometry.glsl"
+#include "sphere.glsl"
+uniform sampler2D facet_a, facet_b, facet_c, lists, members, masks;
+uniform vec2 frame_size;
+uniform vec4 turns[4 * FOURS];
+#if defined(PICKED)
+uniform sampler2D picked;
+#endif
+#if defined(CUTOUTS) || defined(BLENDED)
+uniform sampler2D more_lists;
+#endif
+#if defined(CUTOUTS)
+uniform sampler2D cutout_a, cutout_b, cutout_c, cutout_maps, cutouts;
+uniform vec4 beside[4];
+#endif
+#if defined(BLENDED)
+uniform int layer;
+#endif
+#if defined(WHOLE)
+out float shown;
+#elif defined(BY_SAMPLE)
+layout(location = 0) out vec4 shown[FOURS];
+#else
+uniform vec2 cells[4 * FOURS];
+layout(location = 0) out vec4 shown[GROUPS / 2];
+#endif
+
+// EACH_FOUR writes a line for every four rays: arrays whose places are known stay in registers
+Four fours[FOURS];
+vec2 longitude, latitude;
+
+ivec2 facet_place(int triangle) {
+    return ivec2(triangle & (FACET_COLUMNS - 1), triangle / FACET_COLUMNS);
+}
+
+// piece: number of the smooth piece; nearest: nothing of the triangle, nor of those after it, is met nearer
+Facet fetch_facet(int triangle, out float piece, out float nearest) {
+    ivec2 at = facet_place(triangle);
+    vec4 a = texelFetch(facet_a, at, 0), b = texelFetch(facet_b, at, 0);
+    piece = a.w;
+    nearest = b.w;
+    return Facet(a.xyz, b.xyz, texelFetch(facet_c, at, 0).xyz);
+}
+
+vec3 plane_of(Facet facet) {
+    return facet.a + facet.b + facet.c;
+}
+
+// how far off a plane a ray may end, as a part of its length, to be lit with another at a distance
+float tolerance(vec3 plane, float nearness) {
+    return PLANE_TOLERANCE * PIXEL_FILTER * PI / frame_size.y / nearness * length(plane);
+}
+
+#if defined(CUTOUTS) || defined(BLENDED)
+// what is let pass of a triangle, and what lies in front already
+vec4 solid[FOURS], limit[FOURS];
+#define FREE(f) solid[f] = vec4(1.0); limit[f] = vec4(1e30);
+#define HITS(f) before(solid[f] * hits(fours[f], facet), limit[f])
+
+vec4 before(vec4 hit, vec4 nearer) {
+    return hit * step(hit, nearer);
+}
+#else
+#define HITS(f) hits(fours[f], facet)
+#endif
+
+#if defined(CUTOUTS)
+void cut_out(int triangle, Facet facet) {
+    ivec2 at = facet_place(triangle);
+    vec4 a = texelFetch(cutout_a, at, 0), b = texelFetch(cutout_b, at, 0), c = texelFetch(cutout_c, at, 0);
+    vec4 map = texelFetch(cutout_maps, list_place(max(int(c.z), 0)), 0);
+    mat3x2 uv = mat3x2(a.xy, a.zw, b.xy);
+    vec3 alphas = vec3(b.zw, c.x);
+    Four near = four_rays(longitude, latitude, vec4[4](beside[0], beside[1], beside[2], beside[3]));
+    vec2 here = uv * barycentric(facet, vec3(near.x.x, near.y.x, near.z.x)).xyz;
+    vec2 du = uv_change(facet, uv, here, vec3(near.x.y, near.y.y, near.z.y));
+    vec2 dv = uv_change(facet, uv, here, vec3(near.x.z, near.y.z, near.z.z));
+    for (int f = 0; f < FOURS; ++f) {
+        for (int k = 0; k < 4; ++k) {
+            vec3 ray = vec3(fours[f].x[k], fours[f].y[k], fours[f].z[k]);
+            vec3 weights = clamp(barycentric(facet, ray).xyz, 0.0, 1.0);
+            float alpha = dot(weights, alphas);
+            if (c.z >= 0.0) alpha *= texture_lookup(cutouts, map, uv * weights, du, dv).r;
+#if defined(WHOLE)
+            solid[f][k] = alpha >= 0.5 * (1.0 + c.y) ? 1.0 : 0.0;
+#else
+            solid[f][k] = alpha >= c.y ? 1.0 : 0.0;
+#endif
+        }
+    }
+}
+#endif
+
+#define AIM(f) fours[f] = four_rays(longitude, latitude, vec4[4](turns[4*f], turns[4*f + 1], turns[4*f + 2], turns[4*f + 3]));
+#define MEET(f) keep(fours[f], HITS(f), float(triangle + 1), piece);
+#define LEAST(f) farthest = min(farthest, fours[f].nearness);
+
+float smallest(vec4 v) {
+    return min(min(v.x, v.y), min(v.z, v.w));
+}
+
+#if defined(WHOLE)
+// what reaches into the pixel, as near as it may be at the corners: the piece that is seen so far, and all others
+float current = -1.0;
+vec4 same = vec4(0.0), others = vec4(0.0);
+bool touched = false;
+
+float largest(vec4 v) {
+    return max(max(v.x, v.y), max(v.z, v.w));
+}
+
+void notice(Facet facet, float piece) {
+    vec4 u = products(fours[1], facet.a), v = products(fours[1], facet.b), w = products(fours[1], facet.c);
+    vec4 near = max(u + v + w, 0.0);
+    bool reaches = min(largest(u), min(largest(v), largest(w))) >= 0.0;
+    bool seen = any(greaterThan(HITS(0), fours[0].nearness)) || any(greaterThan(HITS(1), fours[1].nearness));
+    if (piece != current && (seen || (reaches && current < 0.0))) {
+        others = max(others, same);
+        same = vec4(0.0);
+        current = piece;
+    }
+    touched = touched || reaches;
+    if (reaches && piece == current) same = max(same, near);
+    if (reaches && piece != current) others = max(others, near);
+}
+#endif
+
+// members stand in the order of their nearness: once all rays have met something nearer than the rest can be, it is over.
+// Loops test at their end, because software drivers run a body once more to leave
+void look(int first, int end, int pixel, bool cut) {
+    int from = first & ~3;
+    bool over = first >= end;
+    if (!over) do {
+        int wanted = members_of_pixel(masks, max(first, from), end, pixel);
+        if (wanted != 0) do {
+            int triangle = int(texelFetch(members, list_place(from + lowest_bit(wanted)), 0).r);
+            wanted &= wanted - 1;
+            float piece, nearest;
+            Facet facet = fetch_facet(triangle, piece, nearest);
+#if defined(CUTOUTS)
+            if (cut) cut_out(triangle, facet);
+#endif
+#if defined(WHOLE)
+            notice(facet, piece);
+#endif
+            EACH_FOUR(MEET)
+            vec4 farthest = vec4(1e30);
+            EACH_FOUR(LEAST)
+            over = smallest(farthest) >= nearest;
+        } while (wanted != 0 && !over);
+        from += MEMBERS_AT_ONCE;
+    } while (from < end && !over);
+}
+
+#if defined(BLENDED)
+#define BEGIN(f) wall[f] = fours[f].nearness;
+#define BACK(f) fours[f].nearness = wall[f]; fours[f].triangle = vec4(0.0);
+#define PASS(f) limit[f] = pass(fours[f]);
+#define LEAVE(f) fours[f].nearness *= min(fours[f].triangle, 1.0);
+
+// one over the distance from which the next surface counts
+vec4 pass(Four four) {
+    return min(four.triangle, 1.0) * four.nearness / (1.0 + 4e-6 + 1e-7 * four.nearness);
+}
+
+// one blended surface after the other, in front of the opaque one that is known
+void look_into(int first, int end, int pixel) {
+    vec4 wall[FOURS];
+    EACH_FOUR(BEGIN)
+    for (int k = 0; k <= layer; ++k) {
+        EACH_FOUR(BACK)
+        look(first, end, pixel, false);
+        EACH_FOUR(PASS)
+    }
+    EACH_FOUR(LEAVE)
+}
+#endif
+
+#if defined(WHOLE)
+// what lies so many tolerances in front of a piece is another part of it
+const float APART = 4.0;
+
+bool all_near(Four four, vec3 plane, float slack, float piece) {
+    vec4 off = abs(products(four, plane) / four.nearness - 1.0);
+    return all(equal(four.piece, vec4(piece))) && all(greaterThan(four.nearness, vec4(0.0)))
+        && all(lessThanEqual(off, vec4(slack)));
+}
+
+void tell() {
+    float center = fours[0].triangle.x, piece, nearest;
+    vec3 plane = plane_of(fetch_facet(max(int(center) - 1, 0), piece, nearest));
+    float slack = tolerance(plane, fours[0].nearness.x);
+    vec4 corners = products(fours[1], plane);
+    bool whole = center > 0.0 && piece == current
+        && all_near(fours[0], plane, slack, piece) && all_near(fours[1], plane, slack, piece)
+        && all(lessThanEqual(same * (1.0 - APART * slack), corners)) && all(lessThanEqual(others, corners));
+    shown = whole ? center : touched ? -1.0 : 0.0;
+}
+#elif defined(BY_SAMPLE)
+#define SHOW(f) shown[f] = fours[f].triangle;
+void tell() {
+    EACH_FOUR(SHOW)
+}
+#else
+struct Group {
+    float triangle, nearness, piece;
+    int rank;
+    vec3 plane;
+    float slack;
+    bool last;
+    float rays;
+    vec2 sum;
+    float closest;
+};
+
+// the first ray that is in no group yet
+void find_seed(Four four, inout Group group, int first) {
+    for (int k = 3; k >= 0; --k) {
+        bool left = four.nearness[k] > 0.0;
+        group.triangle = left ? four.triangle[k] : group.triangle;
+        group.nearness = left ? four.nearness[k] : group.nearness;
+        group.piece = left ? four.piece[k] : group.piece;
+        group.rank = left ? first + k : group.rank;
+    }
+}
+
+// rays of a group are marked by a negative nearness, until its end
+void gather(inout Four four, inout Group group, int first) {
+    vec4 off = abs(products(four, group.plane) / four.nearness - 1.0);
+    for (int k = 0; k < 4; ++k) {
+        bool near = four.piece[k] == group.piece && off[k] <= group.slack;
+        bool taken = four.nearness[k] > 0.0 && (near || group.last || first + k == group.rank);
+        group.rays += taken ? 1.0 : 0.0;
+        group.sum += taken ? cells[first + k] : vec2(0.0);
+        four.nearness[k] = taken ? -1.0 : four.nearness[k];
+    }
+}
+
+// the ray closest to the middle of a group stands for it
+void represent(inout Four four, inout Group group, int first) {
+    for (int k = 0; k < 4; ++k) {
+        vec2 away = group.rays * cells[first + k] - group.sum;
+        bool closer = four.nearness[k] < 0.0 && dot(away, away) < group.closest;
+        group.closest = closer ? dot(away, away) : group.closest;
+        group.rank = closer ? first + k : group.rank;
+        group.triangle = closer ? four.triangle[k] : group.triangle;
+        four.nearness[k] = max(four.nearness[k], 0.0);
+    }
+}
+
+#define SEED(f) find_seed(fours[FOURS - 1 - f], group, 4 * (FOURS - 1 - f));
+#define GATHER(f) gather(fours[f], group, 4 * f);
+#define REPRESENT(f) represent(fours[f], group, 4 * f);
+
+const Group NONE = Group(0.0, 0.0, 0.0, -1, vec3(0.0), 0.0, false, 0.0, vec2(0.0), 1e9);
+
+void tell() {
+    fours[FOURS - 1].nearness *= LAST;
+    vec4 found[GROUPS / 2];
+    for (int k = 0; k < GROUPS / 2; ++k) found[k] = vec4(0.0);
+    int number = 0;
+    Group group = NONE;
+    EACH_FOUR(SEED)
+    if (group.rank >= 0) do {
+        float piece, nearest;
+        group.plane = plane_of(fetch_facet(int(group.triangle) - 1, piece, nearest));
+        group.slack = tolerance(group.plane, group.nearness);
+        group.last = number == GROUPS - 1;
+        EACH_FOUR(GATHER)
+        EACH_FOUR(REPRESENT)
+        vec2 entry = vec2(group.triangle, float(RANKS) * group.rays + float(group.rank));
+        for (int k = 0; k < GROUPS / 2; ++k) {
+            if (number == 2 * k) found[k].xy = entry;
+            if (number == 2 * k + 1) found[k].zw = entry;
+        }
+        ++number;
+        group = NONE;
+        EACH_FOUR(SEED)
+    } while (group.rank >= 0);
+    for (int k = 0; k < GROUPS / 2; ++k) shown[k] = found[k];
+}
+#endif
+
+void main() {
+    int lane = lane_number(ivec2(gl_FragCoord.xy));
+#if defined(PICKED)
+    vec2 pick = texelFetch(picked, list_place(lane), 0).xy;
+    int block = int(pick.x), pixel = int(pick.y);
+#else
+    int block = lane >> 4, pixel = lane & 15;
+#endif
+    vec4 list = texelFetch(lists, list_place(block), 0);
+    vec2 corner = list.xy + vec2(place_in_block(pixel));
+    float lon = 2.0 * PI * (corner.x / frame_size.x - 0.5), lat = PI * (0.5 - corner.y / frame_size.y);
+    longitude = vec2(cos(lon), sin(lon));
+    latitude = vec2(cos(lat), sin(lat));
+    EACH_FOUR(AIM)
+    int first = int(list.z), end = int(list.w);
+#if defined(CUTOUTS) || defined(BLENDED)
+    EACH_FOUR(FREE)
+    vec2 more = texelFetch(more_lists, list_place(block), 0).xy;
+#endif
+    look(first, end, pixel, false);
+#if defined(CUTOUTS)
+    look(end, int(more.x), pixel, true);
+    EACH_FOUR(FREE)
+    end = int(more.x);
+#endif
+#if defined(BLENDED)
+    look_into(int(more.x), int(more.y), pixel);
+#endif
+    tell();
+}

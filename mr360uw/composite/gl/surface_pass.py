@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which surfaces are seen in which pixels, on OpenGL 3.3.
+
+Triangles are listed by blocks of pixels (blocks.py), and rays look for the first that they meet among those of their
+block (visible.frag). Most pixels of a body show one smooth piece of surface and nothing else: eight rays and the
+triangles about tell them (`whole`). The others get the rays of the pattern, in the groups that reference.py defines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, in_lane_order, lane_rows, make_blocks
+from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass
+from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
+from mr360uw.composite.gl.targets import Targets, bind, read_attachment
+from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.sampling import BLEND_LAYERS, GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, pattern
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.gl.context import set_uniforms
+from mr360uw.types import Floats
+
+_PROBES = np.array(
+    [(0.5, 0.5), (0.5, 0.17), (0.79, 0.67), (0.21, 0.67), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+)
+"""Rays that tell whole pixels: the centre, three around it, and the corners, which a straight edge parts."""
+_BLOCKS_AT_ONCE = 8192
+_RANKS = 128
+_SHOWN = GROUPS // 2
+_SAMPLES_AT_ONCE = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draw:
+    """What all rays of a set of blocks share."""
+
+    shot: Shot
+    textures: Mapping[str, Any]
+    defines: Mapping[str, int]
+    layer: int
+
+
+class SurfacePass:
+    """Finds the surfaces of shots. buffers: gives the device's copy of a mesh."""
+
+    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+        self._targets = targets
+        self._facets = FacetPass(targets, buffers)
+
+    def find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
+        """Return the layers of surfaces, the nearest first and the opaque ones last; each object's first triangle."""
+        facets = self._facets.draw(shot, objects)
+        blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.width)
+        textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
+        defines = {"CUTOUTS": 1} if "cutouts" in textures else {}
+        layers = []
+        blended = blocks.some(blocks.bounds[:, 2] < blocks.bounds[:, 3])
+        for layer in range(BLEND_LAYERS):
+            found = self._layer(shot, blended, textures, defines | {"BLENDED": 1}, layer)
+            if len(found) == 0:
+                break
+            layers.append(found)
+        opaque = blocks.some(blocks.bounds[:, 0] < blocks.bounds[:, 2])
+        return [*layers, self._layer(shot, opaque, textures, defines)], facets.first
+
+    def _layer(
+        self, shot: Shot, blocks: Blocks, textures: Mapping[str, Any], defines: Mapping[str, int], layer: int = 0
+    ) -> Fragments:
+        """Return the opaque surfaces in blocks, or with the define BLENDED a layer of those in front of them."""
+        parts = [NOTHING]
+        for start in range(0, len(blocks.corner), _BLOCKS_AT_ONCE):
+            chunk = blocks.some(np.s_[start : start + _BLOCKS_AT_ONCE])
+            lists = list_texture(np.concatenate([chunk.corner, chunk.bounds[:, :2]], axis=1))
+            more = list_texture(chunk.bounds[:, 2:], 2)
+            draw = _Draw(shot, {**textures, "lists": lists, "more_lists": more}, defines, layer)
+            parts += list(self._surfaces(draw, chunk))
+        return joined_fragments(parts)
+
+    def _surfaces(self, draw: _Draw, blocks: Blocks) -> Iterator[Fragments]:
+        """Yield the fragments of the pixels of blocks."""
+        shot = draw.shot
+        samples = pattern(shot.samples)
+        row, column = blocks.pixels()
+        inside = (row < shot.height) & (column < shot.width)
+        if shot.shading == "sample":
+            yield self._by_sample(draw, samples, row, column, inside)
+            return
+        number = np.flatnonzero(inside)
+        if samples.count > len(_PROBES) and "BLENDED" not in draw.defines:
+            shown = self._rays(draw, _PROBES, {"WHOLE": 1}, len(row), (1,))[:, 0]
+            whole, number = number[shown[number] > 0.0], number[shown[number] < 0.0]
+            center = np.stack([column[whole], row[whole]], axis=-1) + 0.5
+            triangle = shown[whole].astype(np.int64) - 1
+            yield Fragments(row[whole], column[whole], np.arange(len(whole)), triangle, center, np.ones(len(whole)))
+        yield self._grouped(draw, samples, row[number], column[number], number)
+
+    def _grouped(
+        self,
+        draw: _Draw,
+        samples: Pattern,
+        row: NDArray[np.int64],
+        column: NDArray[np.int64],
+        number: NDArray[np.int64],
+    ) -> Fragments:
+        """Return the groups of samples of pixels; `number` among those of all blocks."""
+        per_block = BLOCK * BLOCK
+        picked = list_texture(np.stack([number // per_block, number % per_block], axis=-1), 2)
+        draw = replace(draw, textures={**draw.textures, "picked": picked})
+        shown = self._rays(draw, samples.positions, {"PICKED": 1}, len(row), (4,) * _SHOWN, samples.cells)
+        shown = shown.reshape(len(row), 2 * _SHOWN, 2)
+        pixel, group = np.nonzero(shown[..., 0])
+        triangle, code = shown[pixel, group].astype(np.int64).T
+        rays, rank = np.divmod(code, _RANKS)
+        there, first = np.unique(pixel, return_index=True)
+        place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
+        return Fragments(row[there], column[there], first, triangle - 1, place, rays / samples.count)
+
+    def _by_sample(
+        self,
+        draw: _Draw,
+        samples: Pattern,
+        row: NDArray[np.int64],
+        column: NDArray[np.int64],
+        inside: NDArray[np.bool_],
+    ) -> Fragments:
+        """Return every sample by itself."""
+        shown = []
+        for start in range(0, samples.count, _SAMPLES_AT_ONCE):
+            positions = samples.positions[start : start + _SAMPLES_AT_ONCE]
+            fours = -(-len(positions) // 4)
+            found = self._rays(draw, positions, {"BY_SAMPLE": 1}, len(row), (4,) * fours)
+            shown.append(found[:, : len(positions)])
+        triangle = np.concatenate(shown, axis=1) * inside[:, None]
+        pixel, rank = np.nonzero(triangle)
+        there, first = np.unique(pixel, return_index=True)
+        place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
+        weight = np.full(len(pixel), 1.0 / samples.count)
+        return Fragments(row[there], column[there], first, triangle[pixel, rank].astype(np.int64) - 1, place, weight)
+
+    def _rays(
+        self,
+        draw: _Draw,
+        positions: Floats,
+        defines: Mapping[str, int],
+        count: int,
+        channels: tuple[int, ...],
+        cells: NDArray[np.int64] | None = None,
+    ) -> Floats:
+        """Return what visible.frag shows of `count` pixels with rays at positions (r, 2): (count, channels)."""
+        if count == 0:
+            return np.zeros((0, sum(channels)), np.float32)
+        shot, fours = draw.shot, -(-len(positions) // 4)
+        every: dict[str, str | int | float] = {
+            "FOURS": fours, "EACH_FOUR(DO)": " ".join(f"DO({k})" for k in range(fours)), "RANKS": _RANKS,
+            "GROUPS": GROUPS,
+            "LAST": f"vec4({', '.join('1.0' if 4 * fours - 4 + k < len(positions) else '0.0' for k in range(4))})",
+            "FACET_COLUMNS": FACET_COLUMNS, "PLANE_TOLERANCE": PLANE_TOLERANCE, "PIXEL_FILTER": PIXEL_FILTER,
+        }  # fmt: skip
+        shader = self._targets.program("visible", {**every, **draw.defines, **defines})
+        bind(shader, draw.textures)
+        set_uniforms(shader, frame_size=(shot.width, shot.height), layer=draw.layer)
+        filled = np.concatenate([positions, positions[-1:].repeat(4 * fours - len(positions), axis=0)])
+        write_uniform(shader, "turns", _turns(shot, filled))
+        steps = shot.samples**-0.5 * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])
+        write_uniform(shader, "beside", _turns(shot, positions[0] + steps))
+        if cells is not None:
+            write_uniform(shader, "cells", np.resize(cells, (4 * fours, 2)).astype(np.float32))
+        rows = lane_rows(count)
+        target = self._targets.target(f"visible {len(channels)}", LANE_COLUMNS, rows, channels)
+        part = (0, 0, LANE_COLUMNS, rows)
+        self._targets.fill(target, shader, part)
+        images = [in_lane_order(read_attachment(target, k, part))[:count] for k in range(len(channels))]
+        return np.concatenate(images, axis=1)
+
+
+def _turns(shot: Shot, positions: Floats) -> Floats:
+    """Return (cosine, sine) of longitude and latitude from a pixel's corner to positions (r, 2) in it: (r, 4)."""
+    angles = positions * (2.0 * np.pi / shot.width, -np.pi / shot.height)
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
+    return turns.astype(np.float32)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Meshes and light as textures and buffers, in the layouts that geometry.glsl and light.glsl read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.mesh.material import AlphaMode, Material
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.texture import WRAPS, Texture
+from mr360uw.errors import MeshError
+from mr360uw.gl.context import gl_context, texture_from_array
+from mr360uw.types import Floats
+
+if TYPE_CHECKING:
+    import moderngl
+
+_LIST_COLUMNS = 2048
+_STORE_COLUMNS = 4096
+_STORE_ALIGNMENT = 64
+_NO_MAP = (-1.0, 0.0, 0.0, 0.0)
+MapEntry = tuple[float, float, float, float]
+"""(address / 64, width, height, wrap) of a map in its store."""
+MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshBuffers:
+    """A mesh on the device, triangles ordered by alpha mode.
+
+    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
+    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say. cut_maps: the maps whose alpha
+    cuts triangles out, as the materials number them.
+    """
+
+    mesh: Mesh
+    corners: moderngl.Buffer
+    ranges: dict[AlphaMode, tuple[int, int]]
+    pieces: int
+    triangles: moderngl.Texture
+    materials: moderngl.Texture
+    store: moderngl.Texture
+    cut_maps: tuple[Texture, ...]
+
+
+def upload_mesh(mesh: Mesh) -> MeshBuffers:
+    """Return a mesh on the device."""
+    mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
+    order = np.argsort(mode, kind="stable")
+    counts = np.bincount(mode, minlength=3)
+    ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
+    corners = np.zeros((len(order), 3, 4), np.float32)
+    corners[..., :3] = mesh.positions[order]
+    texels = np.zeros((len(order), 10, 4), np.float32)
+    texels[:, 0:9:3, :3], texels[:, 0:9:3, 3] = mesh.positions[order], mesh.uv[order, :, 0]
+    texels[:, 1:9:3, :3], texels[:, 1:9:3, 3] = mesh.normals[order], mesh.uv[order, :, 1]
+    texels[:, 2:9:3] = mesh.colors[order]
+    texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
+    store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
+    cut_maps = _cut_maps(mesh)
+    materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
+    return MeshBuffers(
+        mesh=mesh,
+        corners=gl_context().buffer(corners.tobytes()),
+        ranges=ranges,
+        pieces=int(mesh.patch.max()) + 1,
+        triangles=list_texture(texels),
+        materials=list_texture(materials),
+        store=store,
+        cut_maps=cut_maps,
+    )
+
+
+def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
+    """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
+    flat = np.asarray(values).reshape(-1)
+    row = _LIST_COLUMNS * channels
+    rows = max(-(-len(flat) // row), 1)
+    padded = np.zeros(rows * row, np.float32)
+    padded[: len(flat)] = flat
+    return texture_from_array(padded.reshape(rows, _LIST_COLUMNS, channels))
+
+
+def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[int, MapEntry]]:
+    """Return chosen channels of all levels of textures in one texture, and by identity what texture.glsl wants of each.
+
+    Raises `MeshError` where it is larger than OpenGL allows.
+    """
+    pieces: list[Any] = []
+    entries: dict[int, MapEntry] = {}
+    total, width = 0, len(range(4)[channels])
+    for texture in textures:
+        if id(texture) in entries:
+            continue
+        wrap = WRAPS.index(texture.wrap[0]) + 3 * WRAPS.index(texture.wrap[1])
+        columns, rows = texture.size
+        entries[id(texture)] = float(total // _STORE_ALIGNMENT), float(columns), float(rows), float(wrap)
+        pieces += [level[..., channels].reshape(-1, width) for level in texture.levels]
+        size = sum(level.shape[0] * level.shape[1] for level in texture.levels)
+        pad = -size % _STORE_ALIGNMENT
+        pieces.append(np.zeros((pad, width), np.float16))
+        total += size + pad
+    rows = max(-(-total // _STORE_COLUMNS), 1)
+    limit = int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
+    if rows > limit:
+        raise MeshError(
+            f"textures - are too large for this OpenGL (got {total / 1e6:.0f} million texels of one mesh) - "
+            f"scale them down to {limit * _STORE_COLUMNS / 1e6:.0f} million"
+        )
+    pieces.append(np.zeros((rows * _STORE_COLUMNS - total, width), np.float16))
+    return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, width), "f2"), entries
+
+
+def _cut_maps(mesh: Mesh) -> tuple[Texture, ...]:
+    """Return the maps whose alpha cuts triangles out."""
+    maps = (m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
+    return tuple(dict.fromkeys(maps))
+
+
+def _material_texels(m: Material, entries: dict[int, MapEntry], cut_maps: Sequence[Texture]) -> Floats:
+    cut = m.alpha_mode == "MASK" and m.base_map is not None
+    maps = (m.base_map, m.metallic_roughness_map, m.normal_map, m.occlusion_map, m.emission_map)
+    cut_map = float(cut_maps.index(m.base_map)) if cut else -1.0
+    return np.array(
+        [
+            m.base_color,
+            (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
+            (*m.emission, 0.0),
+            (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
+            *(_NO_MAP if texture is None else entries[id(texture)] for texture in maps),
+        ],
+        np.float32,
+    )
+
+
+def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
+    """Set an array of numbers or vectors, float32 or int32; what the compiler removed of it is passed over."""
+    import moderngl
+
+    uniform = shader.get(name, None)
+    if isinstance(uniform, moderngl.Uniform):
+        uniform.write(np.ascontiguousarray(values[: uniform.array_length]).tobytes())

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Materials of glTF 2.0 (section 3.9 of its specification) and of the extensions that `gltf.FOLLOWED` lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite.mesh.gltf import Gltf
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.texture import Texture, Wrap, make_texture
+from mr360uw.composite.mesh.texture_file import Pixels, decode_image
+from mr360uw.errors import MeshError
+from mr360uw.types import Floats
+
+_WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinates:
+    """Which texture coordinates a map is looked up with: the number of the set, and KHR_texture_transform."""
+
+    texcoord: int = 0
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation_rad: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    def of(self, uv: Floats) -> Floats:
+        """Return coordinates (V, 2) scaled, then turned (anticlockwise in the image, where v points down), then moved.
+
+        The signs are those of the extension's own example; those of its first shader text turn the other way.
+        """
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return uv * self.scale @ np.array([[c, -s], [s, c]]) + self.offset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GltfMaterial:
+    """A material and the coordinates that all its maps share."""
+
+    material: Material
+    coordinates: Coordinates
+
+
+BARE = GltfMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), Coordinates())
+"""What stands for no material: glTF's white, but not metallic, and drawn on both sides."""
+
+
+class MaterialReader:
+    """Reads the materials of a file; one image is decoded once for each use, and maps of one image are one texture."""
+
+    def __init__(self, gltf: Gltf) -> None:
+        self.gltf = gltf
+        self.notes: list[str] = []
+        self._pixels: dict[int, Pixels] = {}
+        self._textures: dict[tuple[int, bool, tuple[Wrap, Wrap]], Texture] = {}
+
+    def read(self, number: int) -> GltfMaterial:
+        """Return a material of the file's list."""
+        entry = self.gltf.entry("materials", number)
+        extensions = entry.get("extensions", {})
+        name = str(entry.get("name", number))
+        pbr = entry.get("pbrMetallicRoughness", {})
+        if "KHR_materials_pbrSpecularGlossiness" in extensions:
+            pbr = self._from_glossiness(name, extensions["KHR_materials_pbrSpecularGlossiness"])
+        metallic = float(pbr.get("metallicFactor", 1.0))
+        if "KHR_materials_unlit" in extensions:
+            metallic = float(pbr.get("metallicFactor", 0.0))
+            self._note(f"material {name!r} is unlit (KHR_materials_unlit) - the scene lights its colours")
+        references = {
+            "base_map": pbr.get("baseColorTexture"),
+            "metallic_roughness_map": pbr.get("metallicRoughnessTexture"),
+            "normal_map": entry.get("normalTexture"),
+            "occlusion_map": entry.get("occlusionTexture"),
+            "emission_map": entry.get("emissiveTexture") if any(entry.get("emissiveFactor", ())) else None,
+        }
+        maps, coordinates = self._maps(name, {slot: r for slot, r in references.items() if r is not None})
+        strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
+        red, green, blue = (strength * float(c) for c in entry.get("emissiveFactor", (0.0, 0.0, 0.0)))
+        r, g, b, a = (float(c) for c in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0)))
+        mode = entry.get("alphaMode", "OPAQUE")
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
+            raise ValueError(f"alphaMode {mode!r}")
+        material = Material(
+            name=name,
+            base_color=(r, g, b, a),
+            metallic=metallic,
+            roughness=float(pbr.get("roughnessFactor", 1.0)),
+            emission=(red, green, blue),
+            normal_scale=float((references["normal_map"] or {}).get("scale", 1.0)),
+            occlusion_strength=float((references["occlusion_map"] or {}).get("strength", 1.0)),
+            alpha_mode=mode,
+            alpha_cutoff=float(entry.get("alphaCutoff", 0.5)),
+            double_sided=bool(entry.get("doubleSided", False)),
+            refractive_index=_index(extensions),
+            **maps,
+        )
+        return GltfMaterial(material, coordinates)
+
+    def _from_glossiness(self, name: str, entry: dict[str, Any]) -> dict[str, Any]:
+        """Return the diffuse half of KHR_materials_pbrSpecularGlossiness as a dielectric."""
+        self._note(f"material {name!r} is given by specular and glossiness - its specular colours are not drawn")
+        return {
+            "baseColorFactor": entry.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)),
+            "baseColorTexture": entry.get("diffuseTexture"),
+            "metallicFactor": 0.0,
+            "roughnessFactor": 1.0 - float(entry.get("glossinessFactor", 1.0)),
+        }
+
+    def _maps(self, name: str, references: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], Coordinates]:
+        """Return the maps by slot and their coordinates: those of the first; maps with others are left out."""
+        shared: Coordinates | None = None
+        maps: dict[str, Any] = {}
+        for slot, reference in references.items():
+            own = _coordinates(reference)
+            if shared is None:
+                shared = own
+            if own != shared:
+                self._note(
+                    f"material {name!r}: its {slot.replace('_', ' ')} has texture coordinates of its own, which is not "
+                    "drawn - bake it to those of the other maps"
+                )
+                continue
+            maps[slot] = self._texture(reference["index"], srgb=slot in ("base_map", "emission_map"))
+        return maps, shared or Coordinates()
+
+    def _texture(self, number: int, *, srgb: bool) -> Texture:
+        entry = self.gltf.entry("textures", number)
+        source = entry.get("extensions", {}).get("EXT_texture_webp", {}).get("source", entry.get("source"))
+        if source is None:
+            raise MeshError(f"{self.gltf.path} - texture {number} is of a kind that is not read - export PNG or JPEG")
+        sampler = self.gltf.entry("samplers", entry["sampler"]) if "sampler" in entry else {}
+        wrap = _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
+        key = (source, srgb, wrap)
+        if key not in self._textures:
+            if source not in self._pixels:
+                self._pixels[source] = decode_image(self.gltf.image(source), f"{self.gltf.path} image {source}")
+            self._textures[key] = make_texture(self._pixels[source], srgb=srgb, wrap=wrap)
+        return self._textures[key]
+
+    def _note(self, text: str) -> None:
+        note = f"{self.gltf.path} - {text}"
+        if note not in self.notes:
+            self.notes.append(note)
+
+
+def _coordinates(reference: dict[str, Any]) -> Coordinates:
+    entry = reference.get("extensions", {}).get("KHR_texture_transform", {})
+    (x, y), (sx, sy) = entry.get("offset", (0.0, 0.0)), entry.get("scale", (1.0, 1.0))
+    texcoord = int(entry.get("texCoord", reference.get("texCoord", 0)))
+    return Coordinates(texcoord, (float(x), float(y)), float(entry.get("rotation", 0.0)), (float(sx), float(sy)))
+
+
+def _index(extensions: dict[str, Any]) -> float:
+    """Return the refractive index; 0 stands for a perfect mirror in the extension, here a very large index does."""
+    index = float(extensions.get("KHR_materials_ior", {}).get("ior", 1.5))
+    return index if index > 0.0 else 1e3

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a surface is made of: the metallic-roughness model of glTF 2.0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from mr360uw.composite.mesh.texture import Texture
+
+AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
+_MAPS = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """Factors and maps of glTF 2.0 section 3.9; colours are linear Rec.709.
+
+    base_color: (r, g, b, a). Every map multiplies its factor: `metallic_roughness_map` the roughness in its
+    green and the metallic in its blue channel, `occlusion_map` in its red; `normal_map` is in tangent space,
+    (x, y, z) = 2 rgb - 1.
+    refractive_index: of the surface, against vacuum; below water it acts relative to the water's.
+    """
+
+    name: str = ""
+    base_color: tuple[float, float, float, float] = (0.5, 0.5, 0.5, 1.0)
+    metallic: float = 0.0
+    roughness: float = 0.7
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal_scale: float = 1.0
+    occlusion_strength: float = 1.0
+    alpha_mode: AlphaMode = "OPAQUE"
+    alpha_cutoff: float = 0.5
+    double_sided: bool = False
+    refractive_index: float = 1.5
+    base_map: Texture | None = None
+    metallic_roughness_map: Texture | None = None
+    normal_map: Texture | None = None
+    occlusion_map: Texture | None = None
+    emission_map: Texture | None = None
+
+    @property
+    def maps(self) -> tuple[Texture, ...]:
+        """The maps that it has."""
+        return tuple(texture for texture in (getattr(self, name) for name in _MAPS) if texture is not None)
+
+    def without_maps(self) -> Material:
+        """Return the material with its factors alone."""
+        none: dict[str, Any] = dict.fromkeys(_MAPS)
+        return replace(self, **none)

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Meshes as the renderers want them: triangles with everything of their corners, in metres.
+
+Corners are not shared between triangles, so flat, creased and smooth surfaces, seams of the texture and several
+materials need no special cases. Besides the triangles a mesh carries what is asked of it every frame: its convex hull
+(where it is in the frame) and a few surfels (how much ambient light it keeps off a receiver).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.mesh.hull import hull_triangles, make_surfels
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh_file import read_mesh_file
+from mr360uw.composite.mesh.normals import crease_normals, face_normals, smooth_patches, welded
+from mr360uw.composite.mesh.part import Part
+from mr360uw.composite.settings import Unit
+from mr360uw.errors import MeshError
+from mr360uw.types import Floats
+
+_METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_LARGE_M = 20.0
+_SMALL_M = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles in the object's own axes [m]; arrays are (T, ...) by triangle and (T, 3, ...) by corner.
+
+    positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left.
+    colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
+    the smooth piece that a triangle belongs to. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
+    and surfel_area (s, 3): discs of the surface as area vectors; those of closed parts count half, because a line
+    through them crosses two. notes: what looked odd, for the user.
+    """
+
+    positions: Floats
+    normals: Floats
+    uv: Floats
+    colors: Floats
+    material: NDArray[np.int32]
+    patch: NDArray[np.int32]
+    materials: tuple[Material, ...]
+    hull: Floats
+    surfel_position: Floats
+    surfel_area: Floats
+    notes: tuple[str, ...] = ()
+
+    @property
+    def extent_m(self) -> Floats:
+        """Size of the bounding box (3,)."""
+        return np.ptp(self.hull.reshape(-1, 3), axis=0)
+
+    @property
+    def center_m(self) -> Floats:
+        """Centre of the bounding box (3,)."""
+        points = self.hull.reshape(-1, 3)
+        return 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+    @property
+    def radius_m(self) -> float:
+        """Radius about `center_m` that holds every vertex."""
+        return float(np.max(np.linalg.norm(self.hull.reshape(-1, 3) - self.center_m, axis=-1)))
+
+    @property
+    def glossy(self) -> bool:
+        """Whether a material is smoother than diffuse."""
+        return any(m.roughness < 0.95 or m.metallic_roughness_map is not None for m in self.materials)
+
+
+def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "") -> Mesh:
+    """Return the mesh of a glTF, GLB, OBJ, PLY or STL file, all its parts placed as the file says.
+
+    unit: of the file; "auto" takes metres and notes sizes that look wrong. part: keep the parts whose name contains it.
+    Raises `MeshError` where the file cannot be read, has no triangles, vertices that are not finite, no extent, or
+    names a texture that is not there.
+    """
+    path = Path(path)
+    file = read_mesh_file(path)
+    named = [p for p in file.parts if part in p.name]
+    if part and not named:
+        names = ", ".join(sorted({p.name for p in file.parts}))
+        raise MeshError(f"{path} - no part of that name (got {part!r}) - there are: {names}")
+    mesh = make_mesh(named, list(file.materials), where=str(path), scale=_METRES[unit], suspicious=unit == "auto")
+    return replace(mesh, notes=file.notes + mesh.notes)
+
+
+def make_mesh(
+    parts: list[Part], materials: list[Material], *, where: str = "mesh", scale: float = 1.0, suspicious: bool = False
+) -> Mesh:
+    """Return the mesh of indexed parts; `scale` metres a unit. Raises `MeshError` as `load_mesh` does."""
+    parts = [p for p in parts if len(p.faces)]
+    if not parts:
+        raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
+    parts, materials, notes = _without_useless_maps(where, parts, materials)
+    corners = [_corners(p) for p in parts]
+    positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
+    if not np.all(np.isfinite(positions)):
+        bad = int(np.count_nonzero(~np.isfinite(positions).all(axis=(1, 2))))
+        raise MeshError(f"{where} - vertices are not finite (got {bad} such triangles) - export the mesh again")
+    positions = positions * scale
+    extent = np.ptp(positions.reshape(-1, 3), axis=0)
+    if np.max(extent) <= 0.0:
+        raise MeshError(f"{where} - has no extent (got all vertices in one place) - export it without compression")
+    area = 0.5 * np.linalg.norm(np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0]), axis=-1)
+    keep = area > 1e-14 * np.max(extent) ** 2
+    if not np.any(keep):
+        raise MeshError(f"{where} - all triangles are degenerate (got {len(area)}) - export the surface again")
+    material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])
+    piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])
+    if not np.all(keep):
+        positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
+        material, piece = material[keep], piece[keep]
+    place = welded(positions)
+    surfel_position, surfel_area = make_surfels(positions, piece)
+    return Mesh(
+        positions=positions,
+        normals=normals,
+        uv=uv,
+        colors=colors,
+        material=material,
+        patch=smooth_patches(place, normals, piece),
+        materials=tuple(materials),
+        hull=hull_triangles(positions, place),
+        surfel_position=surfel_position,
+        surfel_area=surfel_area,
+        notes=notes + (_size_notes(where, extent) if suspicious else ()),
+    )
+
+
+def _size_notes(where: str, extent: Floats) -> tuple[str, ...]:
+    longest = float(np.max(extent))
+    if longest > _LARGE_M:
+        guess = "cm" if longest < 100.0 * _LARGE_M else "mm"
+    elif longest < _SMALL_M:
+        return (f"{where} - is only {1000 * longest:.3g} mm large - a scale for the object may be missing",)
+    else:
+        return ()
+    return (f"{where} - is {longest:.3g} m long - centimetres or millimetres? then set unit = {guess!r}",)
+
+
+def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return positions, normals, uv, colours of the corners of one part."""
+    faces = part.faces
+    positions: Floats = np.asarray(part.positions, np.float64)[faces]
+    normals: Floats
+    if not np.all(np.isfinite(positions)):
+        normals = np.zeros_like(positions)
+    elif part.normals is None or not np.all(np.isfinite(part.normals)):
+        normals = (
+            np.broadcast_to(face_normals(positions)[:, None], positions.shape)
+            if part.flat
+            else crease_normals(positions)
+        )
+    else:
+        normals = np.asarray(part.normals, np.float64)[faces]
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        flat = face_normals(positions)[:, None, :]
+        normals = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), flat)
+    uv = np.zeros((*faces.shape, 2)) if part.uv is None else np.asarray(part.uv, np.float64)[faces]
+    colors = np.ones((*faces.shape, 4)) if part.colors is None else np.asarray(part.colors, np.float64)[faces]
+    return positions, normals, np.where(np.isfinite(uv), uv, 0.0), np.where(np.isfinite(colors), colors, 1.0)
+
+
+def _without_useless_maps(
+    where: str, parts: list[Part], materials: list[Material]
+) -> tuple[list[Part], list[Material], tuple[str, ...]]:
+    """Return parts and materials such that maps are only where there are texture coordinates, and what to tell."""
+    materials, bare, notes = list(materials), {}, []
+    changed = []
+    for part in parts:
+        if part.uv is None and materials and materials[part.material].maps:
+            notes.append(f"{where} - part {part.name!r} has maps but no texture coordinates - it is drawn without them")
+            if part.material not in bare:
+                bare[part.material] = len(materials)
+                materials.append(materials[part.material].without_maps())
+            changed.append(replace(part, material=bare[part.material]))
+        else:
+            if part.uv is not None and not np.all(np.isfinite(part.uv)):
+                notes.append(f"{where} - part {part.name!r} has texture coordinates that are no numbers - unwrap it")
+            changed.append(part)
+    return changed, materials, tuple(dict.fromkeys(notes))

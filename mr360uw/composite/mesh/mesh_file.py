@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mesh files by their format: glTF by `gltf_scene`, the others through trimesh."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.obj_material import obj_notes, simple_material
+from mr360uw.composite.mesh.part import MeshFile, Part, placed
+from mr360uw.errors import MeshError
+from mr360uw.types import Floats
+
+FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+
+
+def read_mesh_file(path: Path) -> MeshFile:
+    """Return every placed part of a mesh file and its materials; raise `MeshError`."""
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
+    if not path.is_file():
+        raise MeshError(f"{path} - no such file - check the path")
+    if suffix in (".glb", ".gltf"):
+        from mr360uw.composite.mesh.gltf_scene import read_gltf
+
+        return read_gltf(path)
+    notes = obj_notes(path) if suffix == ".obj" else ()
+    scene = _load_scene(path)
+    parts: list[Part] = []
+    materials: list[Material] = []
+    known: dict[int, int] = {}
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not hasattr(geometry, "faces"):
+            notes += (f"{path} - has points or lines - they are not drawn",)
+            continue
+        source = getattr(geometry.visual, "material", None)
+        index = known.setdefault(id(source), len(materials))
+        if index == len(materials):
+            materials.append(Material(double_sided=True) if source is None else simple_material(source))
+        parts.append(_part(str(name), geometry, np.asarray(transform), index))
+    return MeshFile(tuple(parts), tuple(materials), notes)
+
+
+def _load_scene(path: Path) -> Any:
+    import trimesh
+
+    try:
+        with _quiet_trimesh():
+            return trimesh.load_scene(path, process=False)
+    except Exception as error:  # trimesh lets everything through that its parsers meet in a broken file
+        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
+
+
+@contextmanager
+def _quiet_trimesh() -> Iterator[None]:
+    """Keep trimesh's log lines off the terminal: what matters of them is raised as `MeshError`."""
+    log = logging.getLogger("trimesh")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+def _part(name: str, geometry: Any, transform: Floats, material: int) -> Part:
+    positions: Floats = np.asarray(geometry.vertices, np.float64)
+    normals: Floats | None = None
+    if "vertex_normals" in geometry._cache.cache:  # those of the file; asking for them would make some
+        own = np.asarray(geometry.vertex_normals, np.float64)
+        normals = own if own.shape == positions.shape and np.any(own) else None
+    positions, normals, faces = placed(transform, positions, normals, np.asarray(geometry.faces, np.int64))
+    uv = getattr(geometry.visual, "uv", None)
+    if uv is not None:
+        uv = np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
+    return Part(name, positions, faces, normals, uv, _colors(geometry), material)
+
+
+def _colors(geometry: Any) -> Floats | None:
+    """Return linear vertex colours (V, 4): those of PLY and OBJ are 8-bit codes."""
+    from mr360uw.color import decode
+
+    if getattr(geometry.visual, "kind", None) != "vertex":
+        return None
+    colors = np.ones((len(geometry.vertices), 4))
+    codes = np.asarray(geometry.visual.vertex_colors)
+    colors[:, : codes.shape[1]] = codes / 255.0
+    colors[:, :3] = decode(colors[:, :3], "srgb")
+    return colors

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Materials of Wavefront OBJ: the diffuse colour or its image; the rest of a library is reported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.texture import make_texture
+from mr360uw.composite.mesh.texture_file import pixels
+from mr360uw.errors import MeshError
+
+_NOT_DRAWN = ("map_d", "map_bump", "bump", "norm", "map_ks", "map_ke", "map_pr", "map_pm", "pr", "pm")
+
+
+def obj_notes(path: Path) -> tuple[str, ...]:
+    """Return notes on what the libraries of an OBJ hold besides; raise `MeshError` where an image is not there."""
+    notes: dict[str, None] = {}
+    for library in _libraries(path):
+        for line in library.read_text("utf-8", errors="replace").splitlines():
+            word, _, value = line.strip().partition(" ")
+            word, value = word.lower(), value.strip()
+            if word == "map_kd" and not value.startswith("-"):
+                image = value.replace("\\", "/")
+                if not (path.parent / image).is_file():
+                    raise MeshError(f"{library} - a texture is missing (got {image!r}) - put it beside the mesh")
+            if word in _NOT_DRAWN or (word == "d" and value != "1" and value.strip("0") != "1."):
+                notes[f"{library} - {word} is not drawn - give the object textures in the scene, or export glTF"] = None
+    return tuple(notes)
+
+
+def _libraries(path: Path) -> Iterator[Path]:
+    """Yield the material libraries that an OBJ names and that are there: without one it still has a shape."""
+    for line in path.read_text("utf-8", errors="replace").splitlines():
+        word, _, name = line.strip().partition(" ")
+        if word == "mtllib" and (path.parent / name.strip()).is_file():
+            yield path.parent / name.strip()
+
+
+def simple_material(source: Any) -> Material:
+    """Return a trimesh material's diffuse colour (encoded) or its image; without either, a middle grey."""
+    from mr360uw.color import decode
+
+    image = getattr(source, "image", None)
+    real = image is not None and max(image.size) > 2  # trimesh stands in a 2 x 2 image where there is none
+    if real:
+        texture = make_texture(pixels(image), srgb=True)
+        return Material(base_color=(1.0, 1.0, 1.0, 1.0), base_map=texture, double_sided=True)
+    diffuse = getattr(source, "diffuse", None)
+    r, g, b = 0.5, 0.5, 0.5
+    if diffuse is not None and getattr(source, "kwargs", {}).get("kd") is not None:
+        r, g, b = decode(np.asarray(diffuse[:3], np.float64) / 255.0, "srgb")
+    return Material(base_color=(float(r), float(g), float(b), 1.0), double_sided=True)

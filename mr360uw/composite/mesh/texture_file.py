@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Image files to textures. Profiles and gamma tags of the files are not followed, as glTF asks."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.mesh.texture import Texture, make_texture
+from mr360uw.errors import MeshError
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_DEPTH = 24
+"""Place of the bit depth in a PNG file, in its first chunk."""
+
+
+def read_texture(path: Path, *, srgb: bool) -> Texture:
+    """Return the texture of an image file; raise `MeshError`."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"{path} - a texture cannot be read (got: {error!s:.120}) - give a PNG or JPEG") from error
+    return make_texture(decode_image(data, str(path)), srgb=srgb)
+
+
+def decode_image(data: bytes, where: str) -> Pixels:
+    """Return the code values (h, w, 3 or 4) of a PNG, JPEG, WebP ... file, uint8, or uint16 where it has 16 bits.
+
+    Raises `MeshError`.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        if data.startswith(_PNG) and data[_PNG_DEPTH] == 16:
+            return _sixteen_bits(data)
+        with Image.open(io.BytesIO(data)) as image:
+            return pixels(image)
+    except (OSError, ValueError, IndexError, SyntaxError, UnidentifiedImageError) as error:
+        raise MeshError(f"{where} - a texture cannot be read (got: {error!s:.120}) - give a PNG or JPEG") from error
+
+
+def pixels(image: Any) -> NDArray[np.uint8]:
+    """Return a PIL image as (h, w, 3 or 4) uint8."""
+    if image.mode.startswith("I"):  # PIL would clip 16-bit greys to 255 instead of scaling them
+        grey = (np.asarray(image, np.float64) / 257.0 + 0.5).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=-1)
+    clear = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+    return np.asarray(image.convert("RGBA" if clear else "RGB"))
+
+
+def _sixteen_bits(data: bytes) -> NDArray[np.uint16]:
+    """Return a PNG of 16 bits, of which PIL keeps 8."""
+    import cv2
+
+    image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError("a PNG of 16 bits that does not decode")
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=-1)
+    return np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays against triangles, for the reference renderer."""

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The triangles of a shot, camera-centred, and what is known of the surface where a ray meets one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.texture import Texture, texture_level, texture_lookup
+from mr360uw.composite.raycast.rays import barycentric
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.tiles import Rectangle, rectangles_of_bodies
+from mr360uw.sphere import direction_from_frame
+from mr360uw.types import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
+
+    object, material, patch: numbers that are unique in the whole shot; `materials` are the materials' own.
+    """
+
+    positions: Floats
+    normals: Floats
+    uv: Floats
+    colors: Floats
+    object: NDArray[np.int64]
+    material: NDArray[np.int64]
+    patch: NDArray[np.int64]
+    materials: tuple[Material, ...]
+
+
+def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
+    """Return the triangles of objects, placed."""
+    empty = {
+        "positions": np.zeros((0, 3, 3)), "normals": np.zeros((0, 3, 3)), "uv": np.zeros((0, 3, 2)),
+        "colors": np.zeros((0, 3, 4)),
+    }  # fmt: skip
+    columns: dict[str, list[Floats]] = {name: [value] for name, value in empty.items()}
+    numbers: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("object", "material", "patch")}
+    materials: list[Material] = []
+    patches = 0
+    for index, placed in enumerate(objects):
+        mesh = placed.mesh
+        linear = placed.world_from_object[:3, :3]
+        columns["positions"].append(placed.to_world(mesh.positions) - camera_position)
+        columns["normals"].append(mesh.normals @ linear.T / placed.scale)
+        columns["uv"].append(mesh.uv)
+        columns["colors"].append(mesh.colors)
+        numbers["object"].append(np.full(len(mesh.positions), index, np.int64))
+        numbers["material"].append(mesh.material.astype(np.int64) + len(materials))
+        numbers["patch"].append(mesh.patch.astype(np.int64) + patches)
+        materials += mesh.materials
+        patches += int(mesh.patch.max()) + 1
+    arrays = {name: np.concatenate(values) for name, values in columns.items()}
+    labels = {name: np.concatenate([np.zeros(0, np.int64), *values]) for name, values in numbers.items()}
+    return Geometry(**arrays, **labels, materials=tuple(materials))  # type: ignore[arg-type]
+
+
+def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
+    """Return the opaque triangles (T, 3, 3) that shade, from the camera; blended ones let light through."""
+    shading = [placed for placed in objects if placed.casts_shadow]
+    opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
+    solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
+    placed = [p.to_world(triangles) - camera_position for p, triangles in zip(shading, solid, strict=True)]
+    return np.concatenate([np.zeros((0, 3, 3)), *placed])
+
+
+def object_rectangles(shot: Shot) -> list[Rectangle]:
+    """Return the frame's rectangle of every visible object; those over the seam are not yet split."""
+    seen = []
+    for placed in shot.objects:
+        if placed.visible:
+            hull = placed.mesh.hull
+            points = (placed.to_world(hull.reshape(-1, 3)) - shot.camera_position) @ shot.world_from_camera
+            seen.append(points.reshape(hull.shape))
+    return [r for r in rectangles_of_bodies(seen, shot.width, shot.height) if r[3] > 0]
+
+
+def view_directions(shot: Shot, x: Floats, y: Floats) -> Floats:
+    """Return the world directions (..., 3) seen at frame coordinates."""
+    return direction_from_frame(x, y, shot.width, shot.height) @ shot.world_from_camera.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """Where rays meet triangles, arrays (n, ...).
+
+    triangle, object: their numbers. point: from the camera [m]. distance_m, direction: of the ray.
+    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3)
+    linear, alpha (n,). footprint_m: width of a pixel at that distance.
+    """
+
+    triangle: NDArray[np.int64]
+    object: NDArray[np.int64]
+    point: Floats
+    distance_m: Floats
+    direction: Floats
+    geometric_normal: Floats
+    normal: Floats
+    base: Floats
+    alpha: Floats
+    metallic: Floats
+    roughness: Floats
+    emission: Floats
+    occlusion: Floats
+    refractive_index: Floats
+    footprint_m: Floats
+
+
+def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
+    """Return factor, vertex colour and base map (n, 4) at barycentric weights (n, 3).
+
+    level_scale: (n, 2, 2) changes of (u, v) from a pixel to the next, along both axes.
+    """
+    uv = np.einsum("nc,nck->nk", weights, geometry.uv[triangle])
+    color = np.einsum("nc,nck->nk", weights, geometry.colors[triangle])
+    for number, material in enumerate(geometry.materials):
+        of = np.flatnonzero(geometry.material[triangle] == number)
+        color[of] *= material.base_color
+        if material.base_map is not None:
+            color[of] *= _lookup(material.base_map, uv[of], level_scale[of])
+    return color
+
+
+def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
+    return texture_lookup(texture, uv, texture_level(texture, change[:, 0], change[:, 1]))
+
+
+def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats) -> Floats:
+    """Return the change (n, 2, 2) of (u, v) to where the rays of the next column and row (n, 2, 3) meet the plane."""
+    here = np.einsum("nc,nck->nk", weights, uv)
+    change = np.empty((len(uv), 2, 2))
+    for k in range(2):
+        there, _ = barycentric(triangles, neighbours[:, k])
+        change[:, k] = np.einsum("nc,nck->nk", there, uv) - here
+    # a neighbour beyond the plane's horizon says nothing: then the coarsest level is right
+    return np.where(np.isfinite(change), np.clip(change, -1e3, 1e3), 1e3)
+
+
+def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, pixel: float) -> Hits:
+    """Return what the rays at frame coordinates (n,) meet on known triangles; `pixel` is the width to filter over."""
+    direction = view_directions(shot, x, y)
+    neighbours = np.stack([view_directions(shot, x + pixel, y), view_directions(shot, x, y + pixel)], axis=1)
+    corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]
+    weights, distance = barycentric(corners, direction)
+    change = uv_change(corners, uv_corners, weights, neighbours)
+    color = base_color(geometry, triangle, weights, change)
+    uv = np.einsum("nc,nck->nk", weights, uv_corners)
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    flat = np.cross(e1, e2)
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    side = -np.sign(np.sum(flat * direction, -1, keepdims=True))
+    normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    count = len(triangle)
+    metallic, roughness, occlusion, index = (np.empty(count) for _ in range(4))
+    emission = np.empty((count, 3))
+    for number, material in enumerate(geometry.materials):
+        of = np.flatnonzero(geometry.material[triangle] == number)
+        metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
+        index[of], emission[of] = material.refractive_index, material.emission
+        if material.metallic_roughness_map is not None:
+            texel = _lookup(material.metallic_roughness_map, uv[of], change[of])
+            metallic[of], roughness[of] = metallic[of] * texel[:, 2], roughness[of] * texel[:, 1]
+        if material.occlusion_map is not None:
+            texel = _lookup(material.occlusion_map, uv[of], change[of])
+            occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
+        if material.emission_map is not None:
+            emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
+        if material.normal_map is not None:
+            bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
+            bump[:, :2] *= material.normal_scale
+            normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
+    return Hits(
+        triangle=triangle,
+        object=geometry.object[triangle],
+        point=distance[:, None] * direction,
+        distance_m=distance,
+        direction=direction,
+        geometric_normal=flat * side,
+        normal=normal * side,
+        base=color[:, :3],
+        alpha=color[:, 3],
+        metallic=metallic,
+        roughness=roughness,
+        emission=emission,
+        occlusion=occlusion,
+        refractive_index=index,
+        footprint_m=distance * np.pi / shot.height * pixel,
+    )
+
+
+def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:
+    """Return unit normals (n, 3) turned by a tangent space normal (n, 3) whose y points up the image.
+
+    The tangents are those of the triangle's own texture coordinates (n, 3, 2), made perpendicular to the normal.
+    """
+    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    determinant = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
+    sign = np.sign(determinant)
+    tangent = sign * (e1 * d2[:, 1:] - e2 * d1[:, 1:])
+    up = -sign * (e2 * d1[:, :1] - e1 * d2[:, :1])
+    tangent = tangent - normal * np.sum(normal * tangent, -1, keepdims=True)
+    up = up - normal * np.sum(normal * up, -1, keepdims=True)
+    tangent = tangent / np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-20)
+    up = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-20)
+    turned = bump[:, :1] * tangent + bump[:, 1:2] * up + bump[:, 2:] * normal
+    length = np.linalg.norm(turned, axis=-1, keepdims=True)
+    return np.where(length > 1e-6, turned / np.maximum(length, 1e-6), normal)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The receiver on blocks of BLOCK x BLOCK pixels of the frame, for renderers that look at few places.
+
+What falls on the ground mostly varies slowly along it: then the corners of a block tell the pixels inside. A block is
+*rough* where its shape does not vary slowly (an edge, an end, the belt in which the receiver fades out), and in small
+frames, where it spans so large an angle that its corners tell little.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.composite.lighting.light import FADE_FROM
+from mr360uw.composite.raycast.geometry import view_directions
+from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.shot import Shot
+from mr360uw.types import Floats
+
+BLOCK = 8
+_EVEN_DISTANCE = 0.01
+_EVEN_NORMAL = 0.005
+"""Distance (relative) and normal within a block that may be off what its corners tell: less than a code value each."""
+
+_REACH, _REACH_OF_SHAPE = 1.1, 1.5
+"""The farthest corner, and the largest step in distance, with what lies between and across them."""
+_WIDEST_TURN = 1.0 / 48.0
+"""Part of a turn that a block may span. Those of frames less than 384 pixels wide span more, and with it the
+whole shadow of a small body: corners and middle may all miss what is between them."""
+
+Indices = NDArray[np.int64]
+
+
+class Ground:
+    """What is known of a receiver before a camera that stands still; `know` adds to it.
+
+    corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
+    corner (j, i) is the frame's point (8 i, 8 j). reach_m: (R, C) a ball of that radius about the middle holds the
+    block. rough: (R, C).
+    """
+
+    def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
+        self._shape = shape
+        self._height = shot.height
+        self.rows, self.columns = -(-shot.height // BLOCK), -(-shot.width // BLOCK)
+        corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
+        self.corner_point, self.corner_normal = np.zeros((2, *corners, 3), np.float32)
+        self.middle_point, self.middle_normal = np.zeros((2, *blocks, 3), np.float32)
+        self.reach_m = np.zeros(blocks, np.float32)
+        self.rough = np.full(blocks, _WIDEST_TURN * shot.width < BLOCK)
+        self._known_corner, self._known_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
+        self._image_at = np.full(blocks, -1, np.int64)
+        self._images = np.zeros((0, BLOCK, BLOCK, 4), np.float32)
+
+    def corners_of(self, blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the corners (R + 1, C + 1) of a set of blocks (R, C)."""
+        corners = np.zeros((self.rows + 1, self.columns + 1), np.bool_)
+        for down in (0, 1):
+            for right in (0, 1):
+                corners[down : self.rows + down, right : self.columns + right] |= blocks
+        return corners
+
+    def know(self, shot: Shot, blocks: NDArray[np.bool_]) -> None:
+        """Look at a set of blocks (R, C), and their corners, that are not known yet."""
+        new = blocks & ~self._known_block
+        if not np.any(new):
+            return
+        j, i = np.nonzero(self.corners_of(new) & ~self._known_corner)
+        self.corner_point[j, i], self.corner_normal[j, i] = self._look(
+            shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
+        )
+        self._known_corner[j, i] = True
+        j, i = np.nonzero(new)
+        below = np.minimum(BLOCK * (j + 1), self._height)
+        self.middle_point[j, i], self.middle_normal[j, i] = self._look(
+            shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
+        )
+        corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
+        limit = FADE_FROM * shot.receiver.extent_m if shot.receiver is not None else np.inf
+        far = np.linalg.norm(np.concatenate([corner, middle], axis=1), axis=-1)
+        self.rough[j, i] |= np.any((far == 0.0) | (far > limit), axis=1)
+        self.reach_m[j, i] = _REACH * np.linalg.norm(corner - middle, axis=-1).max(axis=1)
+        if shot.receiver is None or shot.receiver.plane_y is None:
+            self._look_closely(shot, j, i)
+        self._known_block |= new
+
+    def _look(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+        """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is none."""
+        x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+        distance, normal = self._shape.meet(shot, x, y)
+        there = np.isfinite(distance)
+        point = view_directions(shot, x, y) * np.where(there, distance, 0.0)[..., None]
+        return point, np.where(there[..., None], normal, 0.0)
+
+    def _look_closely(self, shot: Shot, j: Indices, i: Indices) -> None:
+        """Find which blocks are rough, and how far they reach, from all their pixels."""
+        pixels = self.pixels(shot, j, i)
+        distance, normal = pixels[..., 3], pixels[..., :3]
+        told = self.between(self.corner_point, j, i), self.between(self.corner_normal, j, i)
+        expected = np.linalg.norm(told[0], axis=-1)
+        uneven = np.abs(distance - expected) > _EVEN_DISTANCE * expected
+        uneven |= np.abs(normal - told[1]).max(axis=-1) > _EVEN_NORMAL
+        self.rough[j, i] |= np.any(uneven, axis=(1, 2))
+        beyond = np.abs(distance - np.linalg.norm(self.middle_point[j, i], axis=-1)[:, None, None]).max(axis=(1, 2))
+        self.reach_m[j, i] = np.maximum(self.reach_m[j, i], _REACH_OF_SHAPE * beyond)
+
+    def pixels(self, shot: Shot, j: Indices, i: Indices) -> NDArray[np.float32]:
+        """Return (normal, distance) of the pixels of blocks, (n, BLOCK, BLOCK, 4); distance 0 where there is none."""
+        new = self._image_at[j, i] < 0
+        if np.any(new):
+            nj, ni = j[new], i[new]
+            inside = np.arange(BLOCK) + 0.5
+            x = BLOCK * ni[:, None, None] + inside
+            y = np.minimum(BLOCK * nj[:, None, None] + inside[:, None], self._height - 0.5)
+            distance, normal = self._shape.meet(shot, x, y)
+            there = np.isfinite(distance)[..., None]
+            found = np.where(there, np.concatenate([normal, distance[..., None]], axis=-1), 0.0)
+            self._image_at[nj, ni] = len(self._images) + np.arange(len(nj))
+            self._images = np.concatenate([self._images, found.astype(np.float32)])
+        return self._images[self._image_at[j, i]]
+
+    def between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
+        """Return what corners (R + 1, C + 1, k) tell of the pixels of blocks, (n, BLOCK, BLOCK, k)."""
+        t = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
+        down = np.minimum((np.arange(BLOCK) + 0.5) / np.minimum(self._height - BLOCK * j, BLOCK)[:, None], 1.0)
+        down = down.astype(np.float32)[:, :, None, None]
+        four = self.four(corner, j, i)
+        left = four[:, None, 0] * (1.0 - down[..., 0]) + four[:, None, 2] * down[..., 0]
+        right = four[:, None, 1] * (1.0 - down[..., 0]) + four[:, None, 3] * down[..., 0]
+        return left[:, :, None] * (1.0 - t[:, None]) + right[:, :, None] * t[:, None]
+
+    @staticmethod
+    def four(corner: Floats, j: Indices, i: Indices) -> Floats:
+        """Return the corners of blocks, (n, 4, ...): above left and right, below left and right."""
+        return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
+
+    def middle_between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
+        """Return what corners (R + 1, C + 1) tell of the middles of blocks, (n,)."""
+        return np.asarray(self.four(corner, j, i).mean(axis=1))

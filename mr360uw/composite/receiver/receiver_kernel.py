@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From what is known of blocks of the receiver to the ratio and veil of their pixels: one compiled pass.
+
+    ratio = 1 + weight (share free + (1 - share) seen waves - 1)
+
+with the symbols of light.py. Each is a straight line between the corners of a block unless an image of the block's own
+pixels is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.receiver.ground import BLOCK
+from mr360uw.types import Tile
+
+SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), 6, 7
+CORNER_CHANNELS = 8
+_CHANGED = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelImages:
+    """Images of some blocks, (m, B, B, k) float32. at: (n,) for each block the number of its image, or -1."""
+
+    at: NDArray[np.int32]
+    image: NDArray[np.float32]
+
+
+Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
+"""Images (m, B, B, k) and the m of n blocks (n,) that they are of, some such pairs."""
+
+
+def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
+    """Return images of some of `count` blocks, each block in one part at most."""
+    at, first = np.full(count, -1, np.int32), 0
+    for which, images in parts:
+        at[which] = first + np.arange(len(images))
+        first += len(images)
+    none = np.zeros((0, BLOCK, BLOCK, channels), np.float32)
+    return PixelImages(at, np.concatenate([none, *(images for _, images in parts)]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockLight:
+    """What falls on blocks of the receiver.
+
+    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 8) float32, channels SHARE, VEIL, FREE, SEEN. own: images of
+    pixels instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil).
+    """
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    corner: NDArray[np.float32]
+    free: PixelImages
+    seen: PixelImages
+    waves: PixelImages
+    shape: PixelImages
+
+
+def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None:
+    """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left."""
+    _lay(
+        light.row, light.column, light.corner, light.free.at, light.free.image, light.seen.at, light.seen.image,
+        light.waves.at, light.waves.image, light.shape.at, light.shape.image, width, height, tile.row, tile.column,
+        tile.ratio, tile.veil,
+    )  # fmt: skip
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _lay(
+    row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
+    shape_at: Any, shape: Any, width: int, height: int, first_row: int, first_column: int, ratio: Any, veil: Any,
+) -> None:  # fmt: skip
+    one, half, least = np.float32(1.0), np.float32(0.5), np.float32(_CHANGED)
+    # one row of a block: its light as `corner` has it, the change of the plate, how much of it is shown
+    line, change = np.empty((8, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
+    weight = np.empty(BLOCK, np.float32)
+    rows, columns = ratio.shape[:2]
+    for n in range(len(row)):
+        top, left = row[n] * BLOCK, column[n] * BLOCK
+        y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + rows)
+        x0, x1 = max(left, first_column), min(left + BLOCK, width, first_column + columns)
+        if y0 >= y1 or x0 >= x1:
+            continue
+        a, b = corner[row[n], column[n]], corner[row[n], column[n] + 1]
+        c, d = corner[row[n] + 1, column[n]], corner[row[n] + 1, column[n] + 1]
+        f, s, w, g = free_at[n], seen_at[n], waves_at[n], shape_at[n]
+        if f < 0 and s < 0 and w < 0 and g < 0:
+            darkest = min(a[6] * a[7], b[6] * b[7], c[6] * c[7], d[6] * d[7])
+            if darkest > one - least:
+                continue
+        down, across = one / np.float32(min(BLOCK, height - top)), one / np.float32(BLOCK)
+        for y in range(y0, y1):
+            j = y - top
+            v = (np.float32(j) + half) * down
+            for k in range(8):
+                start = a[k] + v * (c[k] - a[k])
+                step = across * (b[k] + v * (d[k] - b[k]) - start)
+                for i in range(BLOCK):
+                    line[k, i] = start + (np.float32(i) + half) * step
+            for i in range(BLOCK):
+                weight[i] = shape[g, j, i, 3] if g >= 0 else one
+            if f >= 0:
+                for i in range(BLOCK):
+                    line[6, i] = free[f, j, i, 0]
+            if s >= 0:
+                for i in range(BLOCK):
+                    line[7, i] = seen[s, j, i, 0]
+            for k in range(3):
+                if g >= 0:
+                    for i in range(BLOCK):
+                        line[k, i] = shape[g, j, i, k]
+                        line[3 + k, i] = shape[g, j, i, 4 + k]
+                for i in range(BLOCK):
+                    sun = line[7, i] * (waves[w, j, i, k] if w >= 0 else one)
+                    change[k, i] = weight[i] * (line[k, i] * line[6, i] + (one - line[k, i]) * sun - one)
+            for x in range(x0, x1):
+                i = x - left
+                if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
+                    for k in range(3):
+                        ratio[y - first_row, x - first_column, k] = one + change[k, i]
+                        veil[y - first_row, x - first_column, k] = line[3 + k, i]

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surface of the plate under the objects: where it is, and which part of the frame they change.
+
+Its radiance is multiplied by E_with/E_without (see over.py). The part of the frame is found on a coarse grid: a cell
+counts where a body's shadow, widened by the sun's disc and by the cell, can fall on it, or where the body blocks more
+than `UNNOTICED` of its ambient light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.lighting.light import UNNOTICED, widest_half_angle
+from mr360uw.composite.lighting.occlusion import mark_occluded, mark_shaded, surfel_table
+from mr360uw.composite.lighting.shadow import basis
+from mr360uw.composite.raycast.geometry import view_directions
+from mr360uw.composite.raycast.rays import RayScene, barycentric
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.tiles import Rectangle, rectangles_of_mask
+from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.types import Floats
+
+RECTANGLE_COST_PX = 16384
+"""Pixels that take as long as what every further rectangle costs by itself."""
+NEGLIGIBLE = 0.004
+"""Changes of linear light below this are less than half a code value of an 8-bit video at white."""
+EDGE_ON = 0.003
+"""Cosine between ray and normal below which a distance map's surface is taken to stand edge-on."""
+_COLUMNS = 128
+
+
+class ReceiverShape:
+    """Where camera rays meet a receiver; keeps what is needed to shoot many."""
+
+    def __init__(self, receiver: Receiver, camera_position: Floats) -> None:
+        self._receiver = receiver
+        self._camera = camera_position
+        self._scene = RayScene(receiver.mesh - camera_position) if receiver.mesh is not None else None
+        self._planes = None
+        if receiver.distance_m is not None:
+            from mr360uw.composite.receiver.distance_map import touching_planes
+
+            self._planes = touching_planes(receiver.distance_m)
+
+    def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
+        x, y = np.broadcast_arrays(x, y)
+        direction = view_directions(shot, x, y)
+        receiver = self._receiver
+        if receiver.plane_y is not None:
+            height = receiver.plane_y - self._camera[1]
+            with np.errstate(divide="ignore", over="ignore"):
+                distance = height / direction[..., 1]
+            distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.inf)
+            normal = np.zeros_like(direction)
+            normal[..., 1] = -np.sign(height) if height else 1.0
+        elif self._scene is not None:
+            distance, normal = self._meet_mesh(direction)
+        else:
+            distance, normal = self._meet_map(shot, x, y, direction)
+        return np.where(distance <= receiver.extent_m, distance, np.inf), normal
+
+    def _meet_mesh(self, direction: Floats) -> tuple[Floats, Floats]:
+        assert self._scene is not None
+        rays = direction.reshape(-1, 3)
+        triangle = self._scene.first_hit(np.zeros_like(rays), rays)
+        hit = triangle >= 0
+        distance, normal = np.full(len(rays), np.inf), np.zeros_like(rays)
+        corners = self._scene.triangles[triangle[hit]]
+        _, distance[hit] = barycentric(corners, rays[hit])
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        flat /= np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-30)
+        normal[hit] = -flat * np.sign(np.sum(flat * rays[hit], -1, keepdims=True))
+        return distance.reshape(direction.shape[:-1]), normal.reshape(direction.shape)
+
+    def _meet_map(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Distance map: the plane that touches the surface in the nearest texel."""
+        assert self._planes is not None
+        rows, columns = self._planes.shape[:2]
+        i = np.floor(x * columns / shot.width).astype(np.int64) % columns
+        j = np.clip(np.floor(y * rows / shot.height).astype(np.int64), 0, rows - 1)
+        plane = np.asarray(self._planes[j, i], np.float64) @ shot.world_from_camera.T
+        size = np.linalg.norm(plane, axis=-1)
+        # a plane nearly along the ray ends within the texel
+        inverse = np.maximum(np.sum(plane * direction, -1), EDGE_ON * size)
+        seen = size > 0.0
+        normal = np.where(seen[..., None], -plane / np.maximum(size, 1e-30)[..., None], -direction)
+        return np.where(seen, 1.0 / np.where(seen, inverse, 1.0), np.inf), normal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseGrid:
+    """The receiver at the middles of cells of the frame, those that meet it and can be seen, (n, ...).
+
+    cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
+    (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
+    """
+
+    cell: tuple[int, int]
+    shape: tuple[int, int]
+    index: NDArray[np.int64]
+    point: Floats
+    normal: Floats
+    reach_m: Floats
+
+
+def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
+    """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height: towards the horizon
+    a cell reaches far along the ground.
+    """
+    cell = max(shot.width // _COLUMNS, 1), max(shot.width // (4 * _COLUMNS), 1)
+    columns, rows = -(-shot.width // cell[0]), -(-shot.height // cell[1])
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], shot.height))
+    distance, normal = shape.meet(shot, x, y)
+    direction = view_directions(shot, x, y)
+    seen = np.isfinite(distance)
+    if shot.medium is not None:
+        through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])
+        seen &= through.max(axis=-1) > NEGLIGIBLE
+    distance, normal, direction = distance[seen], normal[seen], direction[seen]
+    cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
+    along, across = (n * np.pi / shot.width for n in cell[::-1])
+    reach = distance * np.hypot(along / cosine, across)
+    index = np.flatnonzero(seen)
+    return CoarseGrid(cell, seen.shape, index, direction * distance[:, None], normal, reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """Which cells of a grid (n,) something changes: by the sun's shadow at most, and by anything."""
+
+    by_shadow: NDArray[np.bool_]
+    at_all: NDArray[np.bool_]
+
+
+def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
+    """Return which cells of the receiver objects, or caustics, change."""
+    receiver, sun = shot.receiver, shot.sun
+    assert receiver is not None
+    casters = [placed for placed in shot.objects if placed.casts_shadow]
+    marks = np.zeros(len(grid.index), np.bool_)
+    lit = sun is not None and sun.direction[1] > 0.0
+    boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.camera_position) for placed in casters]
+    if receiver.shadow and sun is not None and lit:
+        spread = float(np.tan(widest_half_angle(shot)))
+        for box in boxes:
+            mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
+    by_shadow = marks.copy()
+    if receiver.occlusion:
+        for placed, box in zip(casters, boxes, strict=True):
+            surfels = surfel_table([placed], shot.camera_position)
+            # a cell's middle stands for all of it
+            least = 0.75 * UNNOTICED
+            mark_occluded(grid.point, grid.normal, grid.reach_m, box.center, box.radius, surfels, least, marks)
+    if receiver.caustics and shot.caustics is not None and lit:
+        marks[:] = True
+    return Touched(by_shadow, marks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Box:
+    """A box around a body: its axes (3, 3), one a row, where it begins and ends along them (3,), and a ball about its
+    centre (3,) that holds the body.
+    """
+
+    axes: Floats
+    low: Floats
+    high: Floats
+    center: Floats
+    radius: float
+
+
+def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
+    """Return a box whose third axis is given and whose first is that of the greatest extent across it."""
+    linear, offset = placed.world_from_object[:3, :3], placed.world_from_object[:3, 3] - camera_position
+    corners = linear @ placed.mesh.hull.reshape(-1, 3).T + offset[:, None]
+    across = axes[:2] @ (corners - corners.mean(axis=1, keepdims=True))
+    turned = np.concatenate([np.linalg.eigh(across @ across.T)[1].T[::-1] @ axes[:2], axes[2:]])
+    along = turned @ corners
+    low, high = along.min(axis=1), along.max(axis=1)
+    center = 0.5 * (low + high)
+    radius = float(np.sqrt(np.max(np.sum((along - center[:, None]) ** 2, axis=0))))
+    return _Box(turned, low, high, center @ turned, radius)
+
+
+def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[Rectangle]:
+    """Return rectangles of the frame around the cells that are changed."""
+    mask = np.zeros(grid.shape, bool)
+    mask.flat[grid.index[touched.at_all]] = True
+    width, height = grid.cell
+    return [
+        (c * width, r * height, min(columns * width, shot.width), min(rows * height, shot.height - r * height))
+        for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
+    ]

@@ -1,0 +1,28 @@
+from .cosine import irradiance
+from .expansion import expand
+from .glossy import glossy_beam, prefilter
+from .lighting import environment
+from .settings import LightSettings
+from .splitsum import split_sum
+from .sun.detect import detect_sun
+from .sun.track import SunMeasurement, SunTrack, measure_sun, track_suns
+from .sun.trackfile import load_track, save_track
+from .yuv import environment_from_yuv
+
+__all__ = [
+    "LightSettings",
+    "SunMeasurement",
+    "SunTrack",
+    "detect_sun",
+    "environment",
+    "environment_from_yuv",
+    "expand",
+    "glossy_beam",
+    "irradiance",
+    "load_track",
+    "measure_sun",
+    "prefilter",
+    "save_track",
+    "split_sum",
+    "track_suns",
+]

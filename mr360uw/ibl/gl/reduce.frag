@@ -1,0 +1,8 @@
+#include "ibl/gl/reduce.glsl"
+uniform sampler2D plate, gains, curve;
+uniform Expansion expansion;
+uniform ivec2 cells;
+out vec4 reduced;
+void main() {
+    reduced = reduce_cell(expansion, plate, gains, curve, ivec2(gl_FragCoord.xy), cells);
+}

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which way is up, read from a plate: Snell's window is a circle of known size about the zenith.
+
+From under water the whole sky lies within asin(1/n) = 48.3 degrees of the vertical; outside of that circle the surface
+mirrors the water below. The fit looks for the tilt at which a step of brightness at the circle's edge explains most:
+
+    log L = a + b y + c y^2 + (d + e y) x + (f + g y) z + s tanh((elevation - edge)/width)
+
+over directions (x, y, z) in level axes, above the horizon. The smooth terms take what else differs from the top down or
+from side to side: light scattered about the sun is brighter on its side, and by brightness alone such a side looks like
+a tilt. The step cannot be taken for it; but where haze or waves hide the edge, there is nothing to find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.color import luminance
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.expansion import snell_elevation
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
+from mr360uw.sphere import directions, row_solid_angle, unit
+
+Array = NDArray[np.float64]
+
+LARGEST_TILT_RAD = np.radians(30.0)
+_WIDTH_RAD = np.radians(8.0)  # of the edge, blurred by waves
+_LOWEST_SINE = np.sin(np.radians(10.0))  # rows about the horizon show reefs rather than the surface
+_LEAST_EXPLAINED, _LEAST_CONTRAST = 0.7, 1.8
+_ROUNDS = 3
+_OUTLIER = 2.5  # in robust standard deviations: divers, walls and the sun lose their weight
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonEstimate:
+    """Roll and pitch [rad] that a plate suggests.
+
+    explained: share, 0 to 1, of the variance left by the smooth terms that the edge of the window explains. contrast:
+    brightness inside the window over that outside.
+    """
+
+    roll_rad: float
+    pitch_rad: float
+    explained: float
+    contrast: float
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the edge of the window is seen well enough to be believed, within a degree or two."""
+        return self.explained >= _LEAST_EXPLAINED and self.contrast >= _LEAST_CONTRAST
+
+
+class _Fit:
+    """The fit's normal equations for one picture."""
+
+    def __init__(self, value: Array, direction: Array, solid_angle: Array) -> None:
+        self._value, self._direction, self._solid_angle = value, direction, solid_angle
+        self.trust: Array = np.ones_like(value)
+
+    def _terms(self, tilt: Array) -> tuple[Array, Array]:
+        x, y, z = (self._direction @ level_matrix(tilt[0], tilt[1]).T).T
+        edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - snell_elevation()) / _WIDTH_RAD)
+        above = np.clip((y - _LOWEST_SINE) / 0.1 + 0.5, 0.0, 1.0)
+        return np.stack([np.ones_like(y), y, y * y, x, z, x * y, z * y, edge]), self._solid_angle * above
+
+    def solve(self, tilt: Array) -> tuple[float, float]:
+        """Return (share of variance not explained by the step, the step's half height in log brightness)."""
+        terms, weight = self._terms(tilt)
+        weighted = terms * (weight * self.trust)
+        a, b = weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value
+        whole = np.linalg.solve(a, b)
+        smooth = np.linalg.solve(a[:-1, :-1], b[:-1])
+        total = float((weight * self.trust) @ self._value**2)
+        left, without = total - float(b @ whole), total - float(b[:-1] @ smooth)
+        if without <= 1e-9 * max(total, 1e-12) or whole[-1] <= 0.0:
+            return 1.0, 0.0
+        return left / without, float(whole[-1])
+
+    def unexplained(self, tilt: Array) -> float:
+        """Return what is left at a tilt; more than 1 beyond the largest."""
+        size = float(np.hypot(*tilt))
+        return 1.0 + size if size > LARGEST_TILT_RAD else self.solve(tilt)[0]
+
+    def doubt_outliers(self, tilt: Array) -> None:
+        """Give each pixel the trust that its distance from the fit deserves."""
+        terms, weight = self._terms(tilt)
+        weighted = terms * (weight * self.trust)
+        fit = np.linalg.solve(weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value) @ terms
+        distance = np.abs(self._value - fit)
+        spread = 1.4826 * float(np.median(distance[weight > 0.5 * self._solid_angle])) + 1e-6
+        self.trust = 1.0 / (1.0 + np.square(distance / (_OUTLIER * spread)))
+
+
+def estimate_horizon(radiance: ArrayLike) -> HorizonEstimate:
+    """Return the tilt, up to 30 degrees, at which a radiance map (H, W, 3) of an underwater plate is level.
+
+    Take the light without the sun (`Environment.residual`). Works on a map of 64 x 32.
+    """
+    from scipy.optimize import minimize
+
+    image = np.asarray(radiance, np.float64)
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ParameterError(f"radiance - must be an RGB map (got shape {image.shape}) - give (H, W, 3)")
+    height, width = image.shape[:2]
+    fit = _Fit(
+        np.log(np.maximum(luminance(image), 1e-4)).ravel(),
+        directions(width, height).reshape(-1, 3),
+        np.repeat(row_solid_angle(width, height), width),
+    )
+    steps = np.linspace(-0.4, 0.4, 9)
+    grid = [np.array([a, b]) for a in steps for b in steps if np.hypot(a, b) <= LARGEST_TILT_RAD]
+    tilt = grid[0]
+    for turn in range(_ROUNDS):
+        start = min(grid, key=fit.unexplained) if turn < 2 else tilt
+        found = minimize(fit.unexplained, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
+        tilt = found.x
+        if turn < _ROUNDS - 1:
+            fit.doubt_outliers(tilt)
+    left, step = fit.solve(tilt)
+    return HorizonEstimate(float(tilt[0]), float(tilt[1]), 1.0 - left, float(np.exp(2.0 * step)))
+
+
+@dataclass(frozen=True, slots=True)
+class ClipHorizon:
+    """Roll and pitch [rad] of a clip, the median of its reliable frames; spread_rad: rms angle of these about it."""
+
+    roll_rad: float
+    pitch_rad: float
+    spread_rad: float
+    frames: int
+
+
+def clip_horizon(estimates: Sequence[HorizonEstimate]) -> ClipHorizon | None:
+    """Return the tilt that most frames of a clip agree on; None where fewer than half of them are reliable."""
+    seen = [e for e in estimates if e.reliable]
+    if not seen or 2 * len(seen) < len(estimates):
+        return None
+    ups = np.stack([level_matrix(e.roll_rad, e.pitch_rad)[1] for e in seen])
+    up = unit(np.median(ups, axis=0))
+    angle = np.arccos(np.clip(ups @ up, -1.0, 1.0))
+    roll, pitch = roll_pitch(up)
+    return ClipHorizon(float(roll), float(pitch), float(np.sqrt(np.mean(angle**2))), len(seen))

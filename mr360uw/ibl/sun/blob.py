@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One bright spot of a plate, looked at closely: where its centre is and how much it looks like a sun.
+
+The spot is the set of pixels near the local maximum. Where the plate is clipped, the set is a plateau without
+structure whose outline also takes in cloud; its centre is that of the plateau *opened* by a disc of 0.7 of its
+inscribed radius, which drops everything that hangs on to the round part. Where it is not clipped the set is the upper
+half of the peak, weighted by its excess. Everything happens in a tangent patch, without seam and pole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.ibl.level.upward import elevation_sine
+from mr360uw.ibl.plate import Plate
+from mr360uw.ibl.sun.tangent import patch_directions, patch_step
+from mr360uw.sphere import unit
+from mr360uw.types import Floats
+
+Mask = NDArray[np.bool_]
+
+CLIPPED = 0.95
+"""A spot of a display-referred plate whose peak reaches this is clipped: white, less what compression takes away."""
+
+_OPENING = 0.7
+_CLIPPED_LEVELS = (0.99, 0.95, 0.85)
+_UNCLIPPED_LEVEL = 0.5
+_LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
+_SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
+_LOOKS = ((41, None), (41, 3.5), (73, 3.0))  # pixels across, radius of the patch in extents of the spot
+_NEAREST_RING_RAD = np.radians(1.0)  # a small disc lies in an aureole; how dark it is beyond tells it from a sky
+_HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
+_FIRST_RAD, _NARROWEST_RAD, _WIDEST_RAD = np.radians(4.0), np.radians(2.0), np.radians(50.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """A bright spot.
+
+    direction: (3,) unit. radius_rad: of the disc of the same solid angle. peak: its largest value. level: the value
+    that bounds it. extent_rad: the same of everything nearly as bright. halo: median value about two extents out,
+    over the peak. clipped: a plateau.
+    """
+
+    direction: Floats
+    radius_rad: float
+    extent_rad: float
+    peak: float
+    level: float
+    halo: float
+    clipped: bool
+
+
+def brightness(linear: Floats) -> Floats:
+    """Return the value that spots are judged by, (...,): luminance and the weakest channel in equal parts.
+
+    The weakest channel is the last to clip, so it still tells the sun from a white cloud.
+    """
+    red, green, blue = linear[..., 0], linear[..., 1], linear[..., 2]
+    value = 0.1063 * red + 0.3576 * green + 0.0361 * blue
+    return value + 0.5 * np.minimum(np.minimum(red, green), blue)
+
+
+def examine(plate: Plate, seed: Floats, lowest_sine: float, *, white: bool = True) -> Blob | None:
+    """Return the brightest spot about `seed` (3,), looking only at elevations whose sine exceeds `lowest_sine`.
+
+    white: whether the plate is display-referred, clipped at 1.
+    """
+    direction: Floats = unit(seed)
+    radius = _FIRST_RAD
+    blob: Blob | None = None
+    for size, reach in _LOOKS:
+        if blob is not None and reach is not None:
+            direction = blob.direction
+            radius = float(np.clip(reach * blob.extent_rad, _NARROWEST_RAD, _WIDEST_RAD))
+        blob = _spot(plate, direction, radius, size, lowest_sine, white)
+        if blob is None:
+            return None
+    return blob
+
+
+def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: float, white: bool) -> Blob | None:
+    look = patch_directions(centre, radius, size)
+    step = patch_step(radius, size)
+    value = np.where(elevation_sine(look, plate.up) > lowest_sine, brightness(plate.look(look)), 0.0)
+    if white:
+        value = np.minimum(value, 1.0)  # codes above white are noise of the encoder, not a brighter sun
+    peak = float(value.max())
+    if peak <= 0.0:
+        return None
+    top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
+    half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
+    # at display white the peak says nothing of how far the sun stands above its aureole, however small the disc
+    clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2 or (white and peak >= CLIPPED)
+    level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
+    if clipped:
+        for level in _CLIPPED_LEVELS:
+            mask = _plateau(value, level * peak)
+            if _inscribed(mask).max() * step >= _SMALLEST_BLOB_RAD:
+                break
+    mask = _opened(mask)
+    weight = mask if clipped else mask * (value - 0.9 * level * peak)
+    direction = unit(weight.ravel() @ look.reshape(-1, 3))
+    blob_radius = step * _disc_radius(mask)
+    wide = _opened(_plateau(value, _CLIPPED_LEVELS[-1] * peak)) if clipped else mask
+    extent = max(step * _disc_radius(wide), blob_radius)
+    along = look @ direction
+    beyond = max(extent, _NEAREST_RING_RAD)
+    ring = value[(along < np.cos(1.5 * beyond)) & (along > np.cos(2.5 * beyond)) & (value > 0.0)]
+    halo = float(np.median(ring)) / peak if ring.size else 1.0
+    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped))
+
+
+def _disc_radius(mask: Mask) -> float:
+    """Return the radius [pixels] of the disc that has as many pixels as a mask."""
+    return float(np.sqrt(np.count_nonzero(mask) / np.pi))
+
+
+def _plateau(value: Floats, level: float) -> Mask:
+    """Return where values reach a level, small holes closed."""
+    import cv2
+
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (_HOLE_PIXELS, _HOLE_PIXELS))
+    closed: Mask = cv2.morphologyEx((value >= level).astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0
+    return closed
+
+
+def _inscribed(mask: Mask) -> Floats:
+    """Return the distance [pixels] of every pixel of a mask to its outside, the patch's border included."""
+    import cv2
+
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    return cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+
+
+def _opened(mask: Mask) -> Mask:
+    """Return the part of a mask that discs of `_OPENING` of its largest inscribed radius reach, in one piece."""
+    import cv2
+
+    depth = _inscribed(mask)
+    reach = _OPENING * float(depth.max())
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    _, label = cv2.connectedComponents((depth >= reach).astype(np.uint8), connectivity=8)
+    outside = (label != label[row, column]).astype(np.uint8)
+    reached: Mask = cv2.distanceTransform(outside, cv2.DIST_L2, 5) <= reach
+    return mask & reached

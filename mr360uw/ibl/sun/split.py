@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Taking the sun out of the map, so that beam and sky add up to it and nothing counts twice.
+
+    removed light of a pixel: H - H min(1, Yt/Y),   Yt = mean + 2 sigma of the map's luminance, at most half the peak
+
+(Iorns & Rhee 2016, with mean and deviation weighted by solid angle.) Where the sun is clipped its light cannot be
+measured. The closure takes it from the ratio of direct to diffuse horizontal irradiance that sky, depth and water
+lead one to expect:  E_sun sin(elevation) = ratio x E_sky.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import luminance
+from mr360uw.ibl.level.upward import LEVEL, elevation_sine
+from mr360uw.ibl.plate import (
+    COARSE_COLUMNS,
+    COARSE_ROWS,
+    Plate,
+    coarse_directions,
+    coarse_solid_angle,
+)
+from mr360uw.ibl.sun.tangent import patch_directions, patch_step
+from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
+from mr360uw.types import Floats, Sun
+
+_PATCH = 81
+_SAMPLES_ACROSS = 4.0  # at least, of every pixel that is split
+_REACH = 2.0  # how far out, in radii of the spot, its light is gathered
+_MARGIN_RAD = np.pi / COARSE_ROWS  # and looked at, so that coarse pixels at the rim are seen as a whole
+_NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
+_LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
+
+MIDDLE_RATIO = 1.0
+"""Direct to diffuse horizontal irradiance where nothing is known: between haze (0.2) and a clear sky (5)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """A coarse map in two: (128, 256, 3) without the sun, and the sun."""
+
+    residual: Floats
+    sun: Sun
+
+
+def threshold(coarse: Floats) -> float:
+    """Return the mean of a coarse map's luminance plus two deviations, over solid angle."""
+    value = luminance(coarse)
+    weight = coarse_solid_angle() / (4.0 * np.pi)
+    mean = float((value * weight).sum())
+    return mean + 2.0 * float(np.sqrt((np.square(value - mean) * weight).sum()))
+
+
+def split_sun(
+    plate: Plate,
+    direction: Floats,
+    radius_rad: float,
+    half_angle_rad: float,
+    confidence: float,
+    *,
+    centred: bool = False,
+) -> Split:
+    """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
+
+    radius_rad: of the bright spot in the plate, about which light is gathered. half_angle_rad: of the sun itself, which
+    is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light.
+    """
+    reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
+    look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
+    colour = plate.look_expanded(look)
+    value = np.maximum(luminance(colour), 1e-9)
+    bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
+    inside = look @ direction > np.cos(reach)
+    share = np.maximum(1.0 - bound / value, 0.0) * inside
+    span = _spans(patch_step(reach + _MARGIN_RAD, _PATCH))
+    cell, (taken, seen) = _gather(COARSE_COLUMNS, COARSE_ROWS, look, colour * share[..., None], colour, span=span)
+    # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
+    residual, energy = _take_out(plate.coarse, cell, taken / np.maximum(seen, 1e-12), span)
+    if centred:
+        direction = unit((value * share).ravel() @ look.reshape(-1, 3))
+    sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), half_angle_rad, confidence)
+    return Split(residual, sun)
+
+
+def _spans(step: float) -> NDArray[np.int64]:
+    """Return how many pixels of each row of a coarse map (rows,) are taken as one, a power of two.
+
+    About a pole the pixels are slivers, narrower than samples `step` [rad] apart, which would miss some of them.
+    """
+    colatitude = np.pi * (np.arange(COARSE_ROWS) + 0.5) / COARSE_ROWS
+    wanted = _SAMPLES_ACROSS * step / (2.0 * np.pi / COARSE_COLUMNS * np.sin(colatitude))
+    power = np.ceil(np.log2(np.clip(wanted, 1.0, COARSE_COLUMNS)))
+    return np.asarray(2**power, np.int64)
+
+
+def _take_out(
+    coarse: Floats, cell: tuple[NDArray[np.int64], ...], fraction: NDArray[np.float64], span: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Return a coarse map without a fraction (n, 3) of some pixels, evened out over each span, and the energy taken."""
+    row, column = cell
+    number = span[row]
+    first = np.cumsum(number) - number
+    rows = np.repeat(row, number)
+    columns = np.repeat(column - first, number) + np.arange(len(rows))
+    light = np.add.reduceat(coarse[rows, columns], first, axis=0) / number[:, None]
+    removed = fraction * light
+    residual = coarse.copy()
+    changed = np.repeat(fraction.any(axis=1), number)
+    residual[rows[changed], columns[changed]] = np.repeat(light - removed, number, axis=0)[changed]
+    return residual, (removed * number[:, None] * coarse_solid_angle()[row]).sum(axis=0)
+
+
+def _gather(
+    width: int, height: int, look: Floats, *lights: Floats, span: NDArray[np.int64] | None = None
+) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
+    """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there.
+
+    span: of each row, how many neighbours are taken as one and stand as the first of them.
+    """
+    x, y = frame_from_direction(look, width, height)
+    row = np.clip(y.astype(np.int64), 0, height - 1)
+    column = x.astype(np.int64) % width
+    if span is not None:
+        column -= column % span[row]
+    index = (row * width + column).ravel()
+    number = np.zeros(width * height, np.int64)
+    number[index] = 1
+    cell = np.flatnonzero(number)
+    number[cell] = np.arange(len(cell))
+    place = (3 * number[index][:, None] + np.arange(3)).ravel()
+    sums = [np.bincount(place, light.ravel()).astype(np.float64).reshape(-1, 3) for light in lights]
+    return np.divmod(cell, width), sums
+
+
+def with_sun(residual: Floats, sun: Sun) -> Floats:
+    """Return a map (H, W, 3) with the sun's light spread evenly over its disc."""
+    radius = max(sun.half_angle_rad, np.radians(0.2))
+    look = patch_directions(sun.direction, radius, 33)
+    weight = 1.0 * (look @ sun.direction >= np.cos(min(radius, np.pi)))
+    height, width = residual.shape[:2]
+    light = (weight / weight.sum())[..., None] * np.asarray(sun.irradiance, np.float64)
+    cell, (light,) = _gather(width, height, look, light)
+    out = residual.copy()
+    out[cell] += light / row_solid_angle(width, height)[cell[0], None]
+    return out
+
+
+def sky_irradiance(residual: Floats, up: Array = LEVEL) -> Floats:
+    """Return the irradiance (3,) of a horizontal plane by the half of a coarse map that is above it."""
+    weight = np.maximum(elevation_sine(coarse_directions(), up), 0.0) * coarse_solid_angle()
+    return np.tensordot(weight, residual, ([0, 1], [0, 1]))
+
+
+def close(split: Split, direct_to_diffuse: float | None, up: Array = LEVEL) -> Split:
+    """Return the split with the sun's irradiance solved from the ratio of direct to diffuse horizontal irradiance."""
+    ratio = MIDDLE_RATIO if direct_to_diffuse is None else direct_to_diffuse
+    sine = max(float(elevation_sine(split.sun.direction, up)), _LOWEST_SINE)
+    wanted = ratio * float(luminance(sky_irradiance(split.residual, up))) / sine
+    measured = float(luminance(split.sun.irradiance))
+    colour = split.sun.irradiance / measured if measured > 0.0 else np.ones(3)
+    return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sun over a clip: measured frame by frame, cut into shots, smoothed without lag, bridged where it is not seen.
+
+The track belongs to the whole clip. It is made once, kept beside the scene (`save_track`), may be edited there, and
+is looked up by frame, so that any frame range renders the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import luminance
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.sun.smooth import smooth
+from mr360uw.types import Environment, Floats, Sun
+
+Array = NDArray[np.float64]
+
+_MEDIAN = 5  # frames on either side that a jump is judged by
+_JUMP_RAD = np.radians(6.0)
+_PICTURE_CHANGE = 0.25  # mean |change of log radiance|, exposure aside
+_FORGET_FRAMES = 30.0  # confidence falls by 1/e over as many frames without a sight of the sun
+
+
+@dataclass(frozen=True, slots=True)
+class SunMeasurement:
+    """What one frame says: its sun or None, its exposure (log-mean luminance), and a thumbnail to find cuts by.
+
+    thumbnail: (8, 16) log luminance less its mean, or None.
+    """
+
+    time_s: float
+    sun: Sun | None
+    exposure: float = 1.0
+    thumbnail: Floats | None = None
+
+
+def measure_sun(environment: Environment, time_s: float, world_from_camera: Floats | None = None) -> SunMeasurement:
+    """Return the measurement of a frame from its environment.
+
+    world_from_camera: rotation (3, 3) that levels the frame; the sun of a camera that tilts stands still only then.
+    """
+    sun = environment.sun
+    if sun is not None and world_from_camera is not None:
+        sun = replace(sun, direction=world_from_camera @ sun.direction)
+    value = np.log(np.maximum(luminance(environment.residual), 1e-4))
+    thumbnail = value.reshape(8, 4, 16, 4).mean(axis=(1, 3))
+    exposure = float(np.exp(thumbnail.mean()))
+    return SunMeasurement(time_s, sun, exposure, thumbnail - thumbnail.mean())
+
+
+@dataclass(frozen=True, slots=True)
+class SunTrack:
+    """The sun of every frame of a clip.
+
+    times_s: (N,). raw_direction, direction: (N, 3) unit, in level axes, measured (NaN where none) and smoothed (NaN in
+    a shot that never shows the sun). raw_irradiance, irradiance: (N, 3) linear RGB on a plane facing the sun.
+    half_angle_rad: (N,). raw_confidence: (N,) of each frame alone. confidence: (N,) of the smoothed sun. exposure: (N,)
+    log-mean luminance. cuts: first frames of the shots after the first.
+    """
+
+    times_s: Array
+    raw_direction: Array
+    direction: Array
+    raw_irradiance: Array
+    irradiance: Array
+    half_angle_rad: Array
+    raw_confidence: Array
+    confidence: Array
+    exposure: Array
+    cuts: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def at(self, index: int | None = None, *, time_s: float | None = None) -> Sun | None:
+        """Return the smoothed sun of frame `index`, or of the frame shown at `time_s`; None where the shot has none.
+
+        Frames before the first and after the last take the nearest.
+        """
+        if (index is None) == (time_s is None):
+            raise ParameterError("track - give either a frame index or time_s - one of them")
+        if index is None:
+            index = int(np.searchsorted(self.times_s, float(time_s or 0.0) + 1e-6, side="right")) - 1
+        k = min(max(index, 0), len(self) - 1)
+        if not np.isfinite(self.direction[k, 0]):
+            return None
+        return Sun(
+            self.direction[k].copy(),
+            self.irradiance[k].astype(np.float32),
+            float(self.half_angle_rad[k]),
+            float(self.confidence[k]),
+        )
+
+
+def track_suns(
+    measurements: Sequence[SunMeasurement | Sun | None],
+    times_s: Sequence[float] | None = None,
+    *,
+    minimum_confidence: float = 0.5,
+) -> SunTrack:
+    """Return the track of a whole clip from one measurement per frame, in order.
+
+    Suns or None may stand in for measurements; then `times_s` are their times (default: 30 frames a second) and cuts
+    show only in the sun's direction. Frames below `minimum_confidence` are bridged.
+    """
+    frames = [m if isinstance(m, SunMeasurement) else SunMeasurement(k / 30.0, m) for k, m in enumerate(measurements)]
+    if not frames:
+        raise ParameterError("track - needs at least one frame (got none) - measure some frames first")
+    count = len(frames)
+    times = np.array([f.time_s for f in frames] if times_s is None else times_s, np.float64)
+    if times.shape != (count,) or not np.all(np.diff(times) > 0.0):
+        raise ParameterError(f"times_s - one for every frame, ascending (got shape {times.shape}) - sort the frames")
+    direction, irradiance = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+    half_angle, confidence = np.full(count, np.nan), np.zeros(count)
+    for k, frame in enumerate(frames):
+        if frame.sun is not None:
+            direction[k], irradiance[k] = frame.sun.direction, frame.sun.irradiance
+            half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
+    weight = np.where(confidence >= minimum_confidence, confidence, 0.0)
+    cuts = find_cuts(direction, weight, [f.thumbnail for f in frames])
+    smoothed = [
+        _smooth_shot(direction[a:b], irradiance[a:b], half_angle[a:b], weight[a:b])
+        for a, b in zip((0, *cuts), (*cuts, count), strict=True)
+    ]
+    smooth_direction, smooth_irradiance, smooth_angle, trust = (
+        np.concatenate([np.asarray(part[k]) for part in smoothed]) for k in range(4)
+    )
+    exposure = np.array([f.exposure for f in frames])
+    return SunTrack(
+        times,
+        direction,
+        smooth_direction,
+        irradiance,
+        smooth_irradiance,
+        smooth_angle,
+        confidence,
+        trust,
+        exposure,
+        cuts,
+    )
+
+
+def _smooth_shot(direction: Array, irradiance: Array, half_angle: Array, weight: Array) -> tuple[Array, ...]:
+    seen = weight > 0.0
+    chord = smooth(np.where(seen[:, None], direction, 0.0), weight)
+    length = np.linalg.norm(chord, axis=1, keepdims=True)
+    log_light = np.log(np.maximum(np.where(seen[:, None], irradiance, 1.0), 1e-9))
+    light = np.exp(smooth(log_light, weight))
+    angle = np.full(len(weight), np.median(half_angle[seen]) if seen.any() else np.nan)
+    frame = np.arange(len(weight))
+    gap = np.abs(frame[:, None] - frame[seen]).min(axis=1) if seen.any() else np.full(len(weight), np.inf)
+    level = float(np.average(weight[seen], weights=weight[seen])) if seen.any() else 0.0
+    return chord / length, light, angle, level * np.exp(-gap / _FORGET_FRAMES)
+
+
+def find_cuts(direction: Array, weight: Array, thumbnails: Sequence[Floats | None]) -> tuple[int, ...]:
+    """Return the first frames of new shots: where the picture changes at once, or else where the sun jumps.
+
+    direction: (N, 3), used where weight (N,) > 0. thumbnails: of every frame, or None.
+    """
+    count = len(weight)
+    if count > 1 and all(t is not None for t in thumbnails):
+        change = np.abs(np.diff(np.stack([np.asarray(t) for t in thumbnails]), axis=0)).mean(axis=(1, 2))
+        limit = max(_PICTURE_CHANGE, 6.0 * float(np.median(change)))
+        return tuple(int(k) + 1 for k in np.flatnonzero(change > limit))
+    seen = np.flatnonzero(weight > 0.0)
+    if len(seen) < 2 * _MEDIAN:
+        return ()
+    d = direction[seen]
+    jump = np.zeros(len(seen))
+    for k in range(3, len(seen) - 2):
+        before, after = _middle(d[max(k - _MEDIAN, 0) : k]), _middle(d[k : k + _MEDIAN])
+        jump[k] = np.arccos(np.clip(before @ after, -1.0, 1.0))
+    limit = max(_JUMP_RAD, 4.0 * float(np.median(jump[jump > 0.0])))
+    cuts = []
+    while jump.max() > limit:
+        top = int(jump.argmax())
+        low, high = max(top - _MEDIAN, 1), min(top + _MEDIAN + 1, len(seen))
+        cuts.append(int(seen[_split(d, low, high)]))
+        jump[max(top - 2 * _MEDIAN, 0) : top + 2 * _MEDIAN] = 0.0
+    return tuple(sorted(set(cuts)))
+
+
+def _middle(d: Array) -> Array:
+    """Return the unit vector of the component-wise median of directions (n, 3)."""
+    m = np.median(d, axis=0)
+    return m / max(float(np.linalg.norm(m)), 1e-12)
+
+
+def _split(d: Array, low: int, high: int) -> int:
+    """Return the index in [low, high) that best splits directions (n, 3) into two groups about their medians."""
+
+    def cost(k: int) -> float:
+        before, after = d[max(k - 2 * _MEDIAN, 0) : k], d[k : k + 2 * _MEDIAN]
+        return float((1.0 - before @ _middle(before)).mean() + (1.0 - after @ _middle(after)).mean())
+
+    return min(range(low, high), key=cost)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tracks on disk: one table, as JSON (columns) or CSV (a line a frame), to read, plot and edit.
+
+Angles are in degrees, in level axes: azimuth 0 = centre of the frame, + = right; elevation + = up. An empty cell (null)
+means that there is no sun. Editing `azimuth_deg`, `elevation_deg` or `irradiance_*` changes what is rendered; the
+`raw_` columns are what the frames said.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.files import write_whole
+from mr360uw.ibl.sun.track import SunTrack
+from mr360uw.sphere import direction_from_angles
+
+Array = NDArray[np.float64]
+
+_FORMAT = "mr360uw sun track 1"
+_LIGHT = ("red", "green", "blue")
+COLUMNS = (
+    "frame", "shot", "time_s", "azimuth_deg", "elevation_deg", *(f"irradiance_{c}" for c in _LIGHT), "half_angle_deg",
+    "confidence", "raw_azimuth_deg", "raw_elevation_deg", *(f"raw_irradiance_{c}" for c in _LIGHT), "raw_confidence",
+    "exposure",
+)  # fmt: skip
+
+
+def _angles(direction: Array) -> tuple[Array, Array]:
+    azimuth = np.degrees(np.arctan2(direction[:, 0], -direction[:, 2]))
+    elevation = np.degrees(np.arctan2(direction[:, 1], np.hypot(direction[:, 0], direction[:, 2])))
+    return azimuth, elevation
+
+
+def track_table(track: SunTrack) -> dict[str, list[float | None]]:
+    """Return the columns of a track, rounded to 1e-6, None where there is no sun."""
+    frame = np.arange(len(track))
+    columns = (
+        frame, np.searchsorted(np.asarray(track.cuts), frame, side="right"), track.times_s, *_angles(track.direction),
+        *track.irradiance.T, np.degrees(track.half_angle_rad), track.confidence, *_angles(track.raw_direction),
+        *track.raw_irradiance.T, track.raw_confidence, track.exposure,
+    )  # fmt: skip
+    return {
+        name: [round(float(v), 6) if math.isfinite(v) else None for v in column]
+        for name, column in zip(COLUMNS, columns, strict=True)
+    }
+
+
+def save_track(track: SunTrack, path: str | Path) -> None:
+    """Write a track to a file whose name ends in .json or .csv."""
+    path = Path(path)
+    table = track_table(track)
+    if path.suffix == ".json":
+        text = json.dumps({"format": _FORMAT, "columns": table}, indent=1)
+    elif path.suffix == ".csv":
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(zip(*table.values(), strict=True))
+        text = out.getvalue()
+    else:
+        raise ParameterError(f"{path} - not a name for a track (got {path.suffix!r}) - end it in .json or .csv")
+    write_whole(path, text + "\n" if path.suffix == ".json" else text)
+
+
+def load_track(path: str | Path) -> SunTrack:
+    """Return a track from a .json or .csv file that `save_track` wrote, edited or not."""
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8")
+        if path.suffix == ".csv":
+            rows = list(csv.DictReader(io.StringIO(text)))
+            table = {name: [row[name] for row in rows] for name in COLUMNS}
+        else:
+            table = json.loads(text)["columns"]
+        data = {n: np.array([np.nan if v in (None, "") else float(v) for v in table[n]]) for n in COLUMNS}
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ParameterError(f"{path} - not a readable sun track ({error}) - write it with save_track") from error
+    if not len(data["frame"]) or any(len(column) != len(data["frame"]) for column in data.values()):
+        raise ParameterError(f"{path} - columns of unequal length or empty - write it with save_track")
+
+    def directions(prefix: str) -> Array:
+        pairs = zip(np.radians(data[f"{prefix}azimuth_deg"]), np.radians(data[f"{prefix}elevation_deg"]), strict=True)
+        return np.stack([direction_from_angles(azimuth, elevation) for azimuth, elevation in pairs])
+
+    return SunTrack(
+        times_s=data["time_s"],
+        raw_direction=directions("raw_"),
+        direction=directions(""),
+        raw_irradiance=np.stack([data[f"raw_irradiance_{c}"] for c in _LIGHT], axis=1),
+        irradiance=np.stack([data[f"irradiance_{c}"] for c in _LIGHT], axis=1),
+        half_angle_rad=np.radians(data["half_angle_deg"]),
+        raw_confidence=np.nan_to_num(data["raw_confidence"]),
+        confidence=np.nan_to_num(data["confidence"]),
+        exposure=data["exposure"],
+        cuts=tuple(int(k) + 1 for k in np.flatnonzero(np.diff(data["shot"]) > 0)),
+    )

@@ -1,0 +1,38 @@
+from .closed_form import multiple_scattering
+from .exposure import exposure_change, picture_change, steady_gain
+from .medium import MODES, Medium
+from .models import spectral_model
+from .profile import PlateProfile, fit_gain
+from .settings import WaterSettings
+from .spectral.bands import Bands, bands
+from .spectral.gamut import compress_gamut
+from .spectral.sensor import Sensor, cameras, illuminant
+from .spectral.upsampling import reflectance
+from .transfer import LightField
+from .water import JERLOV_TYPES, Water
+from .waterfit import WaterFit, fit_water
+
+__all__ = [
+    "JERLOV_TYPES",
+    "MODES",
+    "Bands",
+    "LightField",
+    "Medium",
+    "PlateProfile",
+    "Sensor",
+    "Water",
+    "WaterFit",
+    "WaterSettings",
+    "bands",
+    "cameras",
+    "compress_gamut",
+    "exposure_change",
+    "fit_gain",
+    "fit_water",
+    "illuminant",
+    "multiple_scattering",
+    "picture_change",
+    "reflectance",
+    "spectral_model",
+    "steady_gain",
+]

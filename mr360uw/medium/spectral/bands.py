@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A few wavelengths that stand for the spectrum.
+
+A spectrum X relative to the illuminant becomes RGB = sum_i weight_i X(wavelength_i); the weights of each channel sum to
+1, so that white (X = 1) is (1, 1, 1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, VISIBLE_NM, Sensor, illuminant
+
+Array = NDArray[np.float64]
+
+Rule = Literal["rectangle", "integrated", "fitted"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bands:
+    """wavelength_nm: (n,) ascending. weight: (n, 3), each column sums to 1. name: what they were made for."""
+
+    wavelength_nm: Array
+    weight: Array
+    name: str
+
+    def rgb(self, spectrum: Array) -> Array:
+        """Return RGB (..., 3) of spectra (..., n) relative to the illuminant; may be negative out of gamut."""
+        return np.asarray(spectrum) @ self.weight
+
+    @property
+    def signed(self) -> bool:
+        """Whether some weight is negative, so that colours can leave the gamut."""
+        return bool(np.any(self.weight < 0.0))
+
+    @property
+    def lobes(self) -> Array:
+        """The weights (n, 3) with which light fades: none negative, columns that sum to 1.
+
+        A camera's own. Of a response with negative parts, the lobe about its peak: a sum that passes through zero fades
+        infinitely fast there and grows behind it, which no light does, and the observer's red has a second lobe in the
+        violet, through which red would outlive green in clear water.
+        """
+        if not self.signed:
+            return self.weight
+        kept = np.zeros_like(self.weight)
+        for channel, column in enumerate(self.weight.T):
+            peak, other = int(column.argmax()), np.flatnonzero(column < 0.0)
+            start = max((int(i) + 1 for i in other if i < peak), default=0)
+            end = min((int(i) for i in other if i > peak), default=len(column))
+            kept[start:end, channel] = column[start:end]
+        return kept / kept.sum(axis=0)
+
+    def log_light(self, log_spectrum: Array) -> Array:
+        """Return the logarithm (..., 3) of the light seen through `lobes`, of that of a spectrum (..., n).
+
+        Ratios of it are what fading does to a grey colour. Nothing is too dark for it.
+        """
+        x, result = np.asarray(log_spectrum), np.empty((*np.shape(log_spectrum)[:-1], 3))
+        for channel, weight in enumerate(self.lobes.T):
+            part = x[..., weight > 0.0]
+            top = part.max(axis=-1, keepdims=True)
+            result[..., channel] = top[..., 0] + np.log(np.exp(part - top) @ weight[weight > 0.0])
+        return result
+
+
+def bands(
+    n: int,
+    sensor: Sensor | None = None,
+    rule: Rule = "rectangle",
+    illuminant_name: str = DEFAULT_ILLUMINANT,
+    range_nm: tuple[float, float] = VISIBLE_NM,
+) -> Bands:
+    """Return n bands (1 to 1000) of a sensor (the default camera unless given).
+
+    rectangle: n equal intervals, response and illuminant at their midpoints. integrated: the same midpoints, response
+    times illuminant averaged over each interval. fitted: wavelengths and weights that reproduce the colours of water
+    best (n = 2 to 24; see `fitted`); its weights are never negative unless the sensor's own are.
+    """
+    sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
+    if not 1 <= n <= 1000:
+        raise ParameterError(f"bands - out of range (got {n!r}) - choose 1 to 1000")
+    if rule not in get_args(Rule):
+        raise ParameterError(f"rule - unknown (got {rule!r}) - take one of {', '.join(get_args(Rule))}")
+    low, high = range_nm
+    known = sensor.curves.wavelength_nm
+    if not known[0] <= low < high <= known[-1]:
+        raise ParameterError(
+            f"range_nm - beyond the sensor, known from {known[0]:g} to {known[-1]:g} nm "
+            f"(got {low:g} to {high:g}) - narrow it"
+        )
+    name = f"{sensor.name}, {illuminant_name}, {n} {rule}"
+    if rule == "fitted":
+        from mr360uw.medium.spectral.fitted import fitted_bands
+
+        wavelength, weight = fitted_bands(n, sensor, illuminant_name, range_nm)
+        return Bands(wavelength, weight, name)
+    edge = np.linspace(low, high, n + 1)
+    middle = 0.5 * (edge[:-1] + edge[1:])
+    light = illuminant(illuminant_name)
+    if rule == "rectangle":
+        weight = sensor.response(middle) * light(middle)[:, None]
+    else:
+        per_band = max(8, 600 // n)
+        fine = low + (high - low) * (np.arange(n * per_band) + 0.5) / (n * per_band)
+        weight = (sensor.response(fine) * light(fine)[:, None]).reshape(n, per_band, 3).mean(axis=1)
+    return Bands(middle, _balanced(weight, n, sensor.name), name)
+
+
+def _balanced(weight: Array, n: int, name: str) -> Array:
+    total = weight.sum(axis=0)
+    if np.any(np.abs(total) < 1e-6 * np.abs(weight).max()):
+        raise ParameterError(f"bands - {n} bands miss a channel of {name} - choose more bands or rule='fitted'")
+    return weight / total

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a scene's camera is, how it is turned and how deep it is, at any time of the clip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite import read_camera_track
+from mr360uw.composite.motion import Motion
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.level.tilt import LevelTrack, keyed_level, level_from_gpmf
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.types import Floats
+
+_SHALLOWEST_M = 0.01
+
+
+def level_track(scene: Scene) -> LevelTrack | None:
+    """Return how a plate is tilted over time: by a GoPro's gravity, by keys, or fixed; None where it is level."""
+    camera = scene.camera
+    if camera.gravity is not None:
+        from mr360uw.video.metadata.gpmf import gpmf_payloads
+
+        with open_plate(scene) as video:
+            rate = float(video.frame_rate)
+        return level_from_gpmf(gpmf_payloads(camera.gravity), rate)
+    keys = [(t, np.radians(roll), np.radians(pitch)) for t, roll, pitch in camera.tilt_keys]
+    if not keys and (camera.roll_deg, camera.pitch_deg) != (0.0, 0.0):
+        keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]
+    return keyed_level(keys) if keys else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPath:
+    """A camera over time, in the world, whose origin is `depth_m` below the mean surface.
+
+    A track holds position and whole orientation. Without one the camera turns by its tilt and sinks by its keys, (n, 2)
+    of time [s] and depth [m]; with nothing it stands level at the origin.
+    """
+
+    depth_m: float
+    track: Motion | None = None
+    tilt: LevelTrack | None = None
+    depth_keys: Floats | None = None
+
+    @classmethod
+    def of(cls, scene: Scene) -> CameraPath:
+        """Return the path of a scene's camera.
+
+        Raises `ParameterError` where it leaves the water, and with `VideoError` where its files say nothing.
+        """
+        camera = scene.camera
+        if camera.track is not None:
+            path = cls(camera.depth_m, track=read_camera_track(camera.track))
+        else:
+            keys = np.array(camera.depth_keys) if camera.depth_keys else None
+            path = cls(camera.depth_m, tilt=level_track(scene), depth_keys=keys)
+        depths = path._depths()
+        if scene.water.type != "none" and depths.min() < _SHALLOWEST_M:
+            raise ParameterError(
+                f"camera - leaves the water (got depth {depths.min():.2f} m) - correct its depth, keys or track, or "
+                'cut the clip there; for a plate above water set water.type = "none"'
+            )
+        return path
+
+    @property
+    def sinks(self) -> bool:
+        """Whether the depth of the camera changes."""
+        return bool(np.ptp(self._depths()) > 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves or turns."""
+        turns = self.tilt is not None and len(self.tilt.time_s) > 1
+        return self.sinks or turns or (self.track is not None and self.track.moves)
+
+    @property
+    def highest_m(self) -> float:
+        """The largest height [m] of the camera in the world."""
+        return float(self.depth_m - self._depths().min())
+
+    def at(self, time_s: float) -> tuple[Floats, Floats]:
+        """Return the position (3,) [m] in the world and the rotation world_from_camera (3, 3) at `time_s`."""
+        if self.track is not None:
+            pose = self.track.at(time_s)
+            return pose[:3, 3], pose[:3, :3]
+        position = np.array([0.0, self.depth_m - self._keyed_depth(time_s), 0.0])
+        return position, np.eye(3) if self.tilt is None else self.tilt.at(time_s)
+
+    def depth_at(self, time_s: float) -> float:
+        """Return the depth [m] of the camera below the mean surface at `time_s`."""
+        return self.depth_m - float(self.at(time_s)[0][1])
+
+    def _depths(self) -> Floats:
+        """The depths [m] of all keys; between them it keeps within its neighbours."""
+        if self.track is not None:
+            return self.depth_m - self.track.position[:, 1]
+        return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]
+
+    def _keyed_depth(self, time_s: float) -> float:
+        from scipy.interpolate import PchipInterpolator
+
+        depths = self._depths()
+        if self.depth_keys is None or len(depths) == 1:
+            return float(depths[0])
+        times = self.depth_keys[:, 0]
+        depth: Any = PchipInterpolator(times, depths)(np.clip(time_s, times[0], times[-1]))
+        return float(depth)

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where in the water a scene is lit, over all of its time: the depths and the size of its caustic maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.caustics.depth_ladder import PlaneLadder, Span, map_size
+from mr360uw.caustics.settings import CausticSettings
+from mr360uw.composite import Receiver, SceneObject, Shot
+from mr360uw.render.camera import CameraPath
+from mr360uw.scene.model import Scene
+from mr360uw.types import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class CausticDepths:
+    """The planes of a scene, and the settings of its caustics with the maps' size that its pictures can show.
+
+    ground: depths of a receiver of caustics that is a mesh, or None.
+    """
+
+    ladder: PlaneLadder
+    ground: Span | None
+    settings: CausticSettings
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        objects: tuple[SceneObject, ...],
+        receiver: Receiver | None,
+        camera: CameraPath,
+        frame_height: int,
+    ) -> CausticDepths:
+        """Return those of a scene. receiver: its shape where that stays the same."""
+        settings, surface = scene.caustics, scene.camera.depth_m
+        cameras = _positions(camera)
+        nearest = [_nearest(placed, cameras) for placed in objects]
+        reaches, heights = [], []
+        for placed in objects:
+            levels = surface - _levels(placed, cameras)
+            reaches.append((float(levels.min()), float(levels.max())))
+            heights.append(float(np.ptp(levels, axis=1).max()))
+        flat: list[float] = []
+        ground: Span | None = None
+        if scene.receiver is not None and scene.receiver.caustics:
+            nearest.append(0.0)
+            if receiver is not None and receiver.plane_y is not None:
+                flat.append(surface - receiver.plane_y)
+                nearest[-1] = float(np.min(np.abs(cameras[:, 1] - receiver.plane_y)))
+            elif receiver is not None and receiver.mesh is not None:
+                ground = (surface - float(receiver.mesh[..., 1].max()), surface - float(receiver.mesh[..., 1].min()))
+                reaches.append(ground)
+                heights.append(ground[1] - ground[0])
+        shallowest = max(min([*(reach[0] for reach in reaches), *flat], default=0.0), 0.0)
+        size = map_size(
+            settings.size, scene.sea.tile_m, max(min(nearest, default=0.0), 0.0) * np.pi / frame_height,
+            shallowest * settings.sun_half_angle_rad / settings.refractive_index,
+        )  # fmt: skip
+        ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
+        return cls(ladder, ground, settings.model_copy(update={"size": size}))
+
+    def planes(self, shot: Shot) -> Floats:
+        """Return the ascending depths of the planes that a frame needs."""
+        spans = [] if self.ground is None else [self.ground]
+        for placed in shot.objects:
+            depth = shot.camera_depth_m - placed.to_world(placed.mesh.hull)[..., 1]
+            spans.append((float(depth.min()), float(depth.max())))
+        return self.ladder.around(spans)
+
+
+def _positions(camera: CameraPath) -> Floats:
+    """Return positions (n, 3) of the camera that it stays between."""
+    if camera.track is not None:
+        return camera.track.position
+    depths = np.array([camera.depth_m]) if camera.depth_keys is None else camera.depth_keys[:, 1]
+    return np.stack([0.0 * depths, camera.depth_m - depths, 0.0 * depths], axis=-1)
+
+
+def _levels(placed: SceneObject, cameras: Floats) -> Floats:
+    """Return the lowest and the highest point (n, 2) of an object at each of its keys.
+
+    Between keys it may turn higher or lower than at any; that costs planes in a frame, and no more.
+    """
+    hull = np.concatenate([mesh.hull.reshape(-1, 3) for mesh in placed.meshes])
+    poses = [placed.motion.at(time_s) for time_s in placed.motion.time_s.tolist()]
+    rows = [hull @ pose[1, :3] + pose[1, 3] for pose in poses]
+    levels = np.array([(row.min(), row.max()) for row in rows])
+    if placed.settings.attach == "camera":
+        return np.concatenate([levels + cameras[:, 1].min(), levels + cameras[:, 1].max()])
+    return levels
+
+
+def _nearest(placed: SceneObject, cameras: Floats) -> float:
+    """Return a distance [m] that an object does not come nearer than; it may be below 0.
+
+    Between keys, positions and scales stay between those of the keys.
+    """
+    motion = placed.motion
+    reach = float(motion.scale.max()) * max(float(np.linalg.norm(m.center_m)) + m.radius_m for m in placed.meshes)
+    if placed.settings.attach == "camera":
+        cameras = np.zeros((1, 3))
+    low, high = motion.position.min(axis=0), motion.position.max(axis=0)
+    apart = np.maximum(low - cameras.max(axis=0), cameras.min(axis=0) - high)
+    return float(np.linalg.norm(np.maximum(apart, 0.0))) - reach

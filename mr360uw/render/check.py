@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run of a scene would do, and everything that would stop it, found without rendering a frame."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TypeVar
+
+from mr360uw.composite import load_object
+from mr360uw.errors import Mr360uwError, SceneError, VideoError
+from mr360uw.render.camera import CameraPath
+from mr360uw.render.first_pass import sun_track
+from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.mattes import Mattes, ReceiverClip
+from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoReader, create_video
+
+T = TypeVar("T")
+_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
+
+
+def explain_plan(scene: Scene, backend: str = "auto") -> str:
+    """Return in words what a run of the scene will do and why; opens every file that it names."""
+    with open_plate(scene) as video:
+        return _explained(video, SceneRenderer(scene, video.width, video.height, backend))
+
+
+def check_scene(
+    scene: Scene,
+    out: str | Path | None = None,
+    *,
+    frames: tuple[int, int | None] = (0, None),
+    backend: str = "auto",
+    where: str = "scene",
+) -> str:
+    """Return in words what a run of the scene will do and why.
+
+    Opens whatever a run opens, the output too, which is taken away again; what is at `out` already stays. Without
+    `out`, the words say what kinds of video can hold the result. Raises `SceneError`, of the file `where`, with one
+    line for each problem.
+    """
+    found = _Problems()
+    video = found.of(lambda: open_plate(scene))
+    renderer = None
+    if video is not None:
+        renderer = found.of(lambda: SceneRenderer(scene, video.width, video.height, backend))
+    if renderer is None:  # one problem was enough to stop it: look for the others
+        for settings in scene.objects:
+            found.of(partial(load_object, settings))
+        found.of(lambda: scene.water.medium(scene.camera.depth_m))
+        if video is not None:
+            found.of(lambda: CameraPath.of(scene))
+    output = None
+    if video is not None:
+        _check_company(scene, video, frames, found)
+        output = found.of(lambda: _output(scene, video, None if out is None else Path(out)))
+    if video is None or renderer is None or found.lines:
+        raise SceneError(where, list(found.lines))
+    return f"{_explained(video, renderer)}\noutput    {output}"
+
+
+class _Problems:
+    """Collects the messages of what fails, each once, in order."""
+
+    def __init__(self) -> None:
+        self.lines: dict[str, None] = {}
+
+    def of(self, action: Callable[[], T]) -> T | None:
+        """Return what an action returns, or None where it fails."""
+        try:
+            return action()
+        except SceneError as error:
+            self.lines |= dict.fromkeys(f"{error.where} {line}" for line in error.problems)
+        except Mr360uwError as error:
+            self.lines[str(error)] = None
+        return None
+
+
+def _check_company(scene: Scene, video: VideoReader, frames: tuple[int, int | None], found: _Problems) -> None:
+    """Check what goes along with the plate, frame by frame: mattes, the receiver's distances, the track of its sun."""
+    size = (video.width, video.height)
+    span = found.of(lambda: video.check_range(*frames))
+    stop = 1 if span is None else span[1]
+    for holdout in scene.holdouts:
+        alone = scene.model_copy(update={"holdouts": (holdout,)})
+        found.of(partial(lambda alone: Mattes(alone, *size).check(stop), alone))
+    if (receiver := scene.receiver) is not None:
+        found.of(lambda: ReceiverClip(receiver, *size).check(stop))
+    if scene.light.track is not None:
+        found.of(lambda: sun_track(scene, video))
+
+
+def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
+    """Return what the output is, or what it can be; raise `VideoError` where it cannot be begun."""
+    if out is not None:
+        keep_inputs(scene, out)
+        create_video(out, video, scene.output, overwrite=True).abort()
+        return str(out)
+    kinds: list[str] = []
+    problem = ""
+    with TemporaryDirectory() as folder:
+        for suffix in _SUFFIXES:
+            try:
+                create_video(Path(folder) / f"out{suffix}", video, scene.output).abort()
+                kinds.append(suffix)
+            except VideoError as error:
+                problem = problem or str(error).removeprefix(folder + os.sep)
+    if not kinds:
+        raise VideoError(problem)
+    return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures"
+
+
+def _explained(video: VideoReader, renderer: SceneRenderer) -> str:
+    size = f"{video.width}x{video.height}"
+    length = "a still" if video.is_still else f"{video.frame_count} frames"
+    lines = [
+        f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
+        f"renderer  {renderer.backend.name} ({renderer.backend.device})",
+        *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
+    ]
+    for placed in renderer.objects:
+        size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
+        triangles = len(placed.meshes[0].positions)
+        lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m")
+    return "\n".join([*lines, "stages", str(renderer.plan)])

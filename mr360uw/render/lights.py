@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a scene reads the light of its plate: where the packages of light, sea and water meet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from mr360uw.caustics import refract_to_water
+from mr360uw.color import luminance
+from mr360uw.ibl import LightSettings, environment, environment_from_yuv
+from mr360uw.ibl.sun.solar import given_direction
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.render.camera import CameraPath
+from mr360uw.scene.model import Scene
+from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
+
+_CLEAR_SKY_DIRECT = 0.75
+"""Part of the irradiance just below the surface that is the beam of a high sun in a clear sky."""
+_TYPICAL_SUN_UP = 0.85
+_LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
+
+
+class SceneLight:
+    """Finds the light of frames as a scene's `[light]` table says; `table`: of its water, or None.
+
+    The sun of a scene and of a track stands in the world; what `of` returns is in the axes of the camera.
+    """
+
+    def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
+        self._underwater, self._camera = table is not None, camera
+        settings = scene.light
+        if settings.direct_to_diffuse is None and table is not None:
+            settings = settings.model_copy(update={"direct_to_diffuse": direct_to_diffuse(table)})
+        self._settings: LightSettings = settings
+        self._sun: Floats | Literal["detect"] | None = "detect"
+        if settings.sun == "none":
+            self._sun = None
+        elif settings.sun in ("given", "date"):
+            self._sun = given_direction(settings)
+            if self._sun is not None and settings.sun == "date" and self._underwater:
+                self._sun = refract_to_water(self._sun, scene.caustics.refractive_index)
+
+    def of(
+        self,
+        plate: Floats | YuvImage,
+        sun: Sun | Literal["scene"] | None = "scene",
+        *,
+        time_s: float = 0.0,
+        glossy: bool = False,
+    ) -> Environment:
+        """Return the light of a linear plate (H, W, 3) or of decoded planes.
+
+        sun: "scene" takes what the scene says; a smoothed track gives its own, or None. time_s: of the frame, for how
+        the camera is tilted.
+        """
+        world_from_camera = self.world_from_camera(time_s)
+        chosen = self._sun if isinstance(sun, str) else sun
+        if isinstance(chosen, Sun):
+            chosen = replace(chosen, direction=chosen.direction @ world_from_camera)
+        elif isinstance(chosen, np.ndarray):
+            chosen = chosen @ world_from_camera
+        options: Any = {"underwater": self._underwater, "glossy": glossy, "up": world_from_camera[1]}
+        if isinstance(plate, YuvImage):
+            return environment_from_yuv(plate, self._settings, sun=chosen, **options)
+        return environment(plate, self._settings, sun=chosen, **options)
+
+    def world_from_camera(self, time_s: float) -> Floats:
+        """Return the rotation (3, 3) of the camera at `time_s`."""
+        return self._camera.at(time_s)[1]
+
+    def sun(self, plate: Floats | YuvImage, time_s: float) -> Sun | None:
+        """Return the sun of a plate's frame in the axes of the world; None where there is none."""
+        sun = self.of(plate, time_s=time_s).sun
+        return None if sun is None else replace(sun, direction=self.world_from_camera(time_s) @ sun.direction)
+
+
+def direct_to_diffuse(table: MediumTable) -> float:
+    """Return the sun's horizontal irradiance over all other, at the camera, that a clear sky above this water gives.
+
+    The beam fades faster than the light as a whole; what it loses to forward scattering, the rest gains.
+    """
+    beam = float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
+    whole = float(luminance(1.0 / ambient_ratio(table, 0.0)))
+    direct = _CLEAR_SKY_DIRECT * beam
+    return float(np.clip(direct / max(whole - direct, 1e-6), _LEAST_DIRECT, _MOST_DIRECT))

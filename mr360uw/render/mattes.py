@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures in step with the plate: mattes of what is in front of the objects, distances of what is behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.composite.holdout import feathered
+from mr360uw.composite.receiver.distance_map import without_steps
+from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
+from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
+from mr360uw.composite.shot import Receiver
+from mr360uw.errors import VideoError
+from mr360uw.scene.model import Scene
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame, VideoReader, open_video
+
+_LOSSY_STEPS = 2.0
+"""Codes that a value of a lossy video is uncertain by, where one of a picture is by one."""
+_FINEST = 1.0 / 4096.0
+"""Part of the range from which on the steps of a distance map are worth smoothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grey:
+    """One picture. values: (h, w) float32, in parts of white, or where `metric` a floating point picture's own.
+
+    step: what the values are rounded to, 0 where they are not.
+    """
+
+    values: Floats
+    metric: bool
+    step: float
+
+
+class GreyClip:
+    """A still, a sequence or a video with one grey picture for each of the plate's frames; a still serves all.
+
+    depth: EXR pictures are read by their channel Z where they have one. Raises `VideoError`.
+    """
+
+    def __init__(self, path: Path, width: int, height: int, *, depth: bool = False) -> None:
+        self._reader: VideoReader = open_video(path, transfer="linear", equirectangular=False, depth=depth)
+        self._frames: Iterator[VideoFrame] | None = None
+        self._index, self._grey = -1, Grey(np.zeros((0, 0), np.float32), metric=False, step=0.0)
+        shape = (self._reader.width, self._reader.height)
+        if shape[0] * height != shape[1] * width:
+            raise VideoError(
+                f"{path} - has not the plate's shape (got {shape[0]}x{shape[1]} for {width}x{height}) - render it from "
+                "the same frames"
+            )
+
+    def check(self, stop: int) -> None:
+        """Raise `VideoError` where the clip ends before the plate's frame `stop`."""
+        count = self._reader.frame_count
+        if not self._reader.is_still and count is not None and stop > count:
+            raise VideoError(
+                f"{self._reader.path} - ends before the plate (got {count} frames for frame {stop - 1} of the plate) - "
+                f"add the missing ones, or take frames 0:{count}"
+            )
+
+    def at(self, index: int) -> Grey:
+        """Return the picture of a frame, the same object while it is the same; ascending frames are decoded once."""
+        if self._reader.is_still:
+            index = 0
+        if index != self._index:
+            self.check(index + 1)
+            if self._frames is None or index != self._index + 1:
+                self._frames = iter(self._reader.frames(index))
+            frame = next(self._frames)
+            metric, lossy = frame.spec.bits == 32, frame.yuv is not None
+            step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
+            self._grey, self._index = Grey(frame.image_linear.mean(axis=-1), metric, step), index
+        return self._grey
+
+
+def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
+    """Return the metres (h, w) of a distance map, infinite where it is 0, infinite or not a number: no surface.
+
+    range_m: of black and white; a floating point picture holds metres. 0 is what rounding may have made of it.
+    """
+    metres = grey.values if grey.metric else map_range(grey.values, range_m)
+    nothing = 0.5 * grey.step * abs(range_m[1] - range_m[0])
+    return np.where(np.isfinite(metres) & (metres > nothing), metres, np.inf)
+
+
+class Mattes:
+    """Every holdout of a scene, in step with the plate."""
+
+    def __init__(self, scene: Scene, width: int, height: int) -> None:
+        self._holdouts = [_Holdout(settings, width, height) for settings in scene.holdouts]
+
+    def check(self, stop: int) -> None:
+        """Raise `VideoError` where a matte ends before the plate's frame `stop`."""
+        for holdout in self._holdouts:
+            holdout.clip.check(stop)
+
+    def at(self, index: int) -> tuple[Floats | None, Floats | None]:
+        """Return the mask (H, W) in [0, 1] and the distances (H, W) [m] of a frame, each None where there is none.
+
+        Several masks add up to the strongest, several distances to the nearest.
+        """
+        masks = [h.at(index) for h in self._holdouts if h.settings.kind == "mask"]
+        nearest = [h.at(index) for h in self._holdouts if h.settings.kind == "distance"]
+        return np.max(masks, axis=0) if masks else None, np.min(nearest, axis=0) if nearest else None
+
+
+class _Holdout:
+    def __init__(self, settings: HoldoutSettings, width: int, height: int) -> None:
+        self.settings = settings
+        self.clip = GreyClip(settings.path, width, height, depth=settings.kind == "distance")
+        self._size = (width, height)
+        self._matte: tuple[Grey, Floats] | None = None
+
+    def at(self, index: int) -> Floats:
+        """Return the matte (H, W) of a frame: weights in [0, 1], or metres."""
+        grey = self.clip.at(index)
+        if self._matte is None or self._matte[0] is not grey:
+            self._matte = grey, self._made(grey)
+        return self._matte[1]
+
+    def _made(self, grey: Grey) -> Floats:
+        import cv2
+
+        same = grey.values.shape == self._size[::-1]
+        if self.settings.kind == "distance":
+            metres = distances(grey, self.settings.range_m)
+            return metres if same else cv2.resize(metres, self._size, interpolation=cv2.INTER_NEAREST_EXACT)
+        weight = grey.values if same else cv2.resize(grey.values, self._size, interpolation=cv2.INTER_LINEAR)
+        return feathered(1.0 - weight if self.settings.invert else weight, self.settings.feather_px)
+
+
+class ReceiverClip:
+    """A scene's receiver, frame by frame: the same object as long as its shape is the same.
+
+    What is kept between frames for a receiver is kept by its identity.
+    """
+
+    def __init__(self, settings: ReceiverSettings, width: int, height: int) -> None:
+        self._settings, self._receiver = settings, load_receiver(settings)
+        self._clip: GreyClip | None = None
+        self._grey: Grey | None = None
+        if settings.kind == "distance":
+            assert settings.path is not None
+            self._clip = GreyClip(settings.path, width, height, depth=True)
+
+    def check(self, stop: int) -> None:
+        """Raise `VideoError` where a distance map ends before the plate's frame `stop`."""
+        if self._clip is not None:
+            self._clip.check(stop)
+
+    def at(self, index: int) -> Receiver:
+        """Return the receiver of a frame."""
+        if self._clip is not None and (grey := self._clip.at(index)) is not self._grey:
+            low, high = self._settings.range_m
+            metres = distances(grey, self._settings.range_m)
+            if grey.step > _FINEST:
+                metres = without_steps(metres, grey.step * abs(high - low))
+            self._grey, self._receiver = grey, replace(self._receiver, distance_m=metres)
+        return self._receiver

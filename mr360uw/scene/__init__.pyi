@@ -1,0 +1,10 @@
+from .model import CameraSettings, PlateSettings, Scene, load_scene, scene_from_dict, scene_schema
+
+__all__ = [
+    "CameraSettings",
+    "PlateSettings",
+    "Scene",
+    "load_scene",
+    "scene_from_dict",
+    "scene_schema",
+]

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of every scene parameter, written from the parameters' own declarations."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from mr360uw.scene.model import Scene
+from mr360uw.scene.problems import bounds_text, models_of
+from mr360uw.scene.template import toml_value
+
+
+def parameters_markdown() -> str:
+    """Return the page docs/parameters.md: one table for each table of a scene file."""
+    lines = [
+        "# Parameters of a scene",
+        "",
+        "Written by `mr360uw schema --markdown`. A key without a default must be given.",
+    ]
+    for name, field in Scene.model_fields.items():
+        key = field.alias or name
+        repeated = isinstance(field.default, tuple)
+        for model in models_of(field.annotation):
+            lines += _section(f"[[{key}]]" if repeated else f"[{key}]", model)
+    return "\n".join(lines) + "\n"
+
+
+def _section(header: str, model: type[BaseModel]) -> list[str]:
+    summary = (model.__doc__ or "").strip().splitlines()[0]
+    lines = [
+        "",
+        f"## `{header}` {model.__name__}",
+        "",
+        summary,
+        "",
+        "| key | default | values, range, unit | meaning |",
+    ]
+    nested = []
+    for name, field in model.model_fields.items():
+        inner = models_of(field.annotation)
+        if inner:
+            nested += [(f"{header.strip('[]')}.{field.alias or name}", m) for m in inner]
+            continue
+        allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
+        cells = (f"`{field.alias or name}`", _default(field), allowed, field.description or "")
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    for path, inner_model in nested:
+        lines += _section(f"[[{path}]]", inner_model)
+    return lines
+
+
+def choices(annotation: Any) -> list[str]:
+    """Return the values that an annotation lists, in order."""
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    return [value for part in get_args(annotation) for value in choices(part)]
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return ""
+    return "none" if field.default is None else f"`{toml_value(field.default)}`"

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: everything that is set about a composite, as one model and one TOML file.
+
+The tables are the parameter models that live beside their physics; this module only composes them, reads and checks
+files, and reports every problem of a file at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+
+from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.settings import CausticSettings, Sea
+from mr360uw.color import Transfer
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
+from mr360uw.errors import SceneError
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.medium.settings import WaterSettings
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
+from mr360uw.video.settings import EncodeSettings
+
+
+class PlateSettings(Parameters):
+    """The video, image sequence or still that objects are put into."""
+
+    path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
+    transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
+    eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
+    frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
+
+
+class CameraSettings(Parameters):
+    """Where the camera is."""
+
+    depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
+    depth_keys: tuple[tuple[float, float], ...] = parameter(
+        (), "(time_s, depth_m), ascending, of a camera that rises and sinks; positions start at depth_m"
+    )
+    track: Path | None = parameter(
+        None, "CSV of its motion: time_s, x, y, z, qx, qy, qz, qw; positions start at depth_m"
+    )
+    roll_deg: float = parameter(0.0, "roll of a plate that is not level, + = right side down", low=-180.0, high=180.0)
+    pitch_deg: float = parameter(0.0, "pitch of such a plate, + = its centre looks up", low=-90.0, high=90.0)
+    tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
+        (), "(time_s, roll_deg, pitch_deg), ascending, instead"
+    )
+    gravity: Path | None = parameter(None, "GoPro clip whose gravity track levels the plate, or its GPMF payloads")
+
+    @model_validator(mode="after")
+    def _check(self) -> CameraSettings:
+        if self.depth_keys and self.track is not None:
+            raise ValueError("depth_keys - the track has the camera's height already (got both) - remove one of them")
+        times = [time for time, _ in self.depth_keys]
+        if any(b <= a for a, b in itertools.pairwise(times)):
+            raise ValueError(f"depth_keys - must ascend in time (got {times}) - sort them")
+        return self
+
+
+def _plate_from_path(value: Any) -> Any:
+    return {"path": value} if isinstance(value, str | Path) else value
+
+
+class Scene(Parameters):
+    """A composite: a plate and everything that is put into it."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    plate: Annotated[PlateSettings, BeforeValidator(_plate_from_path)] = parameter(..., "the video to work on")
+    camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
+    water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
+    objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
+    receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
+    holdouts: tuple[HoldoutSettings, ...] = parameter(
+        (), "mattes of the plate in front of the objects", alias="holdout"
+    )
+    light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
+    sea: Sea = parameter(GerstnerSea(), "the water surface")
+    caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
+    draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
+    output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
+
+
+def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """Return the scene of a TOML file; relative paths in it start at its folder.
+
+    overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
+    Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8-sig")
+    except FileNotFoundError:
+        raise SceneError(
+            str(path), ["no such scene file - check the path, or make one: mr360uw new VIDEO MESH"]
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(str(path), [f"cannot be read (got: {error}) - give a TOML text file"]) from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(str(path), [f"is not TOML (got: {error}) - correct the line"]) from None
+    for text_override in overrides:
+        _override(data, text_override)
+    return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
+
+
+def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
+    """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(where, problems(error, Scene, where, lines or {})) from None
+    scene = _with_absolute_paths(scene, folder)
+    missing = [
+        f"{place(where, lines or {}, location)} - no such file (got {file}) - check the path; it starts at {folder}"
+        for location, file in _files(scene)
+        if not _exists(file)
+    ]
+    if missing:
+        raise SceneError(where, missing)
+    return scene
+
+
+def files_of(scene: Scene) -> list[Path]:
+    """Return every file and pattern of files that a scene names."""
+    return [file for _, file in _files(scene)]
+
+
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scene file, with units, ranges and help."""
+    return Scene.model_json_schema(by_alias=True)
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Set one key of nested tables from 'a.b=value'."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    *parents, last = key.strip().split(".")
+    table: Any = data
+    for depth, part in enumerate(parents):
+        if isinstance(table, list):
+            if not part.isdigit() or int(part) >= len(table):
+                where = ".".join(parents[:depth])
+                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part}) - it has {len(table)}"])
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
+    if isinstance(table, list):
+        raise SceneError("--set", [f"{key} - names a list of tables - say which one, as in {parents[-1]}.0.{last}"])
+    table[last] = parsed
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+def _with_absolute_paths(value: Any, folder: Path) -> Any:
+    if isinstance(value, Path):
+        return value if value.is_absolute() else folder / value
+    if isinstance(value, tuple):
+        return tuple(_with_absolute_paths(item, folder) for item in value)
+    if isinstance(value, BaseModel):
+        changed = {}
+        for name in type(value).model_fields:
+            old = getattr(value, name)
+            new = _with_absolute_paths(old, folder)
+            if new is not old:
+                changed[name] = new
+        return value.model_copy(update=changed) if changed else value
+    return value
+
+
+def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path]]:
+    if isinstance(value, Path):
+        yield location, value
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from _files(item, (*location, index))
+    elif isinstance(value, BaseModel):
+        for name, field in type(value).model_fields.items():
+            yield from _files(getattr(value, name), (*location, field.alias or name))
+
+
+def _exists(path: Path) -> bool:
+    """A file, or a pattern of numbered files of which the folder is there; the reader says more about its frames."""
+    return path.exists() or (any(c in path.name for c in "%#*") and path.parent.is_dir())

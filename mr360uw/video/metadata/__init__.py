@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Container metadata: spherical video, colour tags, gravity tracks."""

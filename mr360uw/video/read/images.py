@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures as plates: a still, or a numbered sequence (PNG, JPEG, TIFF, EXR, HDR)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import ColorSpec, Transfer
+from mr360uw.errors import VideoError
+from mr360uw.video.frame import VideoFrame
+from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.reader import VideoReader, check_range
+
+INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+FLOAT_SUFFIXES = (".exr", ".hdr")
+PICTURE_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
+
+_NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
+
+
+def is_pattern(path: Path) -> bool:
+    """Whether a name stands for many pictures: it has %04d or #### in it."""
+    return _NUMBER.search(path.name) is not None
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return the file of a pattern with this number."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    digits = int(found[2] or 0) if found[1] or not found[3] else len(found[3])
+    return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
+
+
+def matching_files(path: Path) -> list[tuple[int, Path]]:
+    """Return the existing files of a pattern with their numbers, ascending."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    before, after = re.escape(path.name[: found.start()]), re.escape(path.name[found.end() :])
+    name = re.compile(f"{before}(\\d+){after}")
+    folder = path.parent.iterdir() if path.parent.is_dir() else ()
+    hits = ((name.fullmatch(file.name), file) for file in folder)
+    return sorted((int(hit[1]), file) for hit, file in hits if hit)
+
+
+def picture_files(path: Path) -> list[Path] | None:
+    """Return the pictures that a path stands for, or None where it is not a picture, pattern or wildcard."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        return None
+    if path.exists():
+        return [path]
+    if is_pattern(path):
+        hits = matching_files(path)
+        for (number, _), (following, _) in pairwise(hits):
+            if following != number + 1:
+                raise VideoError(
+                    f"{path} - picture {number + 1} of the sequence is missing (got {number}, then {following}) - "
+                    "render it, or name the parts one by one"
+                )
+        files = [file for _, file in hits]
+    elif set(path.name) & set("*?["):
+        files = sorted(path.parent.glob(path.name))
+    else:
+        return [path]
+    if not files:
+        raise VideoError(f"{path} - no picture has such a name - check the path and the number of digits")
+    return files
+
+
+def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
+    """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or linear float32 of EXR and HDR files.
+
+    depth: EXR files are read by their channel Z where they have one.
+    """
+    from mr360uw.video.exr import read_rgb
+    from mr360uw.video.read.probe import check_file
+
+    check_file(path)
+    if path.suffix.lower() == ".exr":
+        return read_rgb(path, depth=depth)
+    import cv2
+
+    codes = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if codes is None:
+        raise VideoError(f"{path} - is not a picture that can be read - save it again as PNG, JPEG, EXR or HDR")
+    if codes.dtype not in (np.uint8, np.uint16, np.float32):
+        raise VideoError(
+            f"{path} - samples of this kind are not supported (got {codes.dtype}) - save it with 8 or 16 bits"
+        )
+    return np.ascontiguousarray(codes[..., ::-1])
+
+
+class ImageReader(VideoReader):
+    """A still or a sequence of pictures as a plate; made by `open_video`. Frame k is the k-th picture by number."""
+
+    def __init__(
+        self,
+        path: Path,
+        files: list[Path],
+        frame_rate: Fraction,
+        transfer: Transfer | None,
+        eye: Eye | None,
+        equirectangular: bool,
+        depth: bool = False,
+    ) -> None:
+        if frame_rate <= 0:
+            raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
+        first = read_picture(files[0], depth=depth)
+        self._files, self._wrap, self._depth = files, equirectangular, depth
+        self._crop = panorama_crop(path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular)
+        own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")
+        super().__init__(
+            path=path,
+            width=self._crop.width,
+            height=self._crop.height,
+            frame_rate=frame_rate,
+            time_base=1 / frame_rate,
+            spec=ColorSpec("bt709", True, own, 8 * first.dtype.itemsize),
+            codec_name=files[0].suffix.lower().lstrip("."),
+            is_still=len(files) == 1,
+        )
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of pictures; None for a still, which has as many frames as are asked for."""
+        return None if self.is_still else len(self._files)
+
+    def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
+        """Return (start, stop), stop filled in; VideoError where the sequence does not hold all of these frames."""
+        count = max(start + 1, stop or 1) if self.is_still else len(self._files)
+        return check_range(self.path, start, stop, count)
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames start <= index < stop; a still repeats, one frame by default."""
+        return self._read(*self.check_range(start, stop))
+
+    def _read(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        codes = self._codes(self._files[0]) if self.is_still else None
+        for index in range(start, stop):
+            rgb = codes if codes is not None else self._codes(self._files[index])
+            time_s = float(index * self.time_base)
+            yield VideoFrame(index, index, self.time_base, time_s, 1, self.spec, rgb=rgb, wrap=self._wrap)
+
+    def _codes(self, path: Path) -> NDArray[Any]:
+        codes = read_picture(path, depth=self._depth)
+        if (codes.shape[1], codes.shape[0]) != self._crop.frame_size or 8 * codes.dtype.itemsize != self.spec.bits:
+            raise VideoError(
+                f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
+                f"{codes.dtype}) - use pictures of one size and depth"
+            )
+        codes = self._crop.window(codes)
+        codes.flags.writeable = False
+        return codes

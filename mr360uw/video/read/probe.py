@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opening a video file, and saying what is wrong with one that does not open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import av
+import av.error
+import av.stream
+
+from mr360uw.errors import VideoError
+from mr360uw.video.metadata.mp4 import top_level_kinds
+
+
+def check_file(path: Path) -> None:
+    """Raise VideoError where there is no file with something in it."""
+    if not path.exists():
+        raise VideoError(f"{path} - no such file - check the path")
+    if path.is_dir():
+        raise VideoError(f"{path} - is a folder - name a video, a picture, or a pattern such as {path}/frame_%04d.png")
+    if path.stat().st_size == 0:
+        raise VideoError(f"{path} - the file is empty (got 0 bytes) - copy or record it again")
+
+
+@contextmanager
+def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a file for one pass of decoding; yields (container, its video stream)."""
+    check_file(path)
+    try:
+        container = av.open(str(path), metadata_errors="replace")
+    except (av.error.FFmpegError, OSError) as error:
+        raise VideoError(_why_not(path, error)) from error
+    with container:
+        streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+        if not streams:
+            kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
+            raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
+        streams[0].thread_type = "AUTO"
+        yield container, streams[0]
+
+
+def _why_not(path: Path, error: Exception) -> str:
+    if isinstance(error, PermissionError):
+        return f"{path} - may not be read (got {error.strerror}) - check the file's permissions"
+    kinds = top_level_kinds(path)
+    if "ftyp" in kinds and "moov" not in kinds:
+        return (
+            f"{path} - the file is cut short (it has no 'moov' index) - copy it again; a recording that was "
+            "interrupted needs a repair tool"
+        )
+    reason = getattr(error, "strerror", None) or error
+    return f"{path} - is not a video that FFmpeg can read (got {reason}) - name an mp4, mov, mkv or webm file"
