@@ -20,12 +20,13 @@ sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.lighting import light as light_module  # noqa: E402
+from mr360uw.composite.lighting import sun as sun_module  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
+from mr360uw.types import View  # noqa: E402
 from tests.composite import scenes  # noqa: E402
-from tests.composite.scenes import codes, environment, medium, placed, plate, shot, sphere  # noqa: E402
+from tests.composite.scenes import changed, codes, environment, medium, placed, plate, shot, sphere  # noqa: E402
 
 MESHES = ROOT.parent / "shared" / "data" / "meshes"
 
@@ -91,7 +92,7 @@ def turn() -> None:
     ground = plate(width)
     still = codes(over(ground, renderer.render(scene)))
     for columns in (195, 256, 511):
-        turned = replace(scene, world_from_camera=yaw_matrix(2 * np.pi * columns / width))
+        turned = changed(scene, world_from_camera=yaw_matrix(2 * np.pi * columns / width))
         rolled = codes(over(np.roll(ground, -columns, axis=1), renderer.render(turned)))
         close = np.abs(rolled - np.roll(still, -columns, axis=1)).max(axis=-1) <= 1.0
         print(f"yaw of {360 * columns / width:6.1f} degrees: {close.mean():.5f} within 1/255 (target 0.999)")
@@ -116,18 +117,18 @@ def shadow() -> None:
         "box on floor": placed(scenes.box((0.6, 0.5, 0.4)), (0.0, -0.95, -1.2), (30, 0, 0)),
         "sheet": placed(scenes.quad(size=0.8), (0.0, -0.2, -1.2), (0, -70, 0)),
     }
-    light_module.REFERENCE_SUN_FACTOR = 1
+    sun_module.REFERENCE_SUN_FACTOR = 1
     print(f"{'disc rad':>8} {'body':14} {'pixels':>7} {'gl RMSE':>9} {'rays RMSE':>10}   (target 0.03)")
     for half in (0.00465, 0.03, 0.1):
         for name, body in bodies.items():
             sun = replace(scenes.SUN, half_angle_rad=half)
             receiver = Receiver(plane_y=-1.2, occlusion=False)
             scene = shot(body, width=512, environment=dark, receiver=receiver, sun=sun)
-            truth = render_layer(replace(scene, sun_samples=1024)).ratio[..., 0]
+            truth = render_layer(changed(scene, sun_samples=1024)).ratio[..., 0]
             penumbra = (truth > 0.005) & (truth < 0.995)
             errors = [
                 np.sqrt(np.mean((layer.ratio[..., 0] - truth)[penumbra] ** 2))
-                for layer in (renderer.render(scene), render_layer(replace(scene, sun_samples=96)))
+                for layer in (renderer.render(scene), render_layer(changed(scene, sun_samples=96)))
             ]
             print(f"{half:8} {name:14} {penumbra.sum():7} {errors[0]:9.4f} {errors[1]:10.4f}")
 
@@ -145,7 +146,8 @@ def two_meshes(width: int, shift: float = 0.0, *, receiver: bool = True) -> Shot
             world_from_object=scenes.rigid((1.6 + shift, -1.15, -4.5), scenes.rotation_matrix((-30, 0, 0)), 1.0),
         ),
     )
-    return Shot(width, width // 2, objects, _LIGHT, scenes.SUN, receiver=_FLOOR if receiver else None, medium=_WATER)
+    view = View(width, width // 2)
+    return Shot(view, objects, _LIGHT, (scenes.SUN,), receiver=_FLOOR if receiver else None, medium=_WATER)
 
 
 _TWO: list[SceneObject] = []
@@ -171,12 +173,12 @@ def edges() -> None:
     print(f"{'body':8} {'samples':>7} {'shading':8} {'edges':>14} {'inside':>7} {'alpha':>11}  RMSE, target 2")
     for name, body in zip(("snapper", "spot"), near.objects, strict=True):
         scene = replace(near, objects=(body,))
-        fine = render_layer(replace(scene, width=8 * width, height=4 * width, samples=1))
+        fine = render_layer(changed(scene, width=8 * width, height=4 * width, samples=1))
         alpha, radiance = _mean_of_64(fine.alpha), _mean_of_64(fine.radiance)
         partly, fully = (alpha > 0.004) & (alpha < 0.996), alpha >= 0.996
         expected = codes(radiance + (1.0 - alpha[..., None]) * ground)
         for samples, shading in ((5, "pixel"), (17, "pixel"), (41, "pixel"), (65, "pixel"), (65, "sample")):
-            layer = renderer.render(replace(scene, samples=samples, shading=shading))
+            layer = renderer.render(changed(scene, samples=samples, shading=shading))
             d = codes(over(ground, layer)) - expected
             a = 255 * np.sqrt(np.mean((layer.alpha - alpha)[partly] ** 2))
             rmse = [np.sqrt(np.mean(d[where] ** 2)) for where in (partly, fully)]
@@ -240,12 +242,10 @@ def pictures(folder: str) -> None:
     for name, thing in stages.items():
         objects = (at_origin(thing),)
         scene = Shot(
-            width,
-            width // 2,
+            View(width, width // 2, surface_y_m=6.0),
             objects,
             environment(),
-            scenes.SUN,
-            camera_depth_m=6.0,
+            (scenes.SUN,),
             medium=water,
             receiver=Receiver(plane_y=-1.3),
         )

@@ -172,7 +172,7 @@ def analyse(
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
     from mr360uw.progress import terminal_progress
-    from mr360uw.render.first_pass import analyse_video
+    from mr360uw.render.analysis import analyse_video
 
     with terminal_progress() as progress:
         written = analyse_video(

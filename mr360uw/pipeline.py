@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole frames and whole videos.
+"""Whole videos and single frames.
 
 The decoder, the renderer and the encoder each have a thread; between them stand short queues, so memory does not grow
-with the clip. The light of a frame is found on the decoder's side.
+with the clip. A frame goes through `render.frame.frame_stages`, a stage on each thread.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.composite.aovs import RECIPE, exr_parts
-from mr360uw.composite.over import over, over_tile
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
 from mr360uw.progress import Progress
-from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipTrack, clip_track, picture, scene_light, sun_track
-from mr360uw.render.loaded import FrameLight, Rendered, SceneRenderer
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.dive import load_dive
+from mr360uw.render.first_pass import ClipFacts, first_pass
+from mr360uw.render.frame import Stages, finished, frame_stages
+from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
-from mr360uw.video import VideoFrame, create_video, with_grain, write_exr
+from mr360uw.video import VideoFrame, VideoReader, VideoWriter, create_video, write_exr
 from mr360uw.video.read.images import is_pattern, matching_files, numbered
 
 
@@ -90,10 +91,10 @@ def render_frame(
     """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
 
     time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
-    "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from the smoothed
-    track of the clip, `track.at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate
-    alone, a video takes it from `analysis.clip_track`. shutter_s: how long the shutter is open, for motion blur.
-    Everything is loaded anew on each call; for many frames make a `renderer.SceneRenderer`.
+    "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from a clip's facts:
+    `facts.sun_at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate alone, a video
+    takes it from `facts.gain_at(index)`. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
+    anew on each call; for many frames use `render.loaded.load` and `render.frame.frame_stages`.
     """
     plate = np.asarray(plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
@@ -102,31 +103,79 @@ def render_frame(
         )
     if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
         raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
-    renderer = SceneRenderer(scene, plate.shape[1], plate.shape[0], backend)
-    light = renderer.light(plate, sun, time_s=time_s, gain=gain) if renderer.plan.runs("environment") else None
-    done = renderer.render(light, time_s, index, shutter_s)
-    image = over(plate, done.layer)
-    if renderer.plan.runs("grain"):
-        image = with_grain(image, plate, done.layer, scene.draw.grain, index)
+    loaded = load(scene, plate.shape[1], plate.shape[0], clip=False)
+    renderer, _ = make_backend(backend)
+    facts = ClipFacts.of_frame(sun, gain)
+    frame = finished(frame_stages(loaded, facts, renderer, VideoFrame.of_linear(plate, index, time_s), shutter_s))
     return FrameResult(
-        image_linear=image,
-        layer=done.layer,
-        environment=light.environment if light is not None else None,
-        caustics=renderer.backend.download(done.caustics) if done.caustics is not None else None,
-        medium=done.medium,
+        image_linear=frame.picture.image_linear,
+        layer=frame.layer,
+        environment=frame.light.environment if frame.light is not None else None,
+        caustics=renderer.download(frame.caustics) if frame.caustics is not None else None,
+        medium=frame.medium,
     )
 
 
 @dataclass
 class _Clock:
-    """Seconds spent by stage."""
+    """Seconds spent by stage, and frames counted by what happened in them."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    empty: int = 0
+    sunless: int = 0
 
     def add(self, stage: str, since: float) -> float:
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
         return now
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One run over frames [start, stop) of a plate, a method for each thread. layers: pattern of layered files."""
+
+    loaded: Loaded
+    facts: ClipFacts
+    backend: Backend
+    video: VideoReader
+    writer: VideoWriter
+    layers: Path | None
+    clock: _Clock
+
+    def read(self, start: int, stop: int) -> Iterator[Stages]:
+        """Decode the plate's frames and read their light."""
+        rate = self.video.frame_rate
+        shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
+        since = time.perf_counter()
+        for plate in self.video.frames(start, stop):
+            since = self.clock.add("decode", since)
+            stages = frame_stages(
+                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None
+            )
+            next(stages)
+            self.clock.add("light", since)
+            yield stages
+            since = time.perf_counter()
+
+    def draw(self, stages: Stages) -> None:
+        """Draw a frame's layer."""
+        since = time.perf_counter()
+        next(stages)
+        self.clock.add("render", since)
+
+    def write(self, stages: Stages) -> None:
+        """Lay a frame's layer over its plate and write it, and the layer's own file before it."""
+        since = time.perf_counter()
+        frame = finished(stages)
+        since = self.clock.add("blend", since)
+        self.clock.empty += not frame.layer.tiles
+        self.clock.sunless += frame.light is not None and frame.light.environment.sun is None
+        if self.layers is not None and frame.variables is not None:
+            parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
+            write_exr(numbered(self.layers, frame.plate.index), parts, attributes={"comments": RECIPE})
+            since = self.clock.add("layers", since)
+        self.writer.write(frame.picture)
+        self.clock.add("encode", since)
 
 
 def composite_video(
@@ -151,66 +200,33 @@ def composite_video(
     keep_inputs(scene, out, *([] if pattern is None else [pattern]))
     with open_plate(scene) as video:
         start, stop = video.check_range(*frames)
-        renderer = SceneRenderer(scene, video.width, video.height, backend)
-        renderer.check(stop)
-        needs_light = renderer.plan.runs("environment")
-        shutter_s = float(scene.draw.shutter / video.frame_rate) if video.frame_rate else 0.0
-        empty = sunless = 0
-        track = ClipTrack()
-
-        def lit() -> Iterator[tuple[VideoFrame, FrameLight | None]]:
-            since = time.perf_counter()
-            for frame in video.frames(start, stop):
-                since = clock.add("decode", since)
-                light = None
-                if needs_light:
-                    sun, gain = track.sun_at(frame.index), track.gain_at(frame.index)
-                    light = renderer.light(picture(frame), sun, time_s=frame.time_s, gain=gain)
-                since = clock.add("light", since)
-                yield frame, light
-                since = time.perf_counter()
-
+        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        loaded.check(stop)
+        renderer, fallback = make_backend(backend)
+        plan = loaded.plan
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
-            needs_sun, needs_gain = renderer.plan.runs("sun"), renderer.plan.runs("gain")
-            if needs_sun or needs_gain:
-                since = time.perf_counter()
-                track = clip_track(scene, video, progress, sun=needs_sun, gain=needs_gain)
-                clock.add("first pass", since)
-
-            def write(item: tuple[VideoFrame, Rendered]) -> None:
-                since = time.perf_counter()
-                plate, done = item
-                if pattern is not None and done.variables is not None:
-                    parts = exr_parts(done.layer, done.variables, plate.image_linear)
-                    write_exr(numbered(pattern, plate.index), parts, attributes={"comments": RECIPE})
-                    since = clock.add("layers", since)
-                frame = plate.over(done.layer, over_tile, scene.draw.grain) if done.layer.tiles else plate
-                since = clock.add("blend", since)
-                writer.write(frame)
-                clock.add("encode", since)
-
-            with Behind(write) as sink:
-                for count, (frame, light) in enumerate(prefetch(lit()), 1):
-                    since = time.perf_counter()
-                    done = renderer.render(light, frame.time_s, frame.index, shutter_s, variables=pattern is not None)
-                    clock.add("render", since)
-                    empty += not done.layer.tiles
-                    sunless += light is not None and light.environment.sun is None
-                    sink.put((frame, done))
+            since = time.perf_counter()
+            facts = first_pass(loaded.dive, video, progress, sun=plan.track_sun.runs, gain=plan.track_gain.runs)
+            clock.add("first pass", since)
+            run = _Run(loaded, facts, renderer, video, writer, pattern, clock)
+            with Behind(run.write) as sink:
+                for count, stages in enumerate(prefetch(run.read(start, stop)), 1):
+                    run.draw(stages)
+                    sink.put(stages)
                     if progress is not None:
                         progress(count, stop - start)
-        notes = (*video.notes, *renderer.notes, *writer.notes)
+        notes = (*video.notes, *loaded.notes, *filter(None, [fallback]), *writer.notes)
     return Report(
         out=out,
         frames=stop - start,
-        backend=renderer.backend.name,
-        device=renderer.backend.device,
-        plan=renderer.plan,
+        backend=renderer.name,
+        device=renderer.device,
+        plan=plan,
         seconds=time.perf_counter() - began,
         stage_s=clock.seconds,
         notes=notes,
-        empty_frames=empty if renderer.plan.runs("layer") else 0,
-        sunless_frames=sunless if renderer.plan.runs("sun") else 0,
+        empty_frames=clock.empty if plan.layer.runs else 0,
+        sunless_frames=clock.sunless if plan.sun.runs else 0,
     )
 
 
@@ -247,8 +263,10 @@ def export_caustics(
     from mr360uw.caustics import export_tiles, refract_to_air
 
     with open_plate(scene) as video:
-        track = sun_track(scene, video)
-        sun = track.at(0) if track is not None else scene_light(scene).sun(picture(next(iter(video.frames(0, 1)))), 0.0)
+        dive, light = load_dive(scene), scene.light
+        tracked = light.sun == "detect" and not video.is_still and (light.smooth or light.track is not None)
+        track = first_pass(dive, video, sun=tracked, gain=False).sun
+        sun = track.at(0) if track is not None else dive.light.sun(next(iter(video.frames(0, 1))).pixels, 0.0)
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])

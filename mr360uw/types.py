@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What flows between the stages, and the conventions that hold everywhere.
+"""The types that flow between the stages, and the conventions that hold everywhere.
 
 Units: metres, seconds, radians; wavelength in nm; optical coefficients in 1/m. Bare floats carry the unit in the
 name (`time_s`, `depth_m`).
 
 Axes: right-handed, +y up, camera at the origin of the world at t = 0, forward = -z, right = +x. The mean water
-surface is the plane y = camera_depth_m; the depth of a point is camera_depth_m - y, positive below the surface.
+surface is the plane y = surface_y_m, the depth of the camera at t = 0; the depth of a point is surface_y_m - y,
+positive below the surface.
 Equirectangular pixels: see `mr360uw.sphere`.
 
 Directions are unit vectors. View directions point from the camera outwards, light directions *towards* the light;
@@ -18,18 +19,62 @@ images first: (H, W, 3), row 0 at the top. Random numbers depend on the seed and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.sphere import direction_from_frame
 
 Floats = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True, slots=True)
+class Rectangle(NamedTuple):
+    """A part of a frame in pixels: top left corner and size. It may run over the seam: column + width > W."""
+
+    column: int
+    row: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A camera at one instant: what its frame shows of the world.
+
+    width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
+    surface_y_m: height of the mean water surface in the world. projection: how pixels become directions
+    (`mr360uw.sphere`).
+    """
+
+    width: int
+    height: int
+    position: Floats = field(default_factory=lambda: np.zeros(3))
+    world_from_camera: Floats = field(default_factory=lambda: np.eye(3))
+    surface_y_m: float = 5.0
+    projection: Literal["equirectangular"] = "equirectangular"
+
+    def directions(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return the unit directions (..., 3) in the world seen at continuous frame coordinates."""
+        return direction_from_frame(x, y, self.width, self.height) @ self.world_from_camera.T
+
+    def depth_of(self, point: Floats) -> Floats:
+        """Return the depth (...,) [m] below the mean surface of points (..., 3) from the camera, world axes."""
+        return self.surface_y_m - (point[..., 1] + self.position[1])
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """A value that is equal for views that show the same."""
+        return (
+            self.projection, self.width, self.height, self.position.tobytes(), self.world_from_camera.tobytes(),
+            self.surface_y_m,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class YuvImage:
     """The planes of a decoded video frame, as code values.
 
@@ -43,7 +88,7 @@ class YuvImage:
     spec: ColorSpec
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sun:
     """A dominant light as the camera sees it (below the surface: after refraction).
 
@@ -57,7 +102,33 @@ class Sun:
     confidence: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Lamp:
+    """A point or spot light at one instant, in the world.
+
+    position: (3,) [m]. axis: (3,) unit, the direction of travel along the middle of a spot. intensity: (3,) linear RGB
+    along the axis, in plate radiance times m2: the irradiance at 1 m without water. cos_core, cos_edge: cosines of the
+    angles from the axis up to which a spot is fully bright and from which on it is dark; both -1 for a point light.
+    radius_m: of the ball that shines, for soft shadows. attenuation: (T, 3) effective beam attenuation [1/m] of its
+    light over a path S in water, at t = S/(S + length_m) of the medium's table; None without water. casts_shadow:
+    whether bodies take its light away behind them.
+    """
+
+    position: Floats
+    axis: Floats
+    intensity: Floats
+    cos_core: float = -1.0
+    cos_edge: float = -1.0
+    radius_m: float = 0.0
+    attenuation: Floats | None = None
+    casts_shadow: bool = True
+
+
+Light = Sun | Lamp
+"""A source with a direction of its own; what comes from all around is the `Environment`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Environment:
     """The light that reaches the camera, (32, 64, 3) equirectangular maps in plate radiance.
 
@@ -76,7 +147,7 @@ class Environment:
     glossy_roughness: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A displaced water surface at one time.
 
@@ -89,7 +160,7 @@ class Surface:
     jacobian: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CausticStack:
     """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
 
@@ -104,7 +175,7 @@ class CausticStack:
     sun_direction: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MediumTable:
     """Everything one pixel needs of the water, for one camera depth, in linear RGB.
 
@@ -119,6 +190,7 @@ class MediumTable:
     beam: (D, 3) effective attenuation [1/m] of the sun's beam over its path p = d/(y of its direction) from the
     surface, which enters like a depth: E(p)/E(0) = exp(-beam p). Light that has turned by small angles is still in it.
     unscattered: (D, 3) the same of the part of the beam that has not turned at all.
+    refractive_index: of the water relative to air.
     """
 
     camera_depth_m: float
@@ -128,9 +200,10 @@ class MediumTable:
     diffuse: Floats
     beam: Floats
     unscattered: Floats
+    refractive_index: float = REFRACTIVE_INDEX_SEA
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Tile:
     """A rectangle of the frame that something was drawn into.
 
@@ -138,7 +211,8 @@ class Tile:
     radiance: (h, w, 3) premultiplied by alpha. alpha: (h, w) coverage in [0, 1]. distance_m: (h, w) along the ray
     to the nearest object, infinity where there is none. ratio: (h, w, 3) factor on the surface part of the plate
     behind the object (shadow below 1, caustics about 1). veil: (h, w, 3) the part of the plate's radiance that the
-    water between camera and receiver adds, on which no shadow falls.
+    water between camera and receiver adds, on which no shadow falls. shafts: (h, w, 3) radiance that light in the water
+    before the plate deviates by from the smooth veil, of either sign; None where it is zero.
     """
 
     column: int
@@ -148,6 +222,13 @@ class Tile:
     distance_m: Floats
     ratio: Floats
     veil: Floats
+    shafts: Floats | None = None
+
+    @property
+    def rectangle(self) -> Rectangle:
+        """Where the tile lies in the frame."""
+        height, width = self.alpha.shape
+        return Rectangle(self.column, self.row, width, height)
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -156,7 +237,7 @@ class Tile:
         return slice(self.row, self.row + height), slice(self.column, self.column + width)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Layer:
     """What is laid over a plate: disjoint tiles of a height x width frame; everything else stays untouched."""
 
@@ -168,7 +249,8 @@ class Layer:
         shape = (self.height, self.width, channels) if channels else (self.height, self.width)
         image = np.full(shape, background, np.float32)
         for tile in self.tiles:
-            image[tile.window] = getattr(tile, name)
+            if (values := getattr(tile, name)) is not None:
+                image[tile.window] = values
         return image
 
     @property
@@ -190,3 +272,8 @@ class Layer:
     def ratio(self) -> Floats:
         """Receiver ratio of the whole frame, (H, W, 3), 1 where nothing changes."""
         return self._full("ratio", 1.0, 3)
+
+    @property
+    def shafts(self) -> Floats:
+        """Deviation of the light in the water of the whole frame, (H, W, 3), of either sign."""
+        return self._full("shafts", 0.0, 3)

@@ -12,7 +12,7 @@ import pytest
 from mr360uw.composite import Shot, load_object, load_receiver
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
-from mr360uw.types import Floats
+from mr360uw.types import Floats, View
 from tests import tolerances as tol
 from tests.composite.scenes import environment
 from tests.scenes import scene_with
@@ -41,7 +41,7 @@ class Moving:
     def planes(self, time_s: float) -> tuple[Floats, list[tuple[float, float]]]:
         """Return the planes of a time, and the depths that each object takes up."""
         placed = tuple(o.at(time_s, 0, np.zeros(3), np.eye(3)) for o in self.objects)
-        planes = self.depths.planes(Shot(64, 32, placed, environment(), camera_depth_m=5.0))
+        planes = self.depths.planes(Shot(View(64, 32, surface_y_m=5.0), placed, environment()))
         depths = [5.0 - p.to_world(p.mesh.positions)[..., 1] for p in placed]
         return planes, [(float(d.min()), float(d.max())) for d in depths]
 

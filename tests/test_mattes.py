@@ -15,12 +15,15 @@ import pytest
 from mr360uw import composite_video
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import VideoError
-from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
-from mr360uw.video import write_exr
+from mr360uw.video import VideoFrame, write_exr
 from tests import tolerances as tol
 from tests.scenes import gradient_plate, scene_with
 
@@ -126,9 +129,9 @@ def scene_of(folder: Path, whale: Path, receiver_table: dict[str, Any], **tables
 
 
 def ratios(scene: Scene, backend: str, count: int) -> list[Floats]:
-    renderer = SceneRenderer(scene, *SIZE, backend)
-    light = renderer.light(gradient_plate(*SIZE, sun=None))
-    return [renderer.render(light, 0.0, k).layer.ratio for k in range(count)]
+    loaded, (renderer, _) = load(scene, *SIZE, clip=False), make_backend(backend)
+    plates = [VideoFrame.of_linear(gradient_plate(*SIZE, sun=None), k) for k in range(count)]
+    return [finished(frame_stages(loaded, ClipFacts(), renderer, plate, 0.0)).layer.ratio for plate in plates]
 
 
 def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path, backend: str) -> None:

@@ -70,7 +70,7 @@ def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path,
 def test_without_an_object_a_lossless_output_is_the_plate(dive: SampleDive, tmp_path: Path) -> None:
     scene = load_scene(dive.scene, ["object=[]", "output.lossless=true"])
     report = uw.composite_video(scene, tmp_path / "out.mp4")
-    assert not report.plan.runs("layer")
+    assert not report.plan.layer.runs
     for a, b in zip(frames_of(dive.plate), frames_of(tmp_path / "out.mp4"), strict=True):
         for plane in ("y", "u", "v"):
             np.testing.assert_array_equal(getattr(a.yuv, plane), getattr(b.yuv, plane))
@@ -189,7 +189,7 @@ def test_the_sun_is_where_the_scene_says(
 
 def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -> None:
     from mr360uw.ibl import load_track
-    from mr360uw.render.first_pass import analyse_video
+    from mr360uw.render.analysis import analyse_video
 
     page, table, sheet = analyse_video(dive.scene, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")
@@ -356,12 +356,13 @@ def test_layers_do_not_change_the_picture(dive: SampleDive, tmp_path: Path) -> N
 
 
 def test_a_frame_alone_is_the_video_s_with_the_clip_s_track(dive: SampleDive, tmp_path: Path) -> None:
-    from mr360uw.render.first_pass import clip_track
+    from mr360uw.render.dive import load_dive
+    from mr360uw.render.first_pass import first_pass
 
     scene = load_scene(dive.scene)
     uw.composite_video(scene, tmp_path / "out_%02d.exr", frames=(2, 3), backend="reference")
     with uw.open_video(dive.plate) as video:
-        track = clip_track(scene, video)
+        track = first_pass(load_dive(scene), video)
         frame = next(iter(video.frames(2, 3)))
     light = {"sun": track.sun_at(2), "gain": track.gain_at(2)}
     alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, **light)

@@ -8,13 +8,15 @@ from typing import Any
 
 import pytest
 
-from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.loaded import load
 from mr360uw.render.plan import ObjectFacts, Plan, make_plan
 from tests.scenes import scene_with
 
+OTHER = {"glossy", "track_sun", "track_gain", "lamps"}
+
 
 def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
-    return SceneRenderer(scene_with(folder, mesh, **tables), 128, 64, "reference").plan
+    return load(scene_with(folder, mesh, **tables), 128, 64).plan
 
 
 @pytest.mark.parametrize(
@@ -36,37 +38,37 @@ def test_a_stage_runs_where_it_is_needed(
     tables: dict[str, Any], skipped: set[str], tmp_path: Path, whale: Path
 ) -> None:
     plan = plan_of(tmp_path, None if "object" in tables else whale, **tables)
-    assert {step.stage for step in plan.steps if not step.runs} - {"glossy"} == skipped - {"glossy"}
-    assert all(step.why for step in plan.steps)
-    with pytest.raises(KeyError):
-        plan.runs("no such stage")
+    assert {name for name, stage in plan.stages.items() if not stage.runs} - OTHER == skipped - OTHER
+    assert all(stage.why for stage in plan.stages.values())
+    assert plan.track_sun.runs == plan.sun.runs
+    assert plan.track_gain.runs == plan.gain.runs
 
 
 def test_an_object_that_rises_from_the_deep_gets_its_caustics(tmp_path: Path, whale: Path) -> None:
     deep = {"mesh": str(whale), "position_m": [0.0, -180.0, -3.0]}
-    assert not plan_of(tmp_path, None, object=[deep]).runs("caustics")
+    assert not plan_of(tmp_path, None, object=[deep]).caustics.runs
     rising = {**deep, "key": [{"time_s": 0.0}, {"time_s": 60.0, "position_m": [0.0, -0.6, -3.0]}]}
-    assert plan_of(tmp_path, None, object=[rising]).runs("caustics")
+    assert plan_of(tmp_path, None, object=[rising]).caustics.runs
     fixed = {**deep, "attach": "camera"}
     track = tmp_path / "up.csv"
     track.write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n60,0,180,0,0,0,0,1\n")
     camera = {"depth_m": 185.0, "track": str(track)}
     below = [{**fixed, "position_m": [0.0, -1.0, -3.0]}]
-    assert plan_of(tmp_path, None, camera=camera, object=below).runs("caustics")
-    assert not plan_of(tmp_path, None, camera={"depth_m": 185.0}, object=below).runs("caustics")
+    assert plan_of(tmp_path, None, camera=camera, object=below).caustics.runs
+    assert not plan_of(tmp_path, None, camera={"depth_m": 185.0}, object=below).caustics.runs
 
 
 def test_the_plan_tells_of_the_first_pass(tmp_path: Path, whale: Path) -> None:
     track = tmp_path / "dive.sun.json"
     for light, sun, gain in (
-        ({}, "detect, in a first pass", "in a first pass"),
-        ({"smooth": False}, "detect, frame by frame", "frame by frame"),
+        ({}, "in a first pass", "in a first pass"),
+        ({"smooth": False}, "frame by frame", "frame by frame"),
         ({"track": str(track)}, "light.track, dive.sun.json", "in a first pass"),
     ):
         track.touch()
-        why = {step.stage: step.why for step in plan_of(tmp_path, whale, light=light).steps}
-        assert sun in why["sun"]
-        assert gain in why["gain"]
+        plan = plan_of(tmp_path, whale, light=light)
+        assert sun in plan.track_sun.why
+        assert gain in plan.track_gain.why
 
 
 def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:

@@ -3,7 +3,7 @@
 
 All colours are linear Rec.709 and premultiplied by alpha, and what light adds has already gone through the water, so
 
-    beauty    = diffuse + glossy + sun + emission + veil          (caustics is a part of sun)
+    beauty    = diffuse + glossy + sun + lamps + emission + veil          (caustics is a part of sun)
     composite = beauty + (1 - alpha) (plate + receiver_difference)
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats, Layer, Tile
 
-SUMS = ("diffuse", "glossy", "sun", "caustics", "emission", "veil", "transmittance", "normal", "position")
+SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "normal", "position")
 """What is summed over a pixel's surfaces, weighted by their share of it; (h, w, 3) each."""
 
 
@@ -25,16 +25,17 @@ SUMS = ("diffuse", "glossy", "sun", "caustics", "emission", "veil", "transmittan
 class Aovs:
     """Arbitrary output variables of a frame, (H, W, 3) unless said; zero where there is no object.
 
-    diffuse, glossy: reflected ambient light. sun: all of the sun's, caustics: the part of it that the waves added or
-    took. emission. veil: light scattered by the water in front of the objects. All these are premultiplied and as the
-    camera sees them. transmittance: of the water, mean over the objects in a pixel, 1 where there is none. normal: unit
-    in the world, position [m] in the world, means likewise. object_id: (H, W) uint32, 1 for the first visible object,
-    0 for none; the one with the largest share.
+    diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: the part of it that the
+    waves added or took. emission. veil: light scattered by the water in front of the objects. All these are
+    premultiplied and as the camera sees them. transmittance: of the water, mean over the objects in a pixel, 1 where
+    there is none. normal: unit in the world, position [m] in the world, means likewise. object_id: (H, W) uint32, 1 for
+    the first visible object, 0 for none; the one with the largest share.
     """
 
     diffuse: Floats
     glossy: Floats
     sun: Floats
+    lamps: Floats
     caustics: Floats
     emission: Floats
     veil: Floats
@@ -48,7 +49,7 @@ class AovFrame:
     """Collects the sums of a frame."""
 
     def __init__(self, shot: Shot) -> None:
-        size = shot.height, shot.width
+        size = shot.view.height, shot.view.width
         self.sums: dict[str, Floats] = {name: np.zeros((*size, 3), np.float32) for name in SUMS}
         self.share = np.zeros(size, np.float32)
         self.object_id = np.zeros(size, np.uint32)
@@ -95,14 +96,16 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
     """Return the parts of a layered EXR, {part: {channel: array}}, half floats but for depth, position and number.
 
     rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
-    normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, caustics, emission, veil, transmittance,
-    shadow_ratio, receiver_difference: R, G, B. Every channel is called layer.channel, as the format asks for (OpenEXR,
+    normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, lamps, caustics, emission, veil,
+    transmittance, shadow_ratio, shafts, receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every
+    channel is called layer.channel, as the format asks for (OpenEXR,
     "Channel Naming": readers take the layer from there), but those of rgba and depth, which every program knows.
     """
     colours = {
-        "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "caustics": aovs.caustics,
-        "emission": aovs.emission, "veil": aovs.veil, "transmittance": aovs.transmittance,
-        "shadow_ratio": layer.ratio, "receiver_difference": receiver_difference(plate_linear, layer),
+        "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "lamps": aovs.lamps,
+        "caustics": aovs.caustics, "emission": aovs.emission, "veil": aovs.veil, "transmittance": aovs.transmittance,
+        "shadow_ratio": layer.ratio, "shafts": layer.shafts,
+        "receiver_difference": receiver_difference(plate_linear, layer),
     }  # fmt: skip
     parts: dict[str, dict[str, NDArray[np.generic]]] = {
         "rgba": {"RGBA": _half(np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1))},

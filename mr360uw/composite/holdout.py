@@ -21,7 +21,8 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
     kept = np.ones(tile.alpha.shape, np.float32)
     if shot.holdout is not None:
         kept -= np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)
-    ratio = 1.0 + kept[..., None] * (tile.ratio - 1.0)
+    plate_kept = kept
+    ratio = 1.0 + plate_kept[..., None] * (tile.ratio - 1.0)
     if shot.holdout_distance_m is not None:
         kept = kept * (tile.distance_m < shot.holdout_distance_m[tile.window])
     return replace(
@@ -30,6 +31,7 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
         alpha=tile.alpha * kept,
         distance_m=np.where(kept > 0.0, tile.distance_m, np.inf).astype(np.float32),
         ratio=ratio.astype(np.float32),
+        shafts=None if tile.shafts is None else tile.shafts * plate_kept[..., None],
     )
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.composite.settings import Interpolation, ObjectSettings
+from mr360uw.composite.settings import Interpolation, LampSettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.sphere import yaw_matrix
@@ -73,6 +73,18 @@ class Motion:
             return make_interp_spline(self.time_s, values, k=1)
 
         return curve(self.position), curve(np.log(self.scale)), Slerp(self.time_s, Rotation.from_matrix(self.rotation))
+
+
+def lamp_motion(settings: LampSettings) -> Motion:
+    """Return the motion of a lamp."""
+    rows = [(key.time_s, key.position_m, key.rotation_deg) for key in settings.key] or [(0.0, None, None)]
+    return Motion(
+        np.array([time_s for time_s, _, _ in rows]),
+        np.array([position or settings.position_m for _, position, _ in rows]),
+        np.stack([rotation_matrix(rotation or settings.rotation_deg) for _, _, rotation in rows]),
+        np.ones(len(rows)),
+        settings.interpolation,
+    )
 
 
 def object_motion(settings: ObjectSettings) -> Motion:

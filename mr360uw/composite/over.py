@@ -4,7 +4,9 @@
 The plate's radiance is T L_surface + veil. A shadow or a caustic changes L_surface alone, so the receiver's ratio
 E_with/E_without multiplies (plate - veil) and leaves the veil (Debevec 1998, with the veil that water adds):
 
-    background = veil + (plate - veil) ratio        composite = layer + (1 - alpha) background
+    background = veil + (plate - veil) ratio + shafts        composite = layer + (1 - alpha) background
+
+Shafts are what bodies and waves add to the smooth veil or take from it; they never make the plate negative.
 
 Alpha is premultiplied (Porter & Duff 1984). A veil brighter than the plate is clipped to it, so that haze is never
 darkened and nothing turns negative.
@@ -13,11 +15,12 @@ darkened and nothing turns negative.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.types import Floats, Layer, Tile
+from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
@@ -26,6 +29,8 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     background = veil + (plate_linear - veil) * tile.ratio
     # where the layer does nothing the plate goes through bit for bit, whatever the rounding of veil + (plate - veil)
     background = np.where(tile.ratio == 1.0, plate_linear, background)
+    if tile.shafts is not None:
+        background = np.maximum(background + tile.shafts, np.minimum(background, 0.0))
     image = tile.radiance + (1.0 - tile.alpha[..., None]) * background
     return image.astype(plate_linear.dtype, copy=False)
 
@@ -49,34 +54,39 @@ def over(plate_linear: Floats, layer: Layer) -> Floats:
 def mean_layer(layers: Sequence[Layer]) -> Layer:
     """Return the mean of layers of one frame at several instants: motion blur by sub-frames.
 
-    Radiance, alpha and ratio are averaged; the distance is the nearest, the veil that of the frames that have one.
+    Radiance, alpha, ratio and shafts are averaged; the distance is the nearest, the veil that of the frames that have
+    one.
     """
     if len(layers) == 1:
         return layers[0]
     height, width = layers[0].height, layers[0].width
-    rectangles = merge([(t.column, t.row, *t.alpha.shape[::-1]) for layer in layers for t in layer.tiles])
     tiles = []
-    for column, row, w, h in rectangles:
-        window = slice(row, row + h), slice(column, column + w)
-        stack = [_crop(layer, window) for layer in layers]
+    for rectangle in merge([t.rectangle for layer in layers for t in layer.tiles]):
+        stack = [_crop(layer, rectangle) for layer in layers]
         changed = np.stack([np.any(t.ratio != 1.0, axis=-1) for t in stack])[..., None]
         veil = np.stack([t.veil for t in stack])
         tiles.append(
             Tile(
-                column=column,
-                row=row,
+                column=rectangle.column,
+                row=rectangle.row,
                 radiance=np.mean([t.radiance for t in stack], axis=0),
                 alpha=np.mean([t.alpha for t in stack], axis=0),
                 distance_m=np.min([t.distance_m for t in stack], axis=0),
                 ratio=np.mean([t.ratio for t in stack], axis=0),
                 veil=(np.where(changed, veil, 0.0).sum(0) / np.maximum(changed.sum(0), 1)).astype(np.float32),
+                shafts=_mean_shafts(stack),
             )
         )
     return Layer(height, width, tuple(tiles))
 
 
-def merge(rectangles: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Return disjoint rectangles (column, row, width, height) that cover the given ones; overlaps become one."""
+def _mean_shafts(tiles: Sequence[Tile]) -> Floats | None:
+    filled = [tile.shafts for tile in tiles if tile.shafts is not None]
+    return np.asarray(np.sum(filled, axis=0) / np.float32(len(tiles))) if filled else None
+
+
+def merge(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
+    """Return disjoint rectangles that cover the given ones; overlaps become one."""
     boxes = [(c, r, c + w, r + h) for c, r, w, h in rectangles if w > 0 and h > 0]
     merged: list[tuple[int, int, int, int]] = []
     while boxes:
@@ -87,32 +97,35 @@ def merge(rectangles: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, in
         else:
             merged.remove(hit)
             boxes.append((min(box[0], hit[0]), min(box[1], hit[1]), max(box[2], hit[2]), max(box[3], hit[3])))
-    return [(c0, r0, c1 - c0, r1 - r0) for c0, r0, c1, r1 in sorted(merged)]
+    return [Rectangle(c0, r0, c1 - c0, r1 - r0) for c0, r0, c1, r1 in sorted(merged)]
 
 
-def _crop(layer: Layer, window: tuple[slice, slice]) -> Tile:
-    """Return what a layer holds inside a window as one tile."""
-    row, column = window[0].start, window[1].start
-    shape = (window[0].stop - row, window[1].stop - column)
-    tile = empty_tile(column, row, *shape)
+def _crop(layer: Layer, part: Rectangle) -> Tile:
+    """Return what a layer holds inside a part of the frame as one tile."""
+    column, row = part.column, part.row
+    tile = empty_tile(part)
+    if any(t.shafts is not None for t in layer.tiles):
+        tile = replace(tile, shafts=np.zeros_like(tile.radiance))
     for t in layer.tiles:
         r0, c0 = max(t.row, row), max(t.column, column)
-        r1 = min(t.row + t.alpha.shape[0], window[0].stop)
-        c1 = min(t.column + t.alpha.shape[1], window[1].stop)
+        r1 = min(t.row + t.alpha.shape[0], row + part.height)
+        c1 = min(t.column + t.alpha.shape[1], column + part.width)
         if r0 >= r1 or c0 >= c1:
             continue
         here = slice(r0 - row, r1 - row), slice(c0 - column, c1 - column)
         there = slice(r0 - t.row, r1 - t.row), slice(c0 - t.column, c1 - t.column)
-        for name in ("radiance", "alpha", "distance_m", "ratio", "veil"):
-            getattr(tile, name)[here] = getattr(t, name)[there]
+        for name in ("radiance", "alpha", "distance_m", "ratio", "veil", "shafts"):
+            if (values := getattr(t, name)) is not None:
+                getattr(tile, name)[here] = values[there]
     return tile
 
 
-def empty_tile(column: int, row: int, height: int, width: int) -> Tile:
+def empty_tile(part: Rectangle) -> Tile:
     """Return a tile that changes nothing, float32."""
+    width, height = part.width, part.height
     return Tile(
-        column=column,
-        row=row,
+        column=part.column,
+        row=part.row,
         radiance=np.zeros((height, width, 3), np.float32),
         alpha=np.zeros((height, width), np.float32),
         distance_m=np.full((height, width), np.inf, np.float32),

@@ -9,7 +9,7 @@ ray by itself). Transparent surfaces form layers of their own in front of the op
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.holdout import hold_out
-from mr360uw.composite.lighting.light import Light
+from mr360uw.composite.lighting.arrival import LightSource
+from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.raycast.geometry import (
     Geometry,
@@ -25,12 +28,11 @@ from mr360uw.composite.raycast.geometry import (
     base_color,
     gather,
     object_rectangles,
-    occluding,
     surface,
     uv_change,
-    view_directions,
 )
 from mr360uw.composite.raycast.rays import RayScene, barycentric
+from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
@@ -42,8 +44,8 @@ from mr360uw.composite.sampling import (
     pattern,
 )
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import Rectangle, even_tiles, split
-from mr360uw.types import Floats, Layer, Tile
+from mr360uw.composite.tiles import even_tiles, split
+from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _MAXIMUM_HITS = 64
 _RAYS_AT_ONCE = 200_000
@@ -78,26 +80,26 @@ def render_aovs(shot: Shot) -> tuple[Layer, Aovs]:
 
 def _render(shot: Shot, frame: AovFrame | None) -> Layer:
     visible = tuple(o for o in shot.objects if o.visible)
-    geometry = gather(visible, shot.camera_position)
-    shape = ReceiverShape(shot.receiver, shot.camera_position) if shot.receiver is not None else None
+    geometry = gather(visible, shot.view.position)
+    shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
     object_parts = object_rectangles(shot)
     receiver_parts: list[Rectangle] = []
     if shape is not None:
         grid = coarse_grid(shot, shape)
         receiver_parts = receiver_rectangles(shot, grid, touched_cells(shot, grid))
-    tiles = even_tiles(object_parts + receiver_parts, shot.width, shot.height)
+    tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
-        return Layer(shot.height, shot.width, ())
-    light = Light(shot, occluding(shot.objects, shot.camera_position))
+        return Layer(shot.view.height, shot.view.width, ())
+    sources = light_sources(shot, Blockers(shot))
     scene = RayScene(geometry.positions)
     drawn = []
     for rectangle in tiles:
-        tile = empty_tile(rectangle[0], rectangle[1], rectangle[3], rectangle[2])
-        draw_objects(shot, geometry, scene, light, tile, _inside(object_parts, rectangle, shot.width), frame)
+        tile = empty_tile(rectangle)
+        draw_objects(shot, geometry, scene, sources, tile, _inside(object_parts, rectangle, shot.view.width), frame)
         if shape is not None:
-            draw_receiver(shot, shape, light, tile, _inside(receiver_parts, rectangle, shot.width))
+            draw_receiver(shot, shape, sources, tile, _inside(receiver_parts, rectangle, shot.view.width))
         drawn.append(hold_out(shot, tile))
-    return Layer(shot.height, shot.width, tuple(drawn))
+    return Layer(shot.view.height, shot.view.width, tuple(drawn))
 
 
 def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.bool_]:
@@ -118,13 +120,13 @@ def draw_objects(
     shot: Shot,
     geometry: Geometry,
     scene: RayScene,
-    light: Light,
+    sources: Sequence[LightSource],
     tile: Tile,
     where: NDArray[np.bool_],
     frame: AovFrame | None,
 ) -> None:
     """Add the objects to the pixels of a tile, and to a frame of output variables where there is one."""
-    samples = pattern(shot.samples)
+    samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
     for first in range(0, len(rows), step):
@@ -134,7 +136,7 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         for layer in trace(shot, geometry, scene, samples, x, y):
             through = (1.0 - alpha).copy()
-            for fragment in light_up(shot, geometry, light, samples, x, y, *layer, parts=frame is not None):
+            for fragment in light_up(shot, geometry, sources, samples, x, y, *layer, parts=frame is not None):
                 p = fragment.pixel
                 share = through[p] * fragment.weight * fragment.alpha
                 radiance[p] += share[:, None] * fragment.values["radiance"]
@@ -166,7 +168,7 @@ def trace(
     count, n = len(x), samples.count
     fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
     fy = (y[:, None] + samples.positions[None, :, 1]).ravel()
-    direction = view_directions(shot, fx, fy)
+    direction = shot.view.directions(fx, fy)
     layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
     distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
     filled = np.zeros(count * n, np.int64)
@@ -193,7 +195,7 @@ def trace(
         if len(masked):
             at = active[masked]
             around = np.stack(
-                [view_directions(shot, fx[at] + pixel, fy[at]), view_directions(shot, fx[at], fy[at] + pixel)], axis=1
+                [shot.view.directions(fx[at] + pixel, fy[at]), shot.view.directions(fx[at], fy[at] + pixel)], axis=1
             )
             change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
             alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
@@ -214,7 +216,7 @@ def trace(
 def light_up(
     shot: Shot,
     geometry: Geometry,
-    light: Light,
+    sources: Sequence[LightSource],
     samples: Pattern,
     x: NDArray[np.int64],
     y: NDArray[np.int64],
@@ -225,17 +227,18 @@ def light_up(
 ) -> Iterator[Fragment]:
     """Yield the surfaces of one layer: samples grouped as the module says, each group lit once."""
     for pixel, weight, hits in groups(shot, geometry, samples, x, y, triangle, distance):
-        through, veil = light.water(hits.distance_m, hits.direction[:, 1])
+        through, veil = water_ahead(shot, hits.distance_m, hits.direction[:, 1])
         opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
         alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
-        sent = light.surface(hits)
+        sent = surface_radiance(shot, sources, hits)
         values: dict[str, Floats] = {"radiance": through * sent.total + veil}
         if parts:
             values |= {
                 "diffuse": through * sent.diffuse, "glossy": through * sent.glossy,
-                "sun": through * (sent.sun_diffuse + sent.sun_glossy), "caustics": through * sent.caustics,
+                "sun": through * sent.of("sun"), "lamps": through * sent.of("lamps"),
+                "caustics": through * sent.caustics,
                 "emission": through * sent.emission, "veil": veil, "transmittance": through, "normal": hits.normal,
-                "position": hits.point + shot.camera_position,
+                "position": hits.point + shot.view.position,
             }  # fmt: skip
         yield Fragment(pixel, weight, alpha, hits.distance_m, hits.object, values)
 
@@ -255,15 +258,15 @@ def groups(
     all. The sample nearest to the mean of a group's stands for it.
     """
     left = triangle >= 0
-    width = filter_width(samples.count, shot.shading)
-    rounds = samples.count if shot.shading == "sample" else GROUPS
+    width = filter_width(samples.count, shot.draw.shading)
+    rounds = samples.count if shot.draw.shading == "sample" else GROUPS
     for number in range(rounds):
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:
             return
         chosen = np.argmax(left[pixel], axis=1)
         member = np.zeros((len(pixel), samples.count), bool)
-        if shot.shading == "pixel":
+        if shot.draw.shading == "pixel":
             member = left[pixel] & (
                 _near_plane(shot, geometry, samples, x[pixel], y[pixel], triangle[pixel], distance[pixel], chosen)
                 if number < rounds - 1
@@ -298,8 +301,8 @@ def _near_plane(
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     seen = np.where(triangle >= 0, distance, 0.0)[..., None]
     fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
-    off = np.einsum("nsk,nk->ns", view_directions(shot, fx, fy) * seen - corners[:, :1], normal)
-    tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.height * distance[rows, chosen]
+    off = np.einsum("nsk,nk->ns", shot.view.directions(fx, fy) * seen - corners[:, :1], normal)
+    tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
     same = geometry.patch[triangle] == geometry.patch[first][:, None]
     return same & (np.abs(off) <= tolerance[:, None])
 
@@ -314,7 +317,9 @@ def _middle(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
 # --- receivers -----------------------------------------------------------------------------------------------------
 
 
-def draw_receiver(shot: Shot, shape: ReceiverShape, light: Light, tile: Tile, where: NDArray[np.bool_]) -> None:
+def draw_receiver(
+    shot: Shot, shape: ReceiverShape, sources: Sequence[LightSource], tile: Tile, where: NDArray[np.bool_]
+) -> None:
     """Set ratio and veil of the pixels of a tile."""
     assert shot.receiver is not None
     rows, columns = np.nonzero(where)
@@ -324,9 +329,9 @@ def draw_receiver(shot: Shot, shape: ReceiverShape, light: Light, tile: Tile, wh
     distance, normal = shape.meet(shot, x, y)
     hit = np.isfinite(distance)
     rows, columns, distance, normal = rows[hit], columns[hit], distance[hit], normal[hit]
-    direction = view_directions(shot, x[hit], y[hit])
-    ratio = light.receiver_ratio(direction * distance[:, None], normal, distance)
+    direction = shot.view.directions(x[hit], y[hit])
+    ratio = receiver_ratio(shot, sources, direction * distance[:, None], normal, distance)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
-    _, veil = light.water(distance, direction[:, 1])
+    _, veil = water_ahead(shot, distance, direction[:, 1])
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene file says of objects, receivers, holdouts and drawing."""
+"""Parameters of objects, lamps, receivers, holdouts and drawing."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from mr360uw.parameters import Parameters, parameter
 
@@ -16,6 +17,13 @@ Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera"]
 Interpolation = Literal["linear", "smooth"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
+
+
+def _check_times(times: Sequence[float]) -> None:
+    for number, (one, after) in enumerate(itertools.pairwise(times)):
+        if after <= one:
+            what = f"key {number + 1} must be later than key {number}"
+            raise ValueError(f"{what} (got time_s {one:g}, then {after:g}) - sort the keys")
 
 
 class KeySettings(Parameters):
@@ -63,10 +71,7 @@ class ObjectSettings(Parameters):
     @field_validator("key")
     @classmethod
     def _ascending(cls, keys: tuple[KeySettings, ...]) -> tuple[KeySettings, ...]:
-        for number, (one, next_one) in enumerate(itertools.pairwise(keys)):
-            if next_one.time_s <= one.time_s:
-                what = f"key {number + 1} must be later than key {number}"
-                raise ValueError(f"{what} (got time_s {one.time_s:g}, then {next_one.time_s:g}) - sort the keys")
+        _check_times([key.time_s for key in keys])
         return keys
 
 
@@ -101,6 +106,62 @@ class HoldoutSettings(Parameters):
     )
     invert: bool = parameter(False, "whether black hides the objects instead")
     feather_px: float = parameter(0.0, "width of a soft edge added to the matte", unit="px", low=0.0, high=200.0)
+
+
+class LampKeySettings(Parameters):
+    """One instant of a lamp's motion; what is not set keeps the lamp's own value."""
+
+    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
+    position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
+    rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll) of the beam", unit="deg")
+
+
+class LampSettings(Parameters):
+    """A lamp that the plate does not show: a torch, a strobe, a light on an object."""
+
+    kind: Literal["spot", "point"] = parameter("spot", "a cone of light, or light to all sides")
+    position_m: Vector = parameter((0.0, 0.0, 0.0), "position (right, up, back) in what it is fixed to", unit="m")
+    rotation_deg: Vector = parameter(
+        (0.0, 0.0, 0.0), "(yaw, pitch, roll): where a spot shines, (0, 0, 0) is straight ahead (-z)", unit="deg"
+    )
+    attach: Literal["world", "camera", "object"] = parameter("world", "what it is fixed to")
+    object: int = parameter(0, "for attach object: its number, the first is 0", low=0, high=10000)
+    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time")
+    interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
+    lumen: float | None = parameter(None, "luminous flux; none: what watts make, or 2000", unit="lm", low=0.0, high=1e7)
+    watts: float | None = parameter(
+        None, "radiant flux between 400 and 700 nm, instead of lumen (LEDs give a third of what they draw)",
+        unit="W", low=0.0, high=1e5,
+    )  # fmt: skip
+    temperature_k: float = parameter(5600.0, "colour temperature of its spectrum", unit="K", low=1000.0, high=25000.0)
+    color: Vector = parameter((1.0, 1.0, 1.0), "linear filter on its colour, before the water", unit="1")
+    cone_deg: float = parameter(
+        60.0, "of a spot: full angle beyond which it is dark", unit="deg", above=0.0, high=360.0
+    )
+    edge: float = parameter(
+        0.3, "of a spot: fraction of the half angle over which it fades", unit="1", low=0.0, high=1.0
+    )
+    radius_m: float = parameter(0.02, "of the ball that shines, for soft shadows", unit="m", low=0.0, high=100.0)
+    casts_shadow: bool = parameter(True, "whether objects keep its light off what is behind them")
+
+    @field_validator("color")
+    @classmethod
+    def _not_negative(cls, color: Vector) -> Vector:
+        if min(color) < 0.0:
+            raise ValueError(f"must be three numbers >= 0 (got {list(color)}) - light cannot be taken away")
+        return color
+
+    @field_validator("key")
+    @classmethod
+    def _ascending(cls, keys: tuple[LampKeySettings, ...]) -> tuple[LampKeySettings, ...]:
+        _check_times([key.time_s for key in keys])
+        return keys
+
+    @model_validator(mode="after")
+    def _one_flux(self) -> LampSettings:
+        if self.lumen is not None and self.watts is not None:
+            raise ValueError("watts - lumen is given too (got both) - remove one of them")
+        return self
 
 
 class DrawSettings(Parameters):

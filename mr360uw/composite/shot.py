@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.types import Environment, Floats, MediumTable, Sun
+from mr360uw.types import Environment, Floats, Light, MediumTable, View
 
 SHADOW_BIAS = 0.006
-
-_DRAW = DrawSettings()
+"""Offset of shadow rays as a part of the body's longest side: a texel and a half of a shadow map 256 texels wide. Half
+of it lets bodies shade themselves in stripes, twice of it lifts contact shadows visibly off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +33,13 @@ class PlacedObject:
 
     @property
     def bias_m(self) -> float:
-        """How far off its own surface the shadow rays of the body start: a texel and a half of its shadow map."""
+        """How far off its own surface the shadow rays of the body start."""
         return SHADOW_BIAS * float(np.max(self.mesh.extent_m)) * self.scale
+
+    @property
+    def key(self) -> tuple[Mesh, bytes]:
+        """A value that is equal while the mesh is the same and stands at the same place."""
+        return self.mesh, self.world_from_object.tobytes()
 
     def to_world(self, points: Floats) -> Floats:
         """Return points (..., 3) of the object in the world."""
@@ -61,29 +66,31 @@ class Receiver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One frame: its size, camera, objects, light and water.
+    """One frame: its view, objects, light, water and how finely it is drawn.
 
-    camera_position: (3,) in the world. world_from_camera: (3, 3) rotation. camera_depth_m: height of the mean water
-    surface above the world's origin, the depth of a point being camera_depth_m - y. caustics: a `types.CausticStack`,
-    or for the gl renderer what `mr360uw.caustics.gl.renderer` keeps on the device. medium: None without water.
-    holdout: (H, W) in [0, 1], how much of the plate stays in front. holdout_distance_m: (H, W) distance of what is in
-    front of everything farther away. samples, shading, sun_samples, sun_spread_rad: see `DrawSettings`.
+    environment: light from all around, in the world's axes. lights: those with a direction of their own, in the world;
+    at most one sun. medium: None without water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer,
+    what `mr360uw.caustics.gl.renderer` keeps on the device. holdout: (H, W) in [0, 1], how much of the plate stays in
+    front. holdout_distance_m: (H, W) distance of what is in front of everything farther away.
     """
 
-    width: int
-    height: int
+    view: View
     objects: tuple[PlacedObject, ...]
     environment: Environment
-    sun: Sun | None = None
-    camera_position: Floats = field(default_factory=lambda: np.zeros(3))
-    world_from_camera: Floats = field(default_factory=lambda: np.eye(3))
-    camera_depth_m: float = 5.0
+    lights: tuple[Light, ...] = ()
     medium: MediumTable | None = None
     caustics: Any = None
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
-    samples: int = _DRAW.samples
-    shading: Literal["pixel", "sample"] = _DRAW.shading
-    sun_samples: int = _DRAW.sun_samples
-    sun_spread_rad: float = 0.0
+    draw: DrawSettings = field(default_factory=DrawSettings)
+
+    @property
+    def casters(self) -> tuple[PlacedObject, ...]:
+        """The objects that shade."""
+        return tuple(placed for placed in self.objects if placed.casts_shadow)
+
+    @property
+    def refractive_index(self) -> float:
+        """Index of what surrounds the objects, relative to air: the water's, or 1 without water."""
+        return 1.0 if self.medium is None else self.medium.refractive_index

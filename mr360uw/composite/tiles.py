@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.sphere import frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle
 
 _TILE_COST_PX = 4096
 """Pixels that take as long as what every further tile costs by itself."""
-
-Rectangle = tuple[int, int, int, int]
-"""(column, row, width, height) in pixels; column in [0, W)."""
 
 
 def rectangle_of_triangles(corners: Floats, width: int, height: int, margin: int = 1) -> Rectangle | None:
@@ -57,7 +54,7 @@ def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, marg
         else:
             part = slice(start, begin[k + 1] if k + 1 < len(begin) else None)
             columns = _covered(left[part], right[part], width)
-        rectangles.append((columns[0], int(top[k]), columns[1], int(bottom[k] - top[k])))
+        rectangles.append(Rectangle(columns[0], int(top[k]), columns[1], int(bottom[k] - top[k])))
     return rectangles
 
 
@@ -75,7 +72,7 @@ def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
     if len(rows) == 0:
         return None
     column, columns = _interval(np.asarray(mask.any(axis=0)))
-    return column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1)
+    return Rectangle(column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1))
 
 
 def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
@@ -89,7 +86,7 @@ def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
     column, row, columns, rows = whole
     window = np.roll(mask, -column, axis=1)[row : row + rows, :columns]
     parts = _cut(window, np.arange(columns + 1), np.arange(rows + 1), spare)
-    return [((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in parts]
+    return [Rectangle((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in parts]
 
 
 def _cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.int64], spare: int) -> list[Rectangle]:
@@ -103,7 +100,7 @@ def _cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.
     (r0, r1), (c0, c1) = (high[0], high[-1] + 1), (wide[0], wide[-1] + 1)
     cells, columns, rows = cells[r0:r1, c0:c1], columns[c0 : c1 + 1], rows[r0 : r1 + 1]
     width, height = int(columns[-1] - columns[0]), int(rows[-1] - rows[0])
-    whole = [(int(columns[0]), int(rows[0]), width, height)]
+    whole = [Rectangle(int(columns[0]), int(rows[0]), width, height)]
     if width * height > spare and not cells.all():
         along_x, x = _best_cut(cells, columns, rows)
         along_y, y = _best_cut(cells.T, rows, columns)
@@ -137,12 +134,12 @@ def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
     column, row, columns, rows = rectangle
     if column + columns <= width:
         return [rectangle]
-    return [(column, row, width - column, rows), (0, row, column + columns - width, rows)]
+    return [Rectangle(column, row, width - column, rows), Rectangle(0, row, column + columns - width, rows)]
 
 
 def joined(rectangles: Sequence[Rectangle], width: int) -> list[Rectangle]:
     """Return rectangles that do not overlap and cover the given ones, counting around the seam; none is split."""
-    left = [r for r in rectangles if r[2] > 0 and r[3] > 0]
+    left = [r for r in rectangles if r.width > 0 and r.height > 0]
     done: list[Rectangle] = []
     while left:
         c, r, w, h = left.pop()
@@ -155,10 +152,10 @@ def joined(rectangles: Sequence[Rectangle], width: int) -> list[Rectangle]:
             row, end = min(r, orow), max(r + h, orow + oh)
             done.remove(other)
             wide = last - first >= width
-            left.append((0 if wide else first % width, row, min(last - first, width), end - row))
+            left.append(Rectangle(0 if wide else first % width, row, min(last - first, width), end - row))
             break
         else:
-            done.append((c, r, w, h))
+            done.append(Rectangle(c, r, w, h))
     return sorted(done)
 
 

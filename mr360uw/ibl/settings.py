@@ -67,6 +67,10 @@ class LightSettings(Parameters):
     minimum_confidence: float = parameter(
         0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0
     )
+    white_cd_m2: float = parameter(
+        2000.0, "luminance that the plate's white stands for: how bright lamps look beside it", unit="cd/m2",
+        above=0.0, high=1e7,
+    )  # fmt: skip
     track: Path | None = parameter(None, "track of the sun that `analyse` wrote (.json or .csv), edited or not")
     smooth: bool = parameter(True, "whether a first pass over the clip smooths the sun it detects and the veil's gain")
     glossy_roughness: tuple[float, ...] = parameter(

@@ -28,11 +28,14 @@ vec3 veil_lookup(MediumTable medium, sampler2D veil, float distance_m, float up)
     return (1.0 - exp(-s / medium.length_m)) * bilinear(veil, 0.5 + 0.5 * up, table_coordinate(s, medium.length_m));
 }
 
-vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float distance_m, float up) {
+vec3 optical_length(MediumTable medium, sampler2D attenuation, float distance_m, float up) {
     float s = in_water_distance(distance_m, medium.camera_depth_m, up);
     float depth = medium.camera_depth_m - s * up;
-    return exp(-s * bilinear(attenuation, table_coordinate(depth, medium.length_m),
-                             table_coordinate(s, medium.length_m)));
+    return s * bilinear(attenuation, table_coordinate(depth, medium.length_m), table_coordinate(s, medium.length_m));
+}
+
+vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float distance_m, float up) {
+    return exp(-optical_length(medium, attenuation, distance_m, up));
 }
 
 // the tables over depth, (D, 3), are rows of textures: `diffuse` one; `beam` two, the beam and its unscattered part

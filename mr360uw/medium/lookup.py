@@ -53,12 +53,17 @@ def veil_lookup(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> Flo
 
 def transmittance_lookup(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> Floats:
     """Return the factor (..., 3) on the radiance of an object `distance_m` along a camera ray."""
+    return np.exp(-optical_length(table, distance_m, up))
+
+
+def optical_length(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> Floats:
+    """Return the negative logarithm (..., 3) of `transmittance_lookup`."""
     s = in_water_distance(distance_m, table.camera_depth_m, up)
     depth = table.camera_depth_m - np.where(np.isfinite(s), s, 0.0) * np.asarray(up, np.float64)
     attenuation = bilinear(
         table.attenuation, table_coordinate(depth, table.length_m), table_coordinate(s, table.length_m)
     )
-    return np.exp(-attenuation * s[..., None])
+    return attenuation * s[..., None]
 
 
 def ambient_ratio(table: MediumTable, depth_m: ArrayLike) -> Floats:

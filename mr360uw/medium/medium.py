@@ -82,6 +82,7 @@ class Medium:
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)
+        self.illuminant = illuminant
         self._surface: SurfaceKind = surface
         self._sky: Sky = sky
         self._spectral_bands = functools.partial(bands, band_count, self.sensor, rule, illuminant)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, Protocol
 
+from mr360uw.cache import Cache
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shot import Shot
@@ -27,11 +28,8 @@ class Backend(Protocol):
     def caustics(self, sea: Sea, sun_in_air: Floats, depths_m: Floats, time_s: float, settings: CausticSettings) -> Any:
         """Return the caustics on planes, in the form that this backend's `layer` reads."""
 
-    def layer(self, shot: Shot) -> Layer:
-        """Return what one frame's objects and receiver lay over its plate."""
-
-    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
-        """Return the same layer and its output variables."""
+    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+        """Return what one frame's objects and receiver lay over its plate, and its output variables if asked for."""
 
     def download(self, stack: Any) -> CausticStack:
         """Return what `caustics` made as arrays."""
@@ -51,17 +49,11 @@ class Reference:
 
         return caustic_stack(sea, sun_in_air, depths_m, time_s, settings)
 
-    def layer(self, shot: Shot) -> Layer:
-        """Return the layer of `mr360uw.composite.render_layer`."""
-        from mr360uw.composite import render_layer
+    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+        """Return the layer of `mr360uw.composite.reference`."""
+        from mr360uw.composite.reference import render_aovs, render_layer
 
-        return render_layer(shot)
-
-    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
-        """Return the layer and its output variables."""
-        from mr360uw.composite.reference import render_aovs
-
-        return render_aovs(shot)
+        return render_aovs(shot) if variables else (render_layer(shot), None)
 
     def download(self, stack: CausticStack) -> CausticStack:
         """Return the stack itself."""
@@ -69,7 +61,7 @@ class Reference:
 
 
 class Gl:
-    """OpenGL, on the thread that made this object."""
+    """OpenGL, on the thread that made this object. cache: what is kept between frames; it may be emptied at will."""
 
     name = "gl"
 
@@ -79,20 +71,17 @@ class Gl:
         from mr360uw.gl.context import gl_device
 
         self.device = gl_device().renderer
+        self.cache = Cache()
         self._caustics = CausticRenderer()
-        self._layers = LayerRenderer()
+        self._layers = LayerRenderer(self.cache)
 
     def caustics(self, sea: Sea, sun_in_air: Floats, depths_m: Floats, time_s: float, settings: CausticSettings) -> Any:
         """Return the caustics as textures of the device."""
         return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings)
 
-    def layer(self, shot: Shot) -> Layer:
-        """Return the layer, drawn in tiles and read back."""
-        return self._layers.render(shot)
-
-    def variables(self, shot: Shot) -> tuple[Layer, Aovs]:
-        """Return the layer and its output variables, drawn and read back."""
-        return self._layers.render_aovs(shot)
+    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+        """Return the layer, and its output variables if asked for, drawn in tiles and read back."""
+        return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
 
     def download(self, stack: Any) -> CausticStack:
         """Return textures as arrays."""

@@ -67,7 +67,7 @@ class CausticDepths:
         """Return the ascending depths of the planes that a frame needs."""
         spans = [] if self.ground is None else [self.ground]
         for placed in shot.objects:
-            depth = shot.camera_depth_m - placed.to_world(placed.mesh.hull)[..., 1]
+            depth = shot.view.surface_y_m - placed.to_world(placed.mesh.hull)[..., 1]
             spans.append((float(depth.min()), float(depth.max())))
         return self.ladder.around(spans)
 

@@ -12,9 +12,10 @@ from typing import TypeVar
 
 from mr360uw.composite import load_object
 from mr360uw.errors import Mr360uwError, SceneError, VideoError
-from mr360uw.render.camera import CameraPath
-from mr360uw.render.first_pass import sun_track
-from mr360uw.render.loaded import SceneRenderer
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.dive import load_dive
+from mr360uw.render.first_pass import first_pass
+from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
@@ -27,7 +28,8 @@ _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
 def explain_plan(scene: Scene, backend: str = "auto") -> str:
     """Return in words what a run of the scene will do and why; opens every file that it names."""
     with open_plate(scene) as video:
-        return _explained(video, SceneRenderer(scene, video.width, video.height, backend))
+        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        return _explained(video, loaded, *make_backend(backend))
 
 
 def check_scene(
@@ -46,22 +48,21 @@ def check_scene(
     """
     found = _Problems()
     video = found.of(lambda: open_plate(scene))
-    renderer = None
+    loaded, renderer = None, found.of(lambda: make_backend(backend))
     if video is not None:
-        renderer = found.of(lambda: SceneRenderer(scene, video.width, video.height, backend))
-    if renderer is None:  # one problem was enough to stop it: look for the others
+        loaded = found.of(lambda: load(scene, video.width, video.height, clip=not video.is_still))
+    if loaded is None:  # one problem was enough to stop it: look for the others
         for settings in scene.objects:
             found.of(partial(load_object, settings))
-        found.of(lambda: scene.water.medium(scene.camera.depth_m))
         if video is not None:
-            found.of(lambda: CameraPath.of(scene))
+            found.of(lambda: load_dive(scene))
     output = None
     if video is not None:
-        _check_company(scene, video, frames, found)
+        _check_other_clips(scene, video, frames, found)
         output = found.of(lambda: _output(scene, video, None if out is None else Path(out)))
-    if video is None or renderer is None or found.lines:
+    if video is None or loaded is None or renderer is None or found.lines:
         raise SceneError(where, list(found.lines))
-    return f"{_explained(video, renderer)}\noutput    {output}"
+    return f"{_explained(video, loaded, *renderer)}\noutput    {output}"
 
 
 class _Problems:
@@ -81,7 +82,7 @@ class _Problems:
         return None
 
 
-def _check_company(scene: Scene, video: VideoReader, frames: tuple[int, int | None], found: _Problems) -> None:
+def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int | None], found: _Problems) -> None:
     """Check what goes along with the plate, frame by frame: mattes, the receiver's distances, the track of its sun."""
     size = (video.width, video.height)
     span = found.of(lambda: video.check_range(*frames))
@@ -92,7 +93,7 @@ def _check_company(scene: Scene, video: VideoReader, frames: tuple[int, int | No
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size).check(stop))
     if scene.light.track is not None:
-        found.of(lambda: sun_track(scene, video))
+        found.of(lambda: first_pass(load_dive(scene), video, gain=False))
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
@@ -115,16 +116,16 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
     return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures"
 
 
-def _explained(video: VideoReader, renderer: SceneRenderer) -> str:
+def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: str) -> str:
     size = f"{video.width}x{video.height}"
     length = "a still" if video.is_still else f"{video.frame_count} frames"
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
-        f"renderer  {renderer.backend.name} ({renderer.backend.device})",
-        *(f"note      {note}" for note in (*video.notes, *renderer.notes)),
+        f"renderer  {backend.name} ({backend.device})",
+        *(f"note      {note}" for note in (*video.notes, *loaded.notes, *filter(None, [fallback]))),
     ]
-    for placed in renderer.objects:
+    for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
         triangles = len(placed.meshes[0].positions)
         lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m")
-    return "\n".join([*lines, "stages", str(renderer.plan)])
+    return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a scene reads the light of its plate: where the packages of light, sea and water meet."""
+"""The light of a plate's frame as its scene says it is to be read: where the packages of light, sea and water meet."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _TYPICAL_SUN_UP = 0.85
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 
 
-class SceneLight:
-    """Finds the light of frames as a scene's `[light]` table says; `table`: of its water, or None.
+class LightReader:
+    """Finds the light of frames as a scene's `[light]` table says. table: of its water, or None.
 
     The sun of a scene and of a track stands in the world; what `of` returns is in the axes of the camera.
     """

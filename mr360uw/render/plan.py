@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene needs, decided before the first frame: a stage that changes nothing does not run.
+"""The plan: which stages a scene needs, decided before the first frame. A stage that changes nothing does not run.
 
-The plan is made from the scene, its meshes' materials and the water alone, so that it can be printed (`--explain`) and
-tested. What only a frame can tell (no sun in it, nothing visible) is decided by the pipeline, frame by frame.
+The plan is made from the scene, its meshes' materials, its water and the kind of plate alone, so that it can be printed
+(`--explain`) and tested. What only a frame can tell (no sun in it, nothing visible) is found frame by frame.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,32 +17,47 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
 
 _NEGLIGIBLE_BEAM = 0.002
-"""Below this part of the surface's beam, caustics and shadows are less than half an 8-bit code value."""
+"""Below this fraction of the surface's beam, caustics and shadows are less than half an 8-bit code value."""
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """One stage of the plan: whether it runs, and the reason."""
+class Stage:
+    """Whether a stage runs, and the reason."""
 
-    stage: str
     runs: bool
     why: str
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The stages of a scene in the order in which they run."""
+    """The stages of a scene in the order in which they run, as the frame and its stages consult them.
 
-    steps: tuple[Step, ...]
+    track_sun, track_gain: what a first pass over the clip finds; without them each frame is read by itself.
+    """
 
-    def runs(self, stage: str) -> bool:
-        """Return whether a stage runs; raise KeyError for a name that is not in the plan."""
-        return {step.stage: step.runs for step in self.steps}[stage]
+    environment: Stage
+    sun: Stage
+    track_sun: Stage
+    medium: Stage
+    gain: Stage
+    track_gain: Stage
+    lamps: Stage
+    caustics: Stage
+    glossy: Stage
+    shadow: Stage
+    layer: Stage
+    grain: Stage
+
+    @property
+    def stages(self) -> dict[str, Stage]:
+        """Every stage by its name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __str__(self) -> str:
-        width = max(len(step.stage) for step in self.steps)
+        width = max(map(len, self.stages))
         return "\n".join(
-            f"  {step.stage:<{width}}  {'runs   ' if step.runs else 'skipped'}  {step.why}" for step in self.steps
+            f"  {name:<{width}}  {'runs   ' if stage.runs else 'skipped'}  {stage.why}"
+            for name, stage in self.stages.items()
         )
 
 
@@ -59,81 +74,94 @@ class ObjectFacts:
     moves: bool
 
 
-def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> Plan:
-    """Return the plan of a scene. medium: None where the plate has no water."""
-    visible = bool(objects)
-    steps: list[Step] = []
-
-    def step(stage: str, runs: bool, yes: str, no: str) -> bool:
-        steps.append(Step(stage, runs, yes if runs else no))
-        return runs
-
-    smooth = "in a first pass over the clip" if scene.light.smooth else "frame by frame"
-    step("environment", visible, "objects are lit by the plate", "nothing to light")
+def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTable | None, *, clip: bool = True) -> Plan:
+    """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame."""
+    visible, light = bool(objects), scene.light
     beam = _beam_at_objects(objects, medium)
-    deep = visible and beam < _NEGLIGIBLE_BEAM
-    sun = step(
-        "sun",
-        visible and scene.light.sun != "none" and not deep,
-        f"sun: {_sun_source(scene.light, smooth)}",
+    sun = _sun(light, visible, beam)
+    gain = _gain(scene, visible, medium)
+    first_pass = clip and light.smooth
+    receiver = scene.receiver
+    return Plan(
+        environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
+        sun=sun,
+        track_sun=_track_sun(sun, light, clip),
+        medium=_stage(medium is not None, f"water {scene.water.type}", 'water is "none"'),
+        gain=gain,
+        track_gain=_stage(
+            gain.runs and first_pass,
+            "in a first pass over the clip",
+            "nothing to fit" if not gain.runs else "frame by frame: light.smooth is off" if clip else "one picture",
+        ),
+        lamps=_stage(visible and len(scene.lamps) > 0, f"{len(scene.lamps)} of the scene", "the scene has none"),
+        caustics=_stage(
+            sun.runs and medium is not None and scene.caustics.enabled,
+            f"{scene.sea.model} sea; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
+            "switched off" if not scene.caustics.enabled else "needs a sun and water",
+        ),
+        glossy=_stage(
+            visible and any(facts.glossy for facts in objects),
+            "a material is smoother than diffuse",
+            "every material is diffuse" if visible else "nothing to light",
+        ),
+        shadow=_stage(
+            sun.runs and receiver is not None and receiver.shadow,
+            "the receiver catches shadows",
+            "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+        ),
+        layer=_stage(
+            visible,
+            "objects move" if any(facts.moves for facts in objects)
+            else "objects stand still: geometry is kept between frames",
+            "no objects: the plate goes through untouched",
+        ),
+        grain=_stage(
+            visible and scene.draw.grain > 0.0,
+            f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
+            "draw.grain is 0" if visible else "nothing to cover",
+        ),
+    )  # fmt: skip
+
+
+def _stage(runs: bool, yes: str, no: str) -> Stage:
+    return Stage(runs, yes if runs else no)
+
+
+def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
+    deep = beam < _NEGLIGIBLE_BEAM
+    return _stage(
+        visible and light.sun != "none" and not deep,
+        f"sun: {light.sun}",
         "nothing to light" if not visible
-        else 'light.sun = "none"' if scene.light.sun == "none"
+        else 'light.sun = "none"' if light.sun == "none"
         else f"{100 * beam:.2f} % of the beam reaches the objects",
     )  # fmt: skip
-    step("medium", medium is not None, f"water {scene.water.type}", 'water is "none"')
+
+
+def _track_sun(sun: Stage, light: LightSettings, clip: bool) -> Stage:
+    if not sun.runs or light.sun != "detect":
+        return Stage(False, "no sun" if not sun.runs else f"light.sun is {light.sun!r}")
+    if not clip:
+        return Stage(False, "one picture")
+    if light.track is not None:
+        return Stage(True, f"light.track, {light.track.name}")
+    return _stage(light.smooth, "in a first pass over the clip", "frame by frame: light.smooth is off")
+
+
+def _gain(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage:
     water = scene.water
-    step(
-        "gain",
+    return _stage(
         visible and medium is not None and water.fits_gain,
-        f"the veil's gain is fitted to the plate {smooth}",
+        "the veil's gain is fitted to the plate",
         "no objects to veil" if not visible
         else 'water is "none"' if medium is None
         else "the veil is each frame's own map" if water.mode == "plate"
         else "water.gain is given",
     )  # fmt: skip
-    step(
-        "caustics",
-        sun and medium is not None and scene.caustics.enabled,
-        f"{scene.sea.model} sea; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
-        "switched off" if not scene.caustics.enabled else "needs a sun and water",
-    )
-    step(
-        "glossy",
-        visible and any(facts.glossy for facts in objects),
-        "a material is smoother than diffuse",
-        "every material is diffuse" if visible else "nothing to light",
-    )
-    receiver = scene.receiver
-    step(
-        "shadow",
-        sun and receiver is not None and receiver.shadow,
-        "the receiver catches shadows",
-        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
-    )
-    step(
-        "layer",
-        visible,
-        "objects stand still: geometry is kept between frames" if not any(f.moves for f in objects) else "objects move",
-        "no objects: the plate goes through untouched",
-    )
-    step(
-        "grain",
-        visible and scene.draw.grain > 0.0,
-        f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
-        "draw.grain is 0" if visible else "nothing to cover",
-    )
-    return Plan(tuple(steps))
-
-
-def _sun_source(light: LightSettings, smooth: str) -> str:
-    """Return where the sun comes from, in words."""
-    if light.sun != "detect":
-        return light.sun
-    return f"light.track, {light.track.name}" if light.track is not None else f"detect, {smooth}"
 
 
 def _beam_at_objects(objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> float:
-    """Return the largest part of the surface's vertical beam that reaches an object, any channel."""
+    """Return the largest fraction of the surface's vertical beam that reaches an object, any channel."""
     if medium is None or not objects:
         return 1.0
     depth = np.array([max(facts.depth_m, 0.0) for facts in objects])

@@ -18,7 +18,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Transfer
-from mr360uw.composite.settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
+from mr360uw.composite.settings import (
+    DrawSettings,
+    HoldoutSettings,
+    LampSettings,
+    ObjectSettings,
+    ReceiverSettings,
+)
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
@@ -76,6 +82,7 @@ class Scene(Parameters):
     camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
+    lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
     receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (), "mattes of the plate in front of the objects", alias="holdout"
@@ -85,6 +92,16 @@ class Scene(Parameters):
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
+
+    @model_validator(mode="after")
+    def _lamps_on_objects(self) -> Scene:
+        for number, lamp in enumerate(self.lamps):
+            if lamp.attach == "object" and lamp.object >= len(self.objects):
+                raise ValueError(
+                    f"lamp.{number}.object - no such object (got {lamp.object}) - the scene has {len(self.objects)}, "
+                    "the first is 0"
+                )
+        return self
 
 
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:

@@ -45,6 +45,17 @@ class VideoFrame:
     native: Any = None
     wrap: bool = True
 
+    @classmethod
+    def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:
+        """Return the frame of a picture of linear Rec.709 light (H, W, 3), float32."""
+        spec = ColorSpec("bt709", True, "linear", 32)
+        return cls(index, 0, Fraction(1), time_s, 0, spec, rgb=image_linear)
+
+    @property
+    def pixels(self) -> YuvImage | NDArray[np.float32]:
+        """The planes where the frame has them, else its linear picture."""
+        return self.yuv if self.yuv is not None else self.image_linear
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,10 @@ from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.motion import rigid, rotation_matrix
+from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit
-from mr360uw.types import CausticStack, Environment, Floats, MediumTable, Sun
+from mr360uw.types import CausticStack, Environment, Floats, MediumTable, Sun, View
 
 SUN = Sun(unit([0.3, 0.9, -0.2]), np.array([1.2, 1.5, 1.4]), 0.03, 1.0)
 
@@ -124,9 +125,29 @@ def placed(
     return PlacedObject(mesh, rigid(position, rotation_matrix(rotation), scale), **more)
 
 
+_DRAW = set(DrawSettings.model_fields)
+_VIEW = {field.name for field in fields(View)}
+
+
 def shot(*objects: PlacedObject, width: int = 128, **more: Any) -> Shot:
     """Return a shot with sun and sea light, 2:1."""
-    return Shot(width, width // 2, objects, more.pop("environment", None) or environment(), **{"sun": SUN, **more})
+    view = View(
+        width, width // 2, more.pop("camera_position", np.zeros(3)), more.pop("world_from_camera", np.eye(3)),
+        more.pop("surface_y_m", 5.0),
+    )  # fmt: skip
+    draw = DrawSettings(**{"sun_spread_deg": 0.0, **{name: more.pop(name) for name in _DRAW & set(more)}})
+    sun = more.pop("sun", SUN)
+    lights = (*(() if sun is None else (sun,)), *more.pop("lamps", ()))
+    return Shot(view, objects, more.pop("environment", None) or environment(), lights, draw=draw, **more)
+
+
+def changed(scene: Shot, **more: Any) -> Shot:
+    """Return a shot with other fields of its own, of its view or of how it is drawn; `sun` replaces all lights."""
+    view = replace(scene.view, **{name: more.pop(name) for name in _VIEW & set(more)})
+    draw = scene.draw.model_copy(update={name: more.pop(name) for name in _DRAW & set(more)})
+    if "sun" in more:
+        more["lights"] = tuple(filter(None, [more.pop("sun")]))
+    return replace(scene, view=view, draw=draw, **more)
 
 
 def plate(width: int) -> Floats:
@@ -164,7 +185,7 @@ def eight_shots(rng: np.random.Generator, width: int = 128) -> dict[str, Shot]:
         "nadir": shot(placed(rich, (0.1, -1.4, 0.05)), width=width),
         "deep": shot(
             placed(ball, (0.3, -0.3, -1.8)), placed(cube, (-0.8, -0.2, -1.6)), width=width, medium=deep,
-            camera_depth_m=25.0, receiver=floor, sun_spread_rad=0.09,
+            surface_y_m=25.0, receiver=floor, sun_spread_deg=np.degrees(0.09),
         ),
         "shadow": shot(
             placed(ball, (0.4, -0.6, -1.8)), placed(cube, (-0.6, -0.95, -1.6), (25, 0, 0)), width=width,

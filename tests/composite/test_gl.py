@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import DrawSettings
 from tests import tolerances as tol
-from tests.composite.scenes import box, codes, eight_shots, placed, plate, quad, shot, sphere
+from tests.composite.scenes import box, changed, codes, eight_shots, placed, plate, quad, shot, sphere
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -82,7 +80,7 @@ def test_edges_are_the_mean_of_what_a_pixel_shows(renderer: LayerRenderer) -> No
     """Against 8 x 8 pixels of a picture eight times as large."""
     bodies = placed(sphere(), (-0.5, 0.1, -1.6)), placed(box((0.6, 0.5, 0.4)), (0.5, 0.0, -1.4), (30, 20, 10))
     scene = shot(*bodies, width=256, samples=DrawSettings().samples)
-    fine = render_layer(replace(scene, width=2048, height=1024, samples=1))
+    fine = render_layer(changed(scene, width=2048, height=1024, samples=1))
     alpha, radiance = (
         image.reshape(128, 8, 256, 8, *image.shape[2:]).mean(axis=(1, 3)) for image in (fine.alpha, fine.radiance)
     )

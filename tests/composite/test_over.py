@@ -8,12 +8,12 @@ import pytest
 
 from mr360uw.composite.over import empty_tile, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
-from mr360uw.types import Layer, Tile
+from mr360uw.types import Layer, Rectangle, Tile
 from tests import tolerances as tol
 
 
 def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Tile:
-    tile = empty_tile(4, 2, height, width)
+    tile = empty_tile(Rectangle(4, 2, width, height))
     alpha = rng.uniform(0, 1, (height, width)).astype(np.float32)
     return replace(
         tile,
@@ -26,7 +26,7 @@ def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Ti
 
 def test_outside_the_tiles_and_under_empty_ones_the_plate_is_bit_identical(rng: np.random.Generator) -> None:
     plate = rng.uniform(0, 1, (16, 32, 3)).astype(np.float32)
-    veiled = replace(empty_tile(20, 4, 6, 8), veil=rng.uniform(0, 1, (6, 8, 3)).astype(np.float32))
+    veiled = replace(empty_tile(Rectangle(20, 4, 8, 6)), veil=rng.uniform(0, 1, (6, 8, 3)).astype(np.float32))
     layer = Layer(16, 32, (random_tile(rng), veiled))
     image = over(plate, layer)
     outside = np.ones((16, 32), bool)

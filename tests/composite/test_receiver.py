@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.light import Light
+from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
-from mr360uw.composite.raycast.geometry import occluding, view_directions
+from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
 from tests import tolerances as tol
-from tests.composite.scenes import SUN, box, caustics, codes, environment, medium, placed, quad, shot, sphere
+from tests.composite.scenes import SUN, box, caustics, changed, codes, environment, medium, placed, quad, shot, sphere
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -39,13 +40,19 @@ def sea() -> Environment:
 def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     """Return the reference's ratio at every fifth row and column, (h, w, 3), and the distance of the ground, (h, w)."""
     assert scene.receiver is not None
-    x, y = np.meshgrid(np.arange(0, scene.width, STEP) + 0.5, np.arange(0, scene.height, STEP) + 0.5)
-    distance, normal = ReceiverShape(scene.receiver, scene.camera_position).meet(scene, x, y)
+    x, y = np.meshgrid(np.arange(0, scene.view.width, STEP) + 0.5, np.arange(0, scene.view.height, STEP) + 0.5)
+    distance, normal = ReceiverShape(scene.receiver, scene.view.position).meet(scene, x, y)
     ratio, there = np.ones((*x.shape, 3)), np.isfinite(distance)
-    light = Light(scene, occluding(scene.objects, scene.camera_position))
-    point = view_directions(scene, x, y)[there] * distance[there][:, None]
-    ratio[there] = light.receiver_ratio(point, normal[there], distance[there])
+    sources = light_sources(scene, Blockers(scene))
+    point = scene.view.directions(x, y)[there] * distance[there][:, None]
+    ratio[there] = receiver_ratio(scene, sources, point, normal[there], distance[there])
     return ratio, distance
+
+
+def sun_seen(scene: Shot, place: Floats) -> float:
+    """Return the visible fraction of the sun's beam at a place (1, 3)."""
+    (sun,) = light_sources(scene, Blockers(scene))
+    return float(sun.visibility(place)[0])
 
 
 def wrong_codes(got: Floats, expected: Floats) -> Floats:
@@ -84,14 +91,10 @@ def test_light_that_the_water_scatters_forwards_reaches_around_a_body(sea: Envir
     sharp = np.exp(-0.5 * water.beam[0] * water.camera_depth_m / SUN.direction[1]).mean()
     halo = np.tan(np.hypot(0.00465, 2.0 * spread))
     blocked = (radius / np.sqrt(distance**2 - radius**2) / halo) ** 2
-    seen = {
-        sigma: Light(replace(scene, sun_spread_rad=sigma), occluding((ball,), np.zeros(3))).visibility(under)[0]
-        for sigma in (0.0, spread)
-    }
+    seen = {sigma: sun_seen(changed(scene, sun_spread_deg=np.degrees(sigma)), under) for sigma in (0.0, spread)}
     assert seen[0.0] == 0.0
     assert seen[spread] == pytest.approx((1.0 - sharp) * (1.0 - blocked), abs=tol.PENUMBRA)
-    in_air = replace(scene, sun_spread_rad=spread, medium=None)
-    assert Light(in_air, occluding((ball,), np.zeros(3))).visibility(under)[0] == 0.0
+    assert sun_seen(changed(scene, sun_spread_deg=np.degrees(spread), medium=None), under) == 0.0
 
 
 @pytest.mark.parametrize("kind", ["plane", "map"])
@@ -103,9 +106,7 @@ def test_blocks_follow_the_halo_of_the_sun(renderer: LayerRenderer, sea: Environ
     }[kind]
     bodies = placed(sphere(), (0.4, -0.3, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
     sun = replace(SUN, half_angle_rad=0.0035)
-    scene = shot(
-        *bodies, width=512, environment=sea, medium=medium(), receiver=floor, sun=sun, sun_spread_rad=np.radians(5.0)
-    )
+    scene = shot(*bodies, width=512, environment=sea, medium=medium(), receiver=floor, sun=sun, sun_spread_deg=5.0)
     assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.light import Light
 from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.lighting.shadow import disc_directions
+from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.raycast.geometry import occluding
@@ -19,8 +19,9 @@ from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
+from mr360uw.types import View
 from tests import tolerances as tol
-from tests.composite.scenes import SUN, box, codes, environment, medium, placed, plate, quad, shot, sphere
+from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 
 
 @pytest.mark.parametrize(("metallic", "roughness"), [(0.0, 1.0), (0.0, 0.2), (1.0, 0.4), (0.5, 0.7)])
@@ -58,7 +59,7 @@ def test_a_turn_of_the_camera_rolls_the_picture_and_the_seam_is_not_there() -> N
     ground = plate(width)
     still = codes(over(ground, render_layer(base)))
     for columns in (-29, 64):
-        turned = replace(base, world_from_camera=yaw_matrix(2.0 * np.pi * columns / width))
+        turned = changed(base, world_from_camera=yaw_matrix(2.0 * np.pi * columns / width))
         rolled = codes(over(np.roll(ground, -columns, axis=1), render_layer(turned)))
         close = np.abs(rolled - np.roll(still, -columns, axis=1)).max(axis=-1) <= tol.ROLL_CODES
         assert close.mean() >= tol.RENDERERS_FRACTION
@@ -185,17 +186,17 @@ def test_layers_recombine_to_the_composite() -> None:
 
 def test_light_falls_with_depth() -> None:
     body = placed(sphere(), (0.0, 0.0, -1.2))
-    bright, dim = (render_layer(shot(body, medium=medium(d), camera_depth_m=d)).radiance for d in (5.0, 5.0))
+    bright, dim = (render_layer(shot(body, medium=medium(d), surface_y_m=d)).radiance for d in (5.0, 5.0))
     assert np.array_equal(bright, dim)
     scene = shot(body, medium=medium(5.0))
-    light = Light(scene, np.zeros((0, 3, 3)))
+    (sun,) = light_sources(scene)
     down = np.array([[0.0, -1.0, 0.0], [0.0, -4.0, 0.0]])
-    beam = light.beam(down)
+    beam = sun.arrival(down).irradiance
     assert np.all(beam[1] < beam[0])
     path = 3.0 / SUN.direction[1]
     np.testing.assert_allclose(beam[1] / beam[0], np.exp(-np.array([0.35, 0.06, 0.04]) * path), rtol=tol.FLOAT32_LOOKUP)
 
 
 def test_shots_have_defaults() -> None:
-    assert Shot(8, 4, (), environment()).sun is None
+    assert Shot(View(8, 4), (), environment()).lights == ()
     assert unit([0.0, 2.0, 0.0])[1] == 1.0

@@ -8,10 +8,10 @@ from mr360uw.composite.gl.upload import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,
+    highlight,
     lobe_axis,
     reflectance,
     smith_visibility,
-    sun_highlight,
 )
 from mr360uw.composite.lighting.shadow import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.mesh.material import Material
@@ -156,9 +156,9 @@ def test_shading_twins(rng: np.random.Generator) -> None:
     got = glsl_call("composite/lighting/shading.glsl", "reflectance(f, s)", 3, f=f0, s=split)
     np.testing.assert_allclose(got, reflectance(double[4], double[5]), rtol=tol.FLOAT32_LOOKUP)
     got = glsl_call(
-        "composite/lighting/shading.glsl", "sun_highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d
+        "composite/lighting/shading.glsl", "highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d
     )
-    expected = sun_highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
+    expected = highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
     np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP)
     n, v = (unit(rng.normal(size=(COUNT, 3))).astype(np.float32) for _ in range(2))
     got = glsl_call("composite/lighting/shading.glsl", "lobe_axis(n, v, a, b)", 3, n=n, v=v, a=a, b=b)

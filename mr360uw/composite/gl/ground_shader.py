@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
-from mr360uw.composite.lighting.light import FADE_FROM
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.receiver.ratio import BRIGHTEST, DARK, FADE_FROM
 from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms, texture_from_array
 from mr360uw.types import Floats
@@ -55,14 +55,15 @@ class GroundShader:
         """Return the images of receiver.frag of blocks, each (n, side, side, k).
 
         halo: (n, 4) part of it seen at the corners of each block, negative where that does not tell the pixels.
-        wanted: of SHADOW, CAUSTICS, and ROUGH for blocks that need all their light. side: samples along a block.
+        wanted: of SHADOW, CAUSTICS, ROUGH for blocks that need all their light, and with it LAMPS. side: samples along
+        a block.
         """
         assert shot.receiver is not None
         rows = -(-len(j) // _BLOCKS_ACROSS)
         width, height = _BLOCKS_ACROSS * side, rows * side
         blocks, halos = (np.zeros((rows * _BLOCKS_ACROSS, k), np.float32) for k in (2, 4))
         blocks[: len(j)], halos[: len(j)] = BLOCK * np.stack([i, j], axis=-1), halo
-        defines = wanted | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
+        defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
         textures = {
             "blocks": texture_from_array(blocks.reshape(rows, -1, 2)),
             "halos": texture_from_array(halos.reshape(rows, -1, 4)),
@@ -72,18 +73,24 @@ class GroundShader:
             defines |= {"PLANE"}
         else:
             textures["shape"] = texture_from_array(_atlas(ground.pixels(shot, j, i), rows))
-        shader = self._targets.program("receiver", dict.fromkeys(defines, 1) | {"SIDE": side, "SPACING": BLOCK // side})
+        numbers: dict[str, int | float] = {"SIDE": side, "SPACING": BLOCK // side, "DARK": DARK, "BRIGHTEST": BRIGHTEST}
+        if "LAMPS" in wanted:
+            numbers["LAMPS"] = self._light.defines["LAMPS"]
+        shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers})
         bind(shader, textures)
         self._light.set(shader)
         extent = shot.receiver.extent_m
         set_uniforms(
             shader,
-            world_from_camera=shot.world_from_camera.T,
-            frame_size=(shot.width, shot.height),
-            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.camera_position[1]),
+            world_from_camera=shot.view.world_from_camera.T,
+            frame_size=(shot.view.width, shot.view.height),
+            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.view.position[1]),
             fade=(FADE_FROM * extent, extent),
         )
-        channels = (4, 4, 4) if "ROUGH" in wanted else (4,) if "CAUSTICS" in wanted else (1,)
+        if "ROUGH" in wanted:
+            channels: tuple[int, ...] = (4,) * (4 if "LAMPS" in wanted else 3)
+        else:
+            channels = (4,) if "CAUSTICS" in wanted else (1,)
         name = f"receiver {len(channels)} {channels[0]}"
         self._targets.draw(shader, name, width, height, channels)
         return [_images_of_atlas(image, len(j)) for image in self._targets.read(name, width, height)]

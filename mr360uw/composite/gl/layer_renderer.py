@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layer of a frame on OpenGL 3.3: the same samples, groups and light as the reference renderer.
 
-Only what objects and their shadows touch is drawn and read back. What has not changed since the frame before is kept:
-meshes, sun maps, the samples of objects that stand still and the shape of the receiver.
+Only what objects and their shadows touch is drawn and read back. What has not changed since the frame before is kept in
+the cache: meshes, shadow atlas, the samples of objects that stand still and the shape of the receiver.
 """
 
 from __future__ import annotations
 
+from mr360uw.cache import Cache
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
@@ -26,14 +27,14 @@ _KEPT_MESHES = 64
 
 
 class LayerRenderer:
-    """Draws shots; keeps on the device what the next one can use. One for each OpenGL thread."""
+    """Draws shots. cache: keeps on the device what the next one can use. One for each OpenGL thread."""
 
-    def __init__(self) -> None:
-        self._meshes: dict[Mesh, MeshBuffers] = {}
-        self._light = LightTextures()
+    def __init__(self, cache: Cache | None = None) -> None:
+        self._cache = Cache() if cache is None else cache
+        self._light = LightTextures(self._cache, self._buffers)
         targets = Targets()
-        self._objects = ObjectPass(targets, self._light, self._buffers)
-        self._receiver = ReceiverPass(targets, self._light)
+        self._objects = ObjectPass(targets, self._light, self._buffers, self._cache)
+        self._receiver = ReceiverPass(targets, self._light, self._cache)
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
@@ -47,22 +48,19 @@ class LayerRenderer:
 
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
+        view = shot.view
         object_parts = object_rectangles(shot)
         changes = self._receiver.find(shot)
         parts = object_parts + (changes.rectangles if changes is not None else [])
-        tiles = even_tiles(parts, shot.width, shot.height)
+        tiles = even_tiles(parts, view.width, view.height)
         if not tiles:
-            return Layer(shot.height, shot.width, ())
-        self._light.update(shot, self._buffers)
-        drawn = [empty_tile(c, r, h, w) for c, r, w, h in tiles]
+            return Layer(view.height, view.width, ())
+        self._light.update(shot)
+        drawn = [empty_tile(part) for part in tiles]
         if object_parts:
             self._objects.draw(shot, drawn, frame)
         self._receiver.draw(shot, changes, drawn)
-        return Layer(shot.height, shot.width, tuple(hold_out(shot, tile) for tile in drawn))
+        return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:
-        if mesh not in self._meshes:
-            if len(self._meshes) >= _KEPT_MESHES:
-                self._meshes.pop(next(iter(self._meshes)))
-            self._meshes[mesh] = upload_mesh(mesh)
-        return self._meshes[mesh]
+        return self._cache.get("mesh", mesh, lambda: upload_mesh(mesh), keep=_KEPT_MESHES)

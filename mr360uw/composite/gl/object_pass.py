@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred
@@ -25,12 +26,13 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
-from mr360uw.types import Floats, Tile
+from mr360uw.types import Floats, Rectangle, Tile
 
-_CHANNELS = ((4, 1), (4,) * 5, (4,) * 4)
+_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
 """Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
 _AT_ONCE = 1 << 19
 _KEPT = 1 << 21
+"""Fragments, about 100 bytes each, above which they are found anew for every frame."""
 
 
 class ObjectPass:
@@ -39,10 +41,11 @@ class ObjectPass:
     buffers: gives the device's copy of a mesh.
     """
 
-    def __init__(self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers]) -> None:
-        self._targets, self._light, self._buffers = targets, light, buffers
-        self._surfaces = SurfacePass(targets, buffers)
-        self._kept: tuple[object, list[Fragments], NDArray[np.int64]] | None = None
+    def __init__(
+        self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers], cache: Cache
+    ) -> None:
+        self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
+        self._surfaces = SurfacePass(targets, buffers, cache)
 
     def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None) -> None:
         """Lay the objects of a shot behind what tiles hold. frame: gathers output variables where there is one."""
@@ -63,17 +66,11 @@ class ObjectPass:
             add_behind(tiles, fragments, color, fragments.smallest(values[:, 4]))
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
-        key = (
-            shot.width, shot.height, shot.samples, shot.shading, shot.camera_position.tobytes(),
-            shot.world_from_camera.tobytes(), tuple((p.mesh, p.world_from_object.tobytes()) for p in objects),
-        )  # fmt: skip
-        if self._kept is None or self._kept[0] != key:
-            layers, first = self._surfaces.find(shot, objects)
-            if sum(len(layer) for layer in layers) > _KEPT:
-                self._kept = None
-                return layers, first
-            self._kept = key, layers, first
-        return self._kept[1], self._kept[2]
+        key = (shot.view.key, shot.draw.samples, shot.draw.shading, tuple(placed.key for placed in objects))
+        layers, first = self._cache.get("surfaces", key, lambda: self._surfaces.find(shot, objects))
+        if sum(len(layer) for layer in layers) > _KEPT:
+            self._cache.drop("surfaces")
+        return layers, first
 
     def _light_up(
         self,
@@ -121,15 +118,15 @@ class ObjectPass:
         self._light.set(shader)
         set_uniforms(
             shader,
-            world_from_camera=shot.world_from_camera.T,
-            frame_size=(shot.width, shot.height),
+            world_from_camera=shot.view.world_from_camera.T,
+            frame_size=(shot.view.width, shot.view.height),
             count=len(entries),
-            filter_width=filter_width(shot.samples, shot.shading),
+            filter_width=filter_width(shot.draw.samples, shot.draw.shading),
             blended=blended,
         )
         rows = lane_rows(len(entries))
         target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
-        part = (0, 0, LANE_COLUMNS, rows)
+        part = Rectangle(0, 0, LANE_COLUMNS, rows)
         self._targets.fill(target, shader, part)
         images = [read_attachment(target, k, part) for k in range(len(_CHANNELS[outputs]))]
         return np.concatenate([in_lane_order(image)[: len(entries)] for image in images], axis=1)
@@ -138,7 +135,7 @@ class ObjectPass:
 def _add_variables(
     frame: AovFrame, fragments: Fragments, share: Floats, values: Floats, body: NDArray[np.int64]
 ) -> None:
-    """Add the output variables (n, 36) of fragments that have a share (n,) in their pixels."""
+    """Add the output variables (n, 40) of fragments that have a share (n,) in their pixels."""
     at = fragments.row, fragments.column
     for k, name in enumerate(SUMS):
         frame.sums[name][at] += fragments.sums(share[:, None] * values[:, 4 * k : 4 * k + 3])

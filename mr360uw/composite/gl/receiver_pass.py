@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache, Same
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.lighting.light import scattered_share, widest_half_angle
+from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import SMOOTH, corner_light, free_images
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
@@ -30,8 +31,7 @@ from mr360uw.composite.receiver.shape import (
     touched_cells,
 )
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.composite.tiles import Rectangle
-from mr360uw.types import Floats, Tile
+from mr360uw.types import Rectangle, Tile
 
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
 _OF_DISC, _ALL = 2.0, 3.0
@@ -55,11 +55,8 @@ class Changes:
 class ReceiverPass:
     """Draws the receivers of shots; keeps what is known of one that stands still before the camera."""
 
-    def __init__(self, targets: Targets, light: LightTextures) -> None:
-        self._shader = GroundShader(targets, light)
-        self._shape: tuple[Receiver, bytes, ReceiverShape] | None = None
-        self._grid: tuple[object, Floats | None, CoarseGrid] | None = None
-        self._ground: tuple[object, Ground] | None = None
+    def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
+        self._shader, self._cache = GroundShader(targets, light), cache
 
     def find(self, shot: Shot) -> Changes | None:
         """Return where the receiver may change; None without one."""
@@ -73,46 +70,45 @@ class ReceiverPass:
         """Write ratio and veil of what changes into the tiles."""
         if changes is None or not changes.rectangles or shot.receiver is None:
             return
-        ground = self._known_ground(shot, shot.receiver)
+        ground = self._ground(shot, shot.receiver)
         blocks = _blocks(changes.grid, changes.touched.at_all, ground)
         shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
-        ground.know(shot, blocks)
-        light = self._block_light(shot, shot.receiver, ground, blocks, shaded)
+        ground.load_blocks(shot, blocks)
+        light = self._block_light(shot, ground, blocks, shaded, _blocks(changes.grid, changes.touched.by_lamps, ground))
         for tile in tiles:
-            lay_receiver(light, tile, shot.width, shot.height)
+            lay_receiver(light, tile, shot.view.width, shot.view.height)
 
     # --- what is kept ------------------------------------------------------------------------------------------------
 
-    def _receiver_shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
-        place = shot.camera_position.tobytes()
-        if self._shape is None or self._shape[0] is not receiver or self._shape[1] != place:
-            self._shape = receiver, place, ReceiverShape(receiver, shot.camera_position)
-            self._grid = self._ground = None
-        return self._shape[2]
+    def _shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
+        key = (receiver, shot.view.position.tobytes())
+        return self._cache.get("receiver shape", key, lambda: ReceiverShape(receiver, shot.view.position))
 
     def _coarse_grid(self, shot: Shot, receiver: Receiver) -> CoarseGrid:
-        shape = self._receiver_shape(shot, receiver)
         # of the water the grid needs what it lets through, which stays the same where its veil follows the plate
-        through = None if shot.medium is None else shot.medium.attenuation
-        view = shot.width, shot.height, shot.world_from_camera.tobytes()
-        if self._grid is None or self._grid[0] != view or self._grid[1] is not through:
-            self._grid = view, through, coarse_grid(shot, shape)
-        return self._grid[2]
+        through = None if shot.medium is None else Same(shot.medium.attenuation)
+        key = (receiver, shot.view.key, through)
+        return self._cache.get("receiver grid", key, lambda: coarse_grid(shot, self._shape(shot, receiver)))
 
-    def _known_ground(self, shot: Shot, receiver: Receiver) -> Ground:
-        shape = self._receiver_shape(shot, receiver)
-        view = shot.width, shot.height, shot.world_from_camera.tobytes()
-        if self._ground is None or self._ground[0] != view:
-            self._ground = view, Ground(shot, shape)
-        return self._ground[1]
+    def _ground(self, shot: Shot, receiver: Receiver) -> Ground:
+        key = (receiver, shot.view.key)
+        return self._cache.get("ground", key, lambda: Ground(shot, self._shape(shot, receiver)))
 
     # --- what falls on blocks ----------------------------------------------------------------------------------------
 
     def _block_light(
-        self, shot: Shot, receiver: Receiver, ground: Ground, blocks: NDArray[np.bool_], shaded: NDArray[np.bool_]
+        self,
+        shot: Shot,
+        ground: Ground,
+        blocks: NDArray[np.bool_],
+        shaded: NDArray[np.bool_],
+        by_lamps: NDArray[np.bool_],
     ) -> BlockLight:
+        receiver = shot.receiver
+        assert receiver is not None
         j, i = np.nonzero(blocks)
-        rough = ground.rough[j, i]
+        lamplit = by_lamps[j, i]
+        rough = ground.rough[j, i] | lamplit
         corner = corner_light(shot, ground, blocks)
         free = free_images(shot, ground, corner, j, i)
         edge, umbra, halo = self._see_sun(shot, ground, shaded, corner, j, i)
@@ -126,15 +122,17 @@ class ReceiverPass:
             (~rough & (edge == _SHARP) & ~wavy, {"SHADOW"}, BLOCK),
             (~rough & (edge != _NO_EDGE) & wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
             (~rough & (edge == _NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
-            (rough, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
+            (rough & ~lamplit, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
+            (lamplit, {"ROUGH", "SHADOW", "CAUSTICS", "LAMPS"}, BLOCK),
         )
         seen: Gathered = []
         waves: Gathered = []
         shape: Gathered = []
+        added: Gathered = []
         for which, asked, side in kinds:
             if not np.any(which):
                 continue
-            wanted = frozenset(asked) & {"ROUGH", *of_sun}
+            wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
             falls, *own = self._shader.pixels(shot, ground, j[which], i[which], halo[which], wanted, side)
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else _enlarged(falls)))
@@ -142,7 +140,9 @@ class ReceiverPass:
                 waves.append((which, falls[..., :3]))
             if own:
                 shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
-        own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape)))
+            if "LAMPS" in wanted:
+                added.append((which, own[2][..., :3]))
+        own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, corner, free, *own_pixels)
 
     def _see_sun(
@@ -161,19 +161,19 @@ class ReceiverPass:
         """
         edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
         halo = np.full((*shaded.shape, 4), -1.0, np.float32)
-        if np.any(shaded) and shot.sun is not None:
+        if np.any(shaded) and (sun := sun_of(shot)) is not None:
             cj, ci = np.nonzero(ground.corners_of(shaded))
             mj, mi = np.nonzero(shaded)
             places = np.zeros((len(cj) + len(mj), 4), np.float32)
             places[: len(cj), :3] = ground.corner_point[cj, ci]
             places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-            sun = self._shader.sun_at(places)
-            corner[cj, ci, SEEN] = sun[: len(cj), 0]
+            visible = self._shader.sun_at(places)
+            corner[cj, ci, SEEN] = visible[: len(cj), 0]
             at_corners = np.zeros(corner.shape[:2], np.float32)
-            at_corners[cj, ci] = sun[: len(cj), 1]
-            seen, halo_seen, kept, gap = sun[len(cj) :].T
+            at_corners[cj, ci] = visible[: len(cj), 1]
+            seen, halo_seen, kept, gap = visible[len(cj) :].T
             reach = ground.reach_m[mj, mi]
-            of_disc, of_halo = 2.0 * np.tan(shot.sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
+            of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
             missed = np.abs(seen - ground.middle_between(corner[..., SEEN], mj, mi))
             narrow = np.where(kept == _OF_DISC, of_disc, of_halo) < _WIDE * reach
             sharp = narrow | (missed > _HALVED * SMOOTH)

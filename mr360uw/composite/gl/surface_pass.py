@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, in_lane_order, lane_rows, make_blocks
 from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
@@ -24,7 +25,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import BLEND_LAYERS, GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, pattern
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle
 
 _PROBES = np.array(
     [(0.5, 0.5), (0.5, 0.17), (0.79, 0.67), (0.21, 0.67), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
@@ -49,14 +50,14 @@ class _Draw:
 class SurfacePass:
     """Finds the surfaces of shots. buffers: gives the device's copy of a mesh."""
 
-    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets = targets
-        self._facets = FacetPass(targets, buffers)
+        self._facets = FacetPass(targets, buffers, cache)
 
     def find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         """Return the layers of surfaces, the nearest first and the opaque ones last; each object's first triangle."""
         facets = self._facets.draw(shot, objects)
-        blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.width)
+        blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
         defines = {"CUTOUTS": 1} if "cutouts" in textures else {}
         layers = []
@@ -85,10 +86,10 @@ class SurfacePass:
     def _surfaces(self, draw: _Draw, blocks: Blocks) -> Iterator[Fragments]:
         """Yield the fragments of the pixels of blocks."""
         shot = draw.shot
-        samples = pattern(shot.samples)
+        samples = pattern(shot.draw.samples)
         row, column = blocks.pixels()
-        inside = (row < shot.height) & (column < shot.width)
-        if shot.shading == "sample":
+        inside = (row < shot.view.height) & (column < shot.view.width)
+        if shot.draw.shading == "sample":
             yield self._by_sample(draw, samples, row, column, inside)
             return
         number = np.flatnonzero(inside)
@@ -164,16 +165,16 @@ class SurfacePass:
         }  # fmt: skip
         shader = self._targets.program("visible", {**every, **draw.defines, **defines})
         bind(shader, draw.textures)
-        set_uniforms(shader, frame_size=(shot.width, shot.height), layer=draw.layer)
+        set_uniforms(shader, frame_size=(shot.view.width, shot.view.height), layer=draw.layer)
         filled = np.concatenate([positions, positions[-1:].repeat(4 * fours - len(positions), axis=0)])
         write_uniform(shader, "turns", _turns(shot, filled))
-        steps = shot.samples**-0.5 * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])
+        steps = shot.draw.samples**-0.5 * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])
         write_uniform(shader, "beside", _turns(shot, positions[0] + steps))
         if cells is not None:
             write_uniform(shader, "cells", np.resize(cells, (4 * fours, 2)).astype(np.float32))
         rows = lane_rows(count)
         target = self._targets.target(f"visible {len(channels)}", LANE_COLUMNS, rows, channels)
-        part = (0, 0, LANE_COLUMNS, rows)
+        part = Rectangle(0, 0, LANE_COLUMNS, rows)
         self._targets.fill(target, shader, part)
         images = [in_lane_order(read_attachment(target, k, part))[:count] for k in range(len(channels))]
         return np.concatenate(images, axis=1)
@@ -181,6 +182,6 @@ class SurfacePass:
 
 def _turns(shot: Shot, positions: Floats) -> Floats:
     """Return (cosine, sine) of longitude and latitude from a pixel's corner to positions (r, 2) in it: (r, 4)."""
-    angles = positions * (2.0 * np.pi / shot.width, -np.pi / shot.height)
+    angles = positions * (2.0 * np.pi / shot.view.width, -np.pi / shot.view.height)
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
     return turns.astype(np.float32)

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mr360uw.composite.tiles import Rectangle
 from mr360uw.gl.context import gl_context, program, set_uniforms
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle
 
 if TYPE_CHECKING:
     import moderngl
@@ -66,11 +65,11 @@ class Targets:
         What it discards is zero. Returns the first of the target's textures, which may be larger.
         """
         target = self.target(name, width, height, channels)
-        part = part or (0, 0, width, height)
+        part = part or Rectangle(0, 0, width, height)
         target.use()
         target.clear(viewport=part)
         target.scissor = part
-        self.fill(target, shader, (0, 0, width, height))
+        self.fill(target, shader, Rectangle(0, 0, width, height))
         target.scissor = None  # type: ignore[assignment]
         image: Any = target.color_attachments[0]
         return image
@@ -79,7 +78,7 @@ class Targets:
         """Return the images (h, w, c), float32, of a kept target."""
         target = self._targets[name]
         return [
-            read_attachment(target, attachment, (0, 0, width, height))
+            read_attachment(target, attachment, Rectangle(0, 0, width, height))
             for attachment in range(len(target.color_attachments))
         ]
 

@@ -86,20 +86,20 @@ def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
     return texture_from_array(padded.reshape(rows, _LIST_COLUMNS, channels))
 
 
-def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[int, MapEntry]]:
-    """Return chosen channels of all levels of textures in one texture, and by identity what texture.glsl wants of each.
+def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
+    """Return chosen channels of all levels of textures in one texture, and what texture.glsl wants of each.
 
     Raises `MeshError` where it is larger than OpenGL allows.
     """
     pieces: list[Any] = []
-    entries: dict[int, MapEntry] = {}
+    entries: dict[Texture, MapEntry] = {}
     total, width = 0, len(range(4)[channels])
     for texture in textures:
-        if id(texture) in entries:
+        if texture in entries:
             continue
         wrap = WRAPS.index(texture.wrap[0]) + 3 * WRAPS.index(texture.wrap[1])
         columns, rows = texture.size
-        entries[id(texture)] = float(total // _STORE_ALIGNMENT), float(columns), float(rows), float(wrap)
+        entries[texture] = float(total // _STORE_ALIGNMENT), float(columns), float(rows), float(wrap)
         pieces += [level[..., channels].reshape(-1, width) for level in texture.levels]
         size = sum(level.shape[0] * level.shape[1] for level in texture.levels)
         pad = -size % _STORE_ALIGNMENT
@@ -122,7 +122,7 @@ def _cut_maps(mesh: Mesh) -> tuple[Texture, ...]:
     return tuple(dict.fromkeys(maps))
 
 
-def _material_texels(m: Material, entries: dict[int, MapEntry], cut_maps: Sequence[Texture]) -> Floats:
+def _material_texels(m: Material, entries: dict[Texture, MapEntry], cut_maps: Sequence[Texture]) -> Floats:
     cut = m.alpha_mode == "MASK" and m.base_map is not None
     maps = (m.base_map, m.metallic_roughness_map, m.normal_map, m.occlusion_map, m.emission_map)
     cut_map = float(cut_maps.index(m.base_map)) if cut else -1.0
@@ -132,7 +132,7 @@ def _material_texels(m: Material, entries: dict[int, MapEntry], cut_maps: Sequen
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
             (*m.emission, 0.0),
             (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
-            *(_NO_MAP if texture is None else entries[id(texture)] for texture in maps),
+            *(_NO_MAP if texture is None else entries[texture] for texture in maps),
         ],
         np.float32,
     )

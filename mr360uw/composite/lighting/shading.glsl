@@ -30,7 +30,7 @@ vec3 reflectance(vec3 f0, vec2 split) {
     return single * (1.0 + f0 * (1.0 / max(split.x + split.y, 1e-3) - 1.0));
 }
 
-vec3 sun_highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_dot_h, float v_dot_h, float half_angle) {
+vec3 highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_dot_h, float v_dot_h, float half_angle) {
     float wide = min(max(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0);
     float lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l;
     float grazing = pow(clamp(1.0 - v_dot_h, 0.0, 1.0), 5.0);

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light on a surface: metallic-roughness with a split-sum environment and a sun.
+"""Light on a surface: metallic-roughness with a split-sum environment and directed lights.
 
     symbol          here            unit     meaning
     alpha           alpha           1        width of the GGX lobe, roughness^2
@@ -78,12 +78,12 @@ def reflectance(f0: Floats, split: Floats) -> Floats:
     return single * (1.0 + f0 * (1.0 / np.maximum(split[..., :1] + split[..., 1:], 1e-3) - 1.0))
 
 
-def sun_highlight(
+def highlight(
     f0: Floats, alpha: Floats, n_dot_v: Floats, n_dot_l: Floats, n_dot_h: Floats, v_dot_h: Floats, half_angle: ArrayLike
 ) -> Floats:
-    """Return the radiance (..., 3) of the sun's reflection for an irradiance of 1 across the beam.
+    """Return the radiance (..., 3) of a light's reflection for an irradiance of 1 across its beam.
 
-    The disc of the sun widens the lobe by half its angular radius (Karis 2013, sphere lights).
+    The disc of the light widens the lobe by half its angular radius (Karis 2013, sphere lights).
     """
     wide = np.minimum(np.maximum(alpha, MINIMUM_ALPHA) + 0.5 * np.asarray(half_angle), 1.0)
     lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l

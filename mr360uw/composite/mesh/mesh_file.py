@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.cache import Same
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.obj_material import obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part, placed
@@ -35,7 +36,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     scene = _load_scene(path)
     parts: list[Part] = []
     materials: list[Material] = []
-    known: dict[int, int] = {}
+    known: dict[Same, int] = {}
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -43,7 +44,7 @@ def read_mesh_file(path: Path) -> MeshFile:
             notes += (f"{path} - has points or lines - they are not drawn",)
             continue
         source = getattr(geometry.visual, "material", None)
-        index = known.setdefault(id(source), len(materials))
+        index = known.setdefault(Same(source), len(materials))
         if index == len(materials):
             materials.append(Material(double_sided=True) if source is None else simple_material(source))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))

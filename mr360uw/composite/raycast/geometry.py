@@ -13,9 +13,8 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_level, texture_lookup
 from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import Rectangle, rectangles_of_bodies
-from mr360uw.sphere import direction_from_frame
-from mr360uw.types import Floats
+from mr360uw.composite.tiles import rectangles_of_bodies
+from mr360uw.types import Floats, Rectangle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,14 +76,9 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
     for placed in shot.objects:
         if placed.visible:
             hull = placed.mesh.hull
-            points = (placed.to_world(hull.reshape(-1, 3)) - shot.camera_position) @ shot.world_from_camera
+            points = (placed.to_world(hull.reshape(-1, 3)) - shot.view.position) @ shot.view.world_from_camera
             seen.append(points.reshape(hull.shape))
-    return [r for r in rectangles_of_bodies(seen, shot.width, shot.height) if r[3] > 0]
-
-
-def view_directions(shot: Shot, x: Floats, y: Floats) -> Floats:
-    """Return the world directions (..., 3) seen at frame coordinates."""
-    return direction_from_frame(x, y, shot.width, shot.height) @ shot.world_from_camera.T
+    return [r for r in rectangles_of_bodies(seen, shot.view.width, shot.view.height) if r[3] > 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,8 +139,8 @@ def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats
 
 def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, pixel: float) -> Hits:
     """Return what the rays at frame coordinates (n,) meet on known triangles; `pixel` is the width to filter over."""
-    direction = view_directions(shot, x, y)
-    neighbours = np.stack([view_directions(shot, x + pixel, y), view_directions(shot, x, y + pixel)], axis=1)
+    direction = shot.view.directions(x, y)
+    neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
     corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]
     weights, distance = barycentric(corners, direction)
     change = uv_change(corners, uv_corners, weights, neighbours)
@@ -192,7 +186,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
         emission=emission,
         occlusion=occlusion,
         refractive_index=index,
-        footprint_m=distance * np.pi / shot.height * pixel,
+        footprint_m=distance * np.pi / shot.view.height * pixel,
     )
 
 

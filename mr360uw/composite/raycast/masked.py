@@ -36,12 +36,13 @@ class MaskedScene:
         """Whether there are any."""
         return len(self._triangle) > 0
 
-    def occluded(self, origins: Floats, directions: Floats) -> NDArray[np.bool_]:
-        """Return whether each ray (n,) meets a triangle where its mask is closed."""
+    def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
+        """Return whether each ray (n,) meets a triangle where its mask is closed, nearer than `reach_m`."""
         blocked = np.zeros(len(origins), np.bool_)
         if not self.there:
             return blocked
         active, start, geometry = np.arange(len(origins)), np.array(origins, np.float64), self._geometry
+        left = np.array(np.broadcast_to(reach_m, len(origins)), np.float64)
         for _ in range(_MAXIMUM_HITS):
             met = self._scene.first_hit(start[active], directions[active])
             active, triangle = active[met >= 0], self._triangle[met[met >= 0]]
@@ -50,9 +51,11 @@ class MaskedScene:
             rays = directions[active]
             weights, distance = barycentric(geometry.positions[triangle] - start[active, None], rays)
             alpha = base_color(geometry, triangle, weights, np.zeros((len(active), 2, 2)))[:, 3]
-            closed = alpha >= self._cutoff[geometry.material[triangle]]
+            within = distance < left[active]
+            closed = within & (alpha >= self._cutoff[geometry.material[triangle]])
             blocked[active[closed]] = True
             onwards = np.maximum(distance, 0.0) * (1.0 + 4e-6) + 1e-6
             start[active] += onwards[:, None] * rays
-            active = active[~closed]
+            left[active] -= onwards
+            active = active[within & ~closed]
         return blocked

@@ -40,9 +40,17 @@ class RayScene:
         """Return the number of the nearest triangle along each ray (n,), -1 for none."""
         return self._query(origins, directions, "INTERSECT")
 
-    def occluded(self, origins: Floats, directions: Floats) -> NDArray[np.bool_]:
-        """Return whether each ray (n,) hits anything."""
-        return self._query(origins, directions, "OCCLUDED") >= 0
+    def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
+        """Return whether each ray (n,) hits anything nearer than `reach_m`, (n,) or a number for all."""
+        if np.all(np.isinf(reach_m)):
+            return self._query(origins, directions, "OCCLUDED") >= 0
+        triangle = self.first_hit(origins, directions)
+        hit = np.flatnonzero(triangle >= 0)
+        corners = self.triangles[triangle[hit]] - np.asarray(origins)[hit, None]
+        _, distance = barycentric(corners, np.asarray(directions)[hit])
+        blocked = np.zeros(len(origins), np.bool_)
+        blocked[hit] = distance < np.broadcast_to(reach_m, len(origins))[hit]
+        return blocked
 
     def _query(self, origins: Floats, directions: Floats, query: str) -> NDArray[np.int64]:
         if len(self.triangles) == 0 or len(origins) == 0:

@@ -5,15 +5,13 @@ of their pixels.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.light import Light, unblocked
 from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
-from mr360uw.composite.raycast.geometry import view_directions
+from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.receiver.ratio import ambient_share, unblocked
 from mr360uw.composite.receiver.receiver_kernel import (
     CORNER_CHANNELS,
     FREE,
@@ -37,12 +35,11 @@ def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArr
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
-    light = Light(replace(shot, caustics=None, objects=()), np.zeros((0, 3, 3)))
     of = slice(None)
     if shot.receiver is not None and shot.receiver.plane_y is not None:
         there = int(np.argmax(point[:, 1] != 0.0))
         of = slice(there, there + 1)  # a level plane has one share all over
-    corner[j, i, SHARE] = light.receiver_share(point[of], normal[of])
+    corner[j, i, SHARE] = ambient_share(shot, light_sources(shot), point[of], normal[of])
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
         corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
@@ -70,8 +67,7 @@ def _free(shot: Shot, point: Floats, normal: Floats) -> Floats:
     """Return the part (...,) of the ambient light that bodies leave on places (..., 3), float32."""
     if shot.receiver is None or not shot.receiver.occlusion:
         return np.ones(point.shape[:-1], np.float32)
-    casters = [placed for placed in shot.objects if placed.casts_shadow]
-    return unblocked(ambient_blocked(point, normal, surfel_table(casters, shot.camera_position)))
+    return unblocked(ambient_blocked(point, normal, surfel_table(shot.casters, shot.view.position)))
 
 
 def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
@@ -79,5 +75,5 @@ def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[F
     pixels = ground.pixels(shot, j, i)
     inside = np.arange(BLOCK) + 0.5
     x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
-    point = view_directions(shot, x, y) * pixels[..., 3:]
+    point = shot.view.directions(x, y) * pixels[..., 3:]
     return point.astype(np.float32), pixels[..., :3]

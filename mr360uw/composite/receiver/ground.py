@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.composite.lighting.light import FADE_FROM
-from mr360uw.composite.raycast.geometry import view_directions
+from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
@@ -32,7 +31,7 @@ Indices = NDArray[np.int64]
 
 
 class Ground:
-    """What is known of a receiver before a camera that stands still; `know` adds to it.
+    """The receiver before a camera that stands still: points and normals of the blocks that `load_blocks` was given.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
     corner (j, i) is the frame's point (8 i, 8 j). reach_m: (R, C) a ball of that radius about the middle holds the
@@ -41,13 +40,13 @@ class Ground:
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
         self._shape = shape
-        self._height = shot.height
-        self.rows, self.columns = -(-shot.height // BLOCK), -(-shot.width // BLOCK)
+        self._height = shot.view.height
+        self.rows, self.columns = -(-shot.view.height // BLOCK), -(-shot.view.width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
         self.corner_point, self.corner_normal = np.zeros((2, *corners, 3), np.float32)
         self.middle_point, self.middle_normal = np.zeros((2, *blocks, 3), np.float32)
         self.reach_m = np.zeros(blocks, np.float32)
-        self.rough = np.full(blocks, _WIDEST_TURN * shot.width < BLOCK)
+        self.rough = np.full(blocks, _WIDEST_TURN * shot.view.width < BLOCK)
         self._known_corner, self._known_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
         self._image_at = np.full(blocks, -1, np.int64)
         self._images = np.zeros((0, BLOCK, BLOCK, 4), np.float32)
@@ -60,8 +59,8 @@ class Ground:
                 corners[down : self.rows + down, right : self.columns + right] |= blocks
         return corners
 
-    def know(self, shot: Shot, blocks: NDArray[np.bool_]) -> None:
-        """Look at a set of blocks (R, C), and their corners, that are not known yet."""
+    def load_blocks(self, shot: Shot, blocks: NDArray[np.bool_]) -> None:
+        """Find points and normals of a set of blocks (R, C) and their corners, where that has not been done."""
         new = blocks & ~self._known_block
         if not np.any(new):
             return
@@ -89,7 +88,7 @@ class Ground:
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
         distance, normal = self._shape.meet(shot, x, y)
         there = np.isfinite(distance)
-        point = view_directions(shot, x, y) * np.where(there, distance, 0.0)[..., None]
+        point = shot.view.directions(x, y) * np.where(there, distance, 0.0)[..., None]
         return point, np.where(there[..., None], normal, 0.0)
 
     def _look_closely(self, shot: Shot, j: Indices, i: Indices) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what is known of blocks of the receiver to the ratio and veil of their pixels: one compiled pass.
 
-    ratio = 1 + weight (share free + (1 - share) seen waves - 1)
+    ratio = 1 + weight (share free + (1 - share) seen waves + added - 1)
 
-with the symbols of light.py. Each is a straight line between the corners of a block unless an image of the block's own
+with the symbols of ratio.py. Each is a straight line between the corners of a block unless an image of the block's own
 pixels is there.
 """
 
@@ -51,7 +51,7 @@ class BlockLight:
     """What falls on blocks of the receiver.
 
     row, column: (n,) of the blocks. corner: (R + 1, C + 1, 8) float32, channels SHARE, VEIL, FREE, SEEN. own: images of
-    pixels instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil).
+    pixels instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil), added (3; none: 0).
     """
 
     row: NDArray[np.int64]
@@ -61,13 +61,16 @@ class BlockLight:
     seen: PixelImages
     waves: PixelImages
     shape: PixelImages
+    added: PixelImages
 
 
 def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None:
     """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left."""
     _lay(
         light.row, light.column, light.corner, light.free.at, light.free.image, light.seen.at, light.seen.image,
-        light.waves.at, light.waves.image, light.shape.at, light.shape.image, width, height, tile.row, tile.column,
+        light.waves.at, light.waves.image, light.shape.at, light.shape.image,
+        light.added.at, light.added.image, width,
+        height, tile.row, tile.column,
         tile.ratio, tile.veil,
     )  # fmt: skip
 
@@ -75,9 +78,10 @@ def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
-    shape_at: Any, shape: Any, width: int, height: int, first_row: int, first_column: int, ratio: Any, veil: Any,
+    shape_at: Any, shape: Any, added_at: Any, added: Any,
+    width: int, height: int, first_row: int, first_column: int, ratio: Any, veil: Any,
 ) -> None:  # fmt: skip
-    one, half, least = np.float32(1.0), np.float32(0.5), np.float32(_CHANGED)
+    one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
     # one row of a block: its light as `corner` has it, the change of the plate, how much of it is shown
     line, change = np.empty((8, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
     weight = np.empty(BLOCK, np.float32)
@@ -90,7 +94,7 @@ def _lay(
             continue
         a, b = corner[row[n], column[n]], corner[row[n], column[n] + 1]
         c, d = corner[row[n] + 1, column[n]], corner[row[n] + 1, column[n] + 1]
-        f, s, w, g = free_at[n], seen_at[n], waves_at[n], shape_at[n]
+        f, s, w, g, p = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
         if f < 0 and s < 0 and w < 0 and g < 0:
             darkest = min(a[6] * a[7], b[6] * b[7], c[6] * c[7], d[6] * d[7])
             if darkest > one - least:
@@ -119,7 +123,8 @@ def _lay(
                         line[3 + k, i] = shape[g, j, i, 4 + k]
                 for i in range(BLOCK):
                     sun = line[7, i] * (waves[w, j, i, k] if w >= 0 else one)
-                    change[k, i] = weight[i] * (line[k, i] * line[6, i] + (one - line[k, i]) * sun - one)
+                    more = added[p, j, i, k] if p >= 0 else zero
+                    change[k, i] = weight[i] * (line[k, i] * line[6, i] + (one - line[k, i]) * sun + more - one)
             for x in range(x0, x1):
                 i = x - left
                 if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:

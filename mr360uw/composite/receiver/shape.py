@@ -13,15 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.light import UNNOTICED, widest_half_angle
+from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.occlusion import mark_occluded, mark_shaded, surfel_table
 from mr360uw.composite.lighting.shadow import basis
-from mr360uw.composite.raycast.geometry import view_directions
+from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.raycast.rays import RayScene, barycentric
+from mr360uw.composite.receiver.ratio import UNNOTICED, added_light
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.composite.tiles import Rectangle, rectangles_of_mask
+from mr360uw.composite.tiles import rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle
 
 RECTANGLE_COST_PX = 16384
 """Pixels that take as long as what every further rectangle costs by itself."""
@@ -48,7 +50,7 @@ class ReceiverShape:
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
         x, y = np.broadcast_arrays(x, y)
-        direction = view_directions(shot, x, y)
+        direction = shot.view.directions(x, y)
         receiver = self._receiver
         if receiver.plane_y is not None:
             height = receiver.plane_y - self._camera[1]
@@ -80,9 +82,9 @@ class ReceiverShape:
         """Distance map: the plane that touches the surface in the nearest texel."""
         assert self._planes is not None
         rows, columns = self._planes.shape[:2]
-        i = np.floor(x * columns / shot.width).astype(np.int64) % columns
-        j = np.clip(np.floor(y * rows / shot.height).astype(np.int64), 0, rows - 1)
-        plane = np.asarray(self._planes[j, i], np.float64) @ shot.world_from_camera.T
+        i = np.floor(x * columns / shot.view.width).astype(np.int64) % columns
+        j = np.clip(np.floor(y * rows / shot.view.height).astype(np.int64), 0, rows - 1)
+        plane = np.asarray(self._planes[j, i], np.float64) @ shot.view.world_from_camera.T
         size = np.linalg.norm(plane, axis=-1)
         # a plane nearly along the ray ends within the texel
         inverse = np.maximum(np.sum(plane * direction, -1), EDGE_ON * size)
@@ -111,18 +113,19 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height: towards the horizon
     a cell reaches far along the ground.
     """
-    cell = max(shot.width // _COLUMNS, 1), max(shot.width // (4 * _COLUMNS), 1)
-    columns, rows = -(-shot.width // cell[0]), -(-shot.height // cell[1])
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], shot.height))
+    width, height = shot.view.width, shot.view.height
+    cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
+    columns, rows = -(-width // cell[0]), -(-height // cell[1])
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height))
     distance, normal = shape.meet(shot, x, y)
-    direction = view_directions(shot, x, y)
+    direction = shot.view.directions(x, y)
     seen = np.isfinite(distance)
     if shot.medium is not None:
         through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])
         seen &= through.max(axis=-1) > NEGLIGIBLE
     distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
-    along, across = (n * np.pi / shot.width for n in cell[::-1])
+    along, across = (n * np.pi / width for n in cell[::-1])
     reach = distance * np.hypot(along / cosine, across)
     index = np.flatnonzero(seen)
     return CoarseGrid(cell, seen.shape, index, direction * distance[:, None], normal, reach)
@@ -130,34 +133,50 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touched:
-    """Which cells of a grid (n,) something changes: by the sun's shadow at most, and by anything."""
+    """Which cells of a grid (n,) something changes: at most the sun's shadow, the light of lamps, and anything."""
 
     by_shadow: NDArray[np.bool_]
+    by_lamps: NDArray[np.bool_]
     at_all: NDArray[np.bool_]
 
 
 def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
-    """Return which cells of the receiver objects, or caustics, change."""
-    receiver, sun = shot.receiver, shot.sun
+    """Return which cells of the receiver objects, caustics or lamps change."""
+    receiver, sun = shot.receiver, sun_of(shot)
     assert receiver is not None
-    casters = [placed for placed in shot.objects if placed.casts_shadow]
+    casters = shot.casters
     marks = np.zeros(len(grid.index), np.bool_)
-    lit = sun is not None and sun.direction[1] > 0.0
-    boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.camera_position) for placed in casters]
-    if receiver.shadow and sun is not None and lit:
+    boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position) for placed in casters]
+    if receiver.shadow and sun is not None:
         spread = float(np.tan(widest_half_angle(shot)))
         for box in boxes:
             mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
     by_shadow = marks.copy()
     if receiver.occlusion:
         for placed, box in zip(casters, boxes, strict=True):
-            surfels = surfel_table([placed], shot.camera_position)
+            surfels = surfel_table([placed], shot.view.position)
             # a cell's middle stands for all of it
             least = 0.75 * UNNOTICED
             mark_occluded(grid.point, grid.normal, grid.reach_m, box.center, box.radius, surfels, least, marks)
-    if receiver.caustics and shot.caustics is not None and lit:
+    if receiver.caustics and shot.caustics is not None and sun is not None:
         marks[:] = True
-    return Touched(by_shadow, marks)
+    by_lamps = _lit_cells(shot, grid)
+    return Touched(by_shadow, by_lamps, marks | by_lamps)
+
+
+def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
+    """Return which cells lamps light, and those around them: the middle of a cell stands for it."""
+    if not lamps_of(shot):
+        return np.zeros(len(grid.index), np.bool_)
+    lit = added_light(shot, light_sources(shot), grid.point, grid.normal, shadows=False).max(axis=-1) > NEGLIGIBLE
+    if not np.any(lit):
+        return lit
+    mask = np.zeros(grid.shape, np.bool_)
+    mask.flat[grid.index[lit]] = True
+    mask |= np.roll(mask, 1, axis=1) | np.roll(mask, -1, axis=1)
+    mask[1:] |= mask[:-1].copy()
+    mask[:-1] |= mask[1:].copy()
+    return np.asarray(mask.flat[grid.index])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +210,8 @@ def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[
     mask = np.zeros(grid.shape, bool)
     mask.flat[grid.index[touched.at_all]] = True
     width, height = grid.cell
+    across, high = shot.view.width, shot.view.height
     return [
-        (c * width, r * height, min(columns * width, shot.width), min(rows * height, shot.height - r * height))
+        Rectangle(c * width, r * height, min(columns * width, across), min(rows * height, high - r * height))
         for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
     ]

@@ -1,6 +1,7 @@
 // the light of fragments: each a place on a triangle of a body, seen through the water (composite/lighting/light.py)
 #include "composite/gl/shaders/blocks.glsl"
-#include "composite/gl/shaders/light.glsl"
+#include "composite/gl/shaders/lamps.glsl"
+#include "composite/gl/shaders/sun.glsl"
 uniform sampler2D fragments, bodies;
 uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, glossy, caustic_ratio;
@@ -11,11 +12,16 @@ uniform float filter_width;
 uniform bool blended;
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
 uniform float glossy_roughness[8];
-uniform Lights lights;
+uniform View view;
+uniform Sun sun;
+uniform Shadows shadows;
+uniform int glossy_levels;
+uniform float outside_index;
+uniform int first_lamp;
 uniform MediumTable medium;
 uniform CausticStack stack;
 #if OUTPUTS == 1
-layout(location = 0) out vec4 parts_out[5];
+layout(location = 0) out vec4 parts_out[6];
 #elif OUTPUTS == 2
 layout(location = 0) out vec4 parts_out[4];
 #else
@@ -32,26 +38,39 @@ vec3 world_direction(vec2 place) {
 
 float glossy_level(float roughness) {
     float level = 0.0;
-    for (int k = 0; k + 1 < lights.glossy_levels; ++k)
+    for (int k = 0; k + 1 < glossy_levels; ++k)
         level += clamp((roughness - glossy_roughness[k]) / (glossy_roughness[k + 1] - glossy_roughness[k]), 0.0, 1.0);
     return level;
 }
 
 Parts light_surface(Surface s, float bias_m) {
-    vec3 scale = ambient_factor(lights, medium, diffuse, s.point);
-    vec3 irradiance = vec3(0.0), waves = vec3(1.0);
+    Coat coat = make_coat(s, outside_index);
+    vec3 scale = ambient_factor(view, medium, diffuse, s.point);
+    Parts parts = ambient_light(coat, s, ambient, glossy, glossy_level(s.roughness), scale);
+    vec3 start = s.point + shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
-    bool faces = dot(s.normal, lights.sun_direction) > 0.0 && dot(s.geometric_normal, lights.sun_direction) > 0.0;
+    bool faces = dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
     float free = 1.0;
 #if defined(SHADOW)
-    free = visibility(lights, medium, beam, sun_map, casters, slopes,
-                      s.point + lights.bias_scale * bias_m * s.geometric_normal, -1.0, HALO_EVERY, faces);
+    free = visibility(sun, shadows, view, medium, beam, sun_map, casters, slopes, start, -1.0, HALO_EVERY, faces);
 #endif
-    waves = waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
-    irradiance = beam_at(lights, medium, beam, s.point) * waves * (faces ? free : 0.0);
+    vec3 waves = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
+    vec3 irradiance = beam_at(sun, view, medium, beam, s.point) * waves * (faces ? free : 0.0);
+    float half_angle = half_angle_at(sun, view, medium, beam, s.point);
+    parts.sun = reflected_light(coat, s, sun.direction, irradiance, half_angle);
+    parts.caustics = parts.sun * (1.0 - 1.0 / max(waves, 1e-6));
 #endif
-    return surface_light(lights, s, ambient, glossy, glossy_level(s.roughness), scale, irradiance, waves,
-                         half_angle_at(lights, medium, beam, s.point));
+#if defined(LAMPS)
+    for (int k = 0; k < LAMPS; ++k) {
+        Lamp lamp = fetch_lamp(casters, first_lamp + k);
+        LampLight light = lamp_light(lamp, medium, diffuse, attenuation, s.point);
+        bool lit = dot(s.normal, light.towards) > 0.0 && dot(s.geometric_normal, light.towards) > 0.0
+                && light.irradiance != vec3(0.0);
+        float free = lamp_visibility(lamp, shadows, sun_map, casters, slopes, start, lit);
+        parts.lamps += reflected_light(coat, s, light.towards, lit ? free * light.irradiance : vec3(0.0), light.half_angle);
+    }
+#endif
+    return parts;
 }
 
 void main() {
@@ -76,16 +95,17 @@ void main() {
 #if OUTPUTS == 1
     parts_out[0] = vec4(through * p.diffuse, alpha);
     parts_out[1] = vec4(through * p.glossy, alpha);
-    parts_out[2] = vec4(through * (p.sun_diffuse + p.sun_glossy), alpha);
-    parts_out[3] = vec4(through * p.caustics, alpha);
-    parts_out[4] = vec4(through * p.emission, alpha);
+    parts_out[2] = vec4(through * p.sun, alpha);
+    parts_out[3] = vec4(through * p.lamps, alpha);
+    parts_out[4] = vec4(through * p.caustics, alpha);
+    parts_out[5] = vec4(through * p.emission, alpha);
 #elif OUTPUTS == 2
     parts_out[0] = vec4(haze, alpha);
     parts_out[1] = vec4(through, alpha);
     parts_out[2] = vec4(s.normal, alpha);
-    parts_out[3] = vec4(s.point + lights.camera_position, alpha);
+    parts_out[3] = vec4(s.point + view.position, alpha);
 #else
-    radiance = vec4(through * (p.diffuse + p.glossy + p.sun_diffuse + p.sun_glossy + p.emission) + haze, alpha);
+    radiance = vec4(through * (p.diffuse + p.glossy + p.sun + p.lamps + p.emission) + haze, alpha);
     distance_m = s.distance_m;
 #endif
 }

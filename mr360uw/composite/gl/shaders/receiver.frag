@@ -1,24 +1,30 @@
-// what falls on the receiver in listed blocks, each SIDE samples wide that are SPACING pixels apart (light.py:
-// receiver_ratio)
-#include "composite/gl/shaders/light.glsl"
-uniform sampler2D blocks, halos, shape, diffuse, beam, veil, sun_map, casters, plane_depth;
+// light on the receiver in listed blocks, each SIDE samples wide that are SPACING pixels apart (receiver/ratio.py)
+#include "composite/gl/shaders/lamps.glsl"
+#include "composite/gl/shaders/sun.glsl"
+uniform sampler2D blocks, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
-uniform Lights lights;
+uniform View view;
+uniform Sun sun;
+uniform Shadows shadows;
+uniform int first_lamp;
 uniform MediumTable medium;
 uniform CausticStack stack;
 #if defined(CAUSTICS) || defined(ROUGH)
-layout(location = 0) out vec4 falls;  // waves, part of the sun seen
+layout(location = 0) out vec4 falls;  // waves, visible fraction of the sun
 #else
 layout(location = 0) out float falls;
 #endif
 #if defined(ROUGH)
-layout(location = 1) out vec4 share;  // ambient part of the light, weight
+layout(location = 1) out vec4 share;  // ambient fraction of the light, weight
 layout(location = 2) out vec4 haze;
+#endif
+#if defined(LAMPS)
+layout(location = 3) out vec4 added;  // light of lamps over the plate's own
 #endif
 
 void main() {
@@ -40,22 +46,34 @@ void main() {
     vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), below = mix(corners.xz, corners.yw, at.x);
     if (corners.x >= 0.0) halo = mix(below.x, below.y, at.y);
 #endif
-    seen = visibility(lights, medium, beam, sun_map, casters, slopes, point, halo, 1, true);
+    seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, slopes, point, halo, 1, true);
 #endif
 #if defined(CAUSTICS) || defined(ROUGH)
-    falls = vec4(waves_at(lights, medium, beam, stack, caustic_ratio, plane_depth, point,
+    falls = vec4(waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, point,
                           distance_m * PI / frame_size.y), seen);
 #else
     falls = seen;
 #endif
 #if defined(ROUGH)
-    vec3 around = environment_lookup(ambient, 0, ground.xyz) * ambient_factor(lights, medium, diffuse, point);
-    vec3 sun = beam_at(lights, medium, beam, point) * max(dot(ground.xyz, lights.sun_direction), 0.0);
+    vec3 around = environment_lookup(ambient, 0, ground.xyz) * ambient_factor(view, medium, diffuse, point);
+    vec3 direct = beam_at(sun, view, medium, beam, point) * max(dot(ground.xyz, sun.direction), 0.0);
     float weight = distance_m > 0.0 ? 1.0 - smoothstep(fade.x, fade.y, distance_m) : 0.0;
-    share = vec4(around / max(around + sun, 1e-9), weight);
+    share = vec4(around / max(around + direct, DARK), weight);
     haze = vec4(0.0);
 #if defined(MEDIUM)
     haze.rgb = veil_lookup(medium, veil, distance_m, direction.y);
 #endif
+#endif
+#if defined(LAMPS)
+    added = vec4(0.0);
+    for (int k = 0; k < LAMPS; ++k) {
+        Lamp lamp = fetch_lamp(casters, first_lamp + k);
+        LampLight light = lamp_light(lamp, medium, diffuse, attenuation, point);
+        float cosine = max(dot(ground.xyz, light.towards), 0.0);
+        bool lit = cosine > 0.0 && distance_m > 0.0 && light.irradiance != vec3(0.0);
+        float free = lamp_visibility(lamp, shadows, sun_map, casters, slopes, point, lit);
+        if (lit) added.rgb += cosine * free * light.irradiance;
+    }
+    added.rgb = min(added.rgb / max(around + direct, DARK), BRIGHTEST);
 #endif
 }

@@ -1,12 +1,21 @@
-// `sun_map` holds for every body (or group of them) a square slot of columns along the sun: (part that is filled, top,
+// visible fraction of lights behind bodies, on the device alone (the reference casts rays: lighting/shadow.py).
+// `sun_map` holds for every body (or group of them) a square slot of columns along the light: (part that is filled, top,
 // bottom), the last two times the first, metres above the lowest; and its levels are means of 2x2, 4x4, ... of them.
-// The twin shoots rays at the bodies instead. Loops test at their end, because software drivers run a body once more to
+// Loops test at their end, because software drivers run a body once more to
 // leave.
 const int MAXIMUM_SUN_SAMPLES = 32;
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
 const float SHARPEST = 0.2;   // part of RAMP that an edge may be sharpened to
 const float SMALLEST = 4.0;   // texels across the last level of a slot
 const int MAXIMUM_STEPS = 16;
+
+// of all directed lights: texels across a slot of the atlas; directions over a light's disc; scale of how far off a body
+// its shadow rays start
+struct Shadows {
+    float slot_size;
+    int samples;
+    float bias_scale;
+};
 
 struct Caster {
     vec2 center;

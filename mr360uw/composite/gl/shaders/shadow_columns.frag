@@ -1,4 +1,4 @@
-// (top, -bottom) of sun_map.frag as the columns that shadow.glsl reads, each the mean of 2x2
+// (top, -bottom) of shadow_atlas.frag as the columns that shadow.glsl reads, each the mean of 2x2
 uniform sampler2D drawn, casters;
 uniform int slot_size;
 uniform int slot_columns;

@@ -1,5 +1,8 @@
 #include "composite/gl/shaders/geometry.glsl"
-uniform mat4 sun_from_object;
+uniform mat4 light_from_object;
+#if defined(PROJECTED)
+uniform float middle, nearest;
+#endif
 uniform vec4 slot;
 in vec4 corner;
 out float along;
@@ -11,9 +14,14 @@ flat out int material_row;
 #endif
 
 void main() {
-    vec3 place = (sun_from_object * vec4(corner.xyz, 1.0)).xyz;
-    along = place.z;
+    vec3 place = (light_from_object * vec4(corner.xyz, 1.0)).xyz;
+#if defined(PROJECTED)
+    // as lamps.glsl maps it; the near plane cuts off what does not shade
+    gl_Position = vec4((place.xy * middle - slot.xy * place.z) * slot.zw, place.z - 2.0 * nearest, place.z);
+#else
     gl_Position = vec4((place.xy - slot.xy) * slot.zw, 0.0, 1.0);
+#endif
+    along = place.z;
 #if defined(MASKED)
     int first = gl_VertexID / 3 * TRIANGLE_TEXELS, texel = first + 3 * (gl_VertexID - gl_VertexID / 3 * 3);
     uv = vec2(listed(triangles, texel).w, listed(triangles, texel + 1).w);

@@ -6,6 +6,9 @@ in float vertex_alpha;
 flat in int material_row;
 #endif
 in float along;
+#if defined(PROJECTED)
+uniform float middle;
+#endif
 out vec2 column;
 
 void main() {
@@ -15,5 +18,10 @@ void main() {
     if (map.x >= 0.0) alpha *= texture_lookup(store, map, uv, vec2(0.0), vec2(0.0)).a;
     if (alpha < listed(materials, material_row + 3).x) discard;
 #endif
-    column = vec2(along, -along);
+#if defined(PROJECTED)
+    float top = middle * middle * gl_FragCoord.w;  // over the distance along the axis, which perspective divides by
+#else
+    float top = along;
+#endif
+    column = vec2(top, -top);
 }

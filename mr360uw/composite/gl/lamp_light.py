@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lamps of a shot on the device, as lamps.glsl reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, Atlas, LightFrame
+from mr360uw.composite.lighting.lamps import lamps_of, nearest_m
+from mr360uw.composite.lighting.shadow import basis
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.types import Floats, Lamp
+
+_FARTHER = 1.25
+"""Times its own radius that a body must be away for one slot to hold it: within 53 degrees of the slot's axis."""
+_MOST_BODIES = 16
+"""Bodies with a slot of their own for each lamp; more share the six faces of a cube. Bits of an integer hold them."""
+_FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
+_CORNER_RAD = float(np.arccos(3.0**-0.5))
+"""Angle between the axis of a cube's face and its corners."""
+
+
+def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
+    """Return what each lamp of a shot sees: bodies in its cone, a frame each where it does not stand among them."""
+    return [_frames(lamp, shot.casters) if lamp.casts_shadow else [] for lamp in lamps_of(shot)]
+
+
+def _frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+    alone: list[LightFrame] = []
+    around: list[PlacedObject] = []
+    for placed in casters:
+        center = placed.to_world(placed.mesh.center_m) - lamp.position
+        distance, radius = float(np.linalg.norm(center)), placed.mesh.radius_m * placed.scale
+        if distance <= _FARTHER * radius:
+            around.append(placed)
+        elif _in_cone(lamp, center / distance, float(np.arcsin(radius / distance))):
+            axes = basis(center)
+            alone.append(LightFrame((placed,), axes, lamp.position, distance, nearest_m(lamp)))
+    if len(alone) > _MOST_BODIES - len(_FACES) * bool(around):
+        alone, around = [], list(casters)
+    return alone + _faces(lamp, tuple(around))
+
+
+def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[LightFrame]:
+    """Return the faces of a cube about a lamp that its cone reaches."""
+    if not bodies:
+        return []
+    centers = np.stack([placed.to_world(placed.mesh.center_m) for placed in bodies]) - lamp.position
+    reach = np.linalg.norm(centers, axis=-1) + [placed.mesh.radius_m * placed.scale for placed in bodies]
+    middle = 0.5 * max(float(reach.max()), 2.0 * nearest_m(lamp))
+    return [
+        LightFrame(bodies, basis(axis), lamp.position, middle, nearest_m(lamp), face=True)
+        for axis in _FACES
+        if _in_cone(lamp, axis, _CORNER_RAD)
+    ]
+
+
+def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
+    """Return whether a disc about a direction, as wide as a body and the lamp's own ball, reaches into the cone."""
+    if lamp.cos_edge <= -1.0:
+        return True
+    apart = float(np.arccos(np.clip(direction @ lamp.axis, -1.0, 1.0)))
+    return apart <= float(np.arccos(lamp.cos_edge)) + 1.5 * radius_rad
+
+
+def shadow_table(shot: Shot, atlas: Atlas, slots: list[int], lamp_rows: int) -> Floats:
+    """Return the texture `casters` (rows, ROW_TEXELS, 4): the slots of an atlas, then the lamps.
+
+    slots: number of each lamp's first slot, and the end. lamp_rows: rows of the texture `diffuse`, of which the lamps'
+    attenuations are the last.
+    """
+    lamps = lamps_of(shot)
+    table = np.zeros((len(atlas.table) + len(lamps), ROW_TEXELS, 4))
+    table[: len(atlas.table)] = atlas.table
+    for row, frame in zip(table, atlas.frames, strict=False):
+        if frame.origin is not None:
+            row[2:5, :3] = frame.axes
+            row[2:5, 3] = frame.axes @ (shot.view.position - frame.origin)
+            row[5, 0] = frame.middle_m
+    for number, lamp in enumerate(lamps):
+        at = (lamp_rows - len(lamps) + number) / max(lamp_rows - 1, 1)
+        count = slots[number + 1] - slots[number]
+        table[len(atlas.table) + number, :4] = (
+            (*(lamp.position - shot.view.position), lamp.radius_m), (*lamp.axis, lamp.cos_core),
+            (*lamp.intensity, lamp.cos_edge), (slots[number], count, at, nearest_m(lamp)),
+        )  # fmt: skip
+    return table

@@ -1,0 +1,81 @@
+// the sun at a place: its beam, the waves' pattern in it, and how much of it bodies let pass (lighting/sun.py)
+#include "composite/gl/shaders/light.glsl"
+#include "composite/gl/shaders/shadow.glsl"
+#include "caustics/lookup.glsl"
+
+// `axes` has the rows (across, across, along), all in the world's axes, the last one near the sun's direction, and
+// `slope` is that direction in them; `up` the sine of its elevation
+struct Sun {
+    vec3 irradiance;
+    vec3 direction;
+    float up;
+    float half_angle;
+    float halo_angle;
+    mat3 axes;
+    vec2 slope;
+    int casters;
+};
+
+vec3 beam_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
+#if !defined(SUN)
+    return vec3(0.0);
+#elif defined(MEDIUM)
+    return sun.irradiance * beam_ratio(medium, beam, depth_of(view, point), sun.up);
+#else
+    return sun.irradiance;
+#endif
+}
+
+vec3 waves_at(Sun sun, View view, MediumTable medium, sampler2D beam, CausticStack stack, sampler2DArray ratio,
+              sampler2D plane_depth, vec3 point, float footprint_m) {
+#if !defined(CAUSTICS)
+    return vec3(1.0);
+#else
+    float depth = depth_of(view, point);
+    vec3 world = point + view.position;
+    vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
+#if defined(MEDIUM)
+    value = 1.0 + (value - 1.0) * unscattered_share(medium, beam, depth, sun.up);
+#endif
+    return value;
+#endif
+}
+
+// fraction of the beam that the water has scattered into the halo
+float scattered_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
+#if defined(HALO)
+    return 1.0 - dot(unscattered_share(medium, beam, depth_of(view, point), sun.up), vec3(1.0 / 3.0));
+#else
+    return 0.0;
+#endif
+}
+
+// of the disc with the second moment of what the beam comes from
+float half_angle_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
+    vec2 squared = vec2(sun.half_angle * sun.half_angle, sun.halo_angle * sun.halo_angle);
+    return sqrt(mix(squared.x, squared.y, scattered_at(sun, view, medium, beam, point)));
+}
+
+vec3 in_sun_axes(Sun sun, View view, vec3 point) {
+    return sun.axes * (point + view.position);
+}
+
+// visible fraction of a disc about the sun from p, in the sun's axes; by each `every`-th of its directions
+float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
+                float half_angle, int every, bool wanted) {
+    return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sun.slope, slopes,
+                          (shadows.samples + every - 1) / every, every, tan(half_angle), wanted);
+}
+
+// visible fraction of the beam from a point. halo: visible fraction of the halo where that is known, else -1; then it is
+// found by each `every`-th direction
+float visibility(Sun sun, Shadows shadows, View view, MediumTable medium, sampler2D beam, sampler2D sun_map,
+                 sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, int every, bool wanted) {
+    vec3 p = in_sun_axes(sun, view, point);
+    float seen = disc_seen(sun, shadows, sun_map, casters, slopes, p, sun.half_angle, 1, wanted);
+#if defined(HALO)
+    float found = disc_seen(sun, shadows, sun_map, casters, slopes, p, sun.halo_angle, every, wanted && halo < 0.0);
+    seen = mix(seen, halo < 0.0 ? found : halo, scattered_at(sun, view, medium, beam, point));
+#endif
+    return seen;
+}

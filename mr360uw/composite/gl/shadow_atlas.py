@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shadow atlas: bodies as lights see them, a square slot of columns for each, as shadow.glsl reads it.
+
+A light gives frames: bodies and the axes in which its rays are parallel. For the sun those are its own axes; for a lamp
+the projective map that lamps.glsl describes makes them so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mr360uw.cache import Cache
+from mr360uw.composite.gl.upload import MeshBuffers
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms, texture_from_array
+from mr360uw.types import Floats
+
+if TYPE_CHECKING:
+    import moderngl
+
+SLOTS = (64, 128, 256, 512)
+"""Texels across a slot."""
+ROW_TEXELS = 6
+"""Texels of a row of the table that goes with the atlas: extents, and for lamps the axes; see lamps.glsl."""
+_NARROW_RAD = 0.02
+"""The largest slot is for discs below this radius, whose penumbrae near the body are as narrow as its texels."""
+_TEXELS_A_PIXEL = 2.0
+_MOST_TEXELS_A_PIXEL = 8.0
+"""Texels that a pixel is worth: penumbrae narrower than a pixel matter, too, but not much narrower."""
+_TEXELS_A_DISC = 7.0
+"""Texels across the light's radius at the distance of a body's width."""
+_MOST_TEXELS = 1 << 21
+_SUPERSAMPLING = 2
+_COLUMNS = 8
+_MARGIN = 1.02
+_NARROWEST = 1.0 / 16.0
+"""Shorter side of a slot's extent, at least, in terms of the longer one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightFrame:
+    """What one slot shows. bodies: drawn over each other. axes: (3, 3) rows across, across and along, in the world.
+
+    For the sun `along` points to it. For a lamp: origin (3,) [m] in the world, along pointing away from it, and the
+    distance [m] at which lengths are true, `middle_m`; nearest_m: what is nearer does not shade. face: the slot shows
+    a quarter turn each way, whatever its bodies fill.
+    """
+
+    bodies: tuple[PlacedObject, ...]
+    axes: Floats
+    origin: Floats | None = None
+    middle_m: float = 0.0
+    nearest_m: float = 0.0
+    face: bool = False
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """A value that is equal for frames that draw the same."""
+        origin = None if self.origin is None else self.origin.tobytes()
+        return (*(body.key for body in self.bodies), self.axes.tobytes(), origin, self.middle_m, self.nearest_m)
+
+    def matrix(self, placed: PlacedObject) -> Floats:
+        """Return the (3, 4) transform from a body to the axes, before any projection."""
+        matrix = self.axes @ placed.world_from_object[:3]
+        if self.origin is not None:
+            matrix[:, 3] -= self.axes @ self.origin
+        return matrix
+
+    def extents(self) -> Floats:
+        """Return where the bodies lie: the centre across, half the size across, the ends along; two numbers each."""
+        points = np.concatenate(
+            [body.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for body in self.bodies for m in [self.matrix(body)]]
+        )
+        if self.origin is not None:
+            points = self._projected(points)
+        low, high = points.min(axis=0), points.max(axis=0)
+        center, half = 0.5 * (low + high)[:2], 0.5 * _MARGIN * (high - low)[:2]
+        if self.face:
+            center, half = np.zeros(2), np.full(2, self.middle_m)
+        half = np.maximum(half, _NARROWEST * half.max())
+        return np.concatenate([center, half, [low[2], high[2]]])
+
+    def _projected(self, points: Floats) -> Floats:
+        z = np.maximum(points[:, 2], self.nearest_m)
+        return (
+            np.stack([points[:, 0], points[:, 1], np.full(len(z), self.middle_m)], axis=-1)
+            * (self.middle_m / z)[:, None]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Atlas:
+    """A drawn atlas. table: (slots, ROW_TEXELS, 4), the first two texels filled. frames: what the slots show."""
+
+    texture: moderngl.Texture
+    table: Floats
+    frames: tuple[LightFrame, ...]
+    size: int
+
+
+def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
+    """Return the texels across a slot that do for a light of this radius and bodies at most so many pixels wide."""
+    wanted = max(_TEXELS_A_PIXEL * pixels_across, _TEXELS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
+    wanted = min(wanted, _MOST_TEXELS_A_PIXEL * pixels_across, SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2])
+    most = np.sqrt(_MOST_TEXELS / max(slots, 1))
+    return next(size for size in SLOTS if size >= wanted or 2 * size > most)
+
+
+class ShadowAtlas:
+    """Draws atlases; the last one is kept. buffers: gives the device's copy of a mesh."""
+
+    def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
+        self._cache, self._buffers = cache, buffers
+        stages = {
+            "vertex": "composite/gl/shaders/shadow_atlas.vert",
+            "fragment": "composite/gl/shaders/shadow_atlas.frag",
+        }
+        self._bodies = {
+            (masked, projected): program(
+                **stages, defines=({"MASKED": 1} if masked else {}) | ({"PROJECTED": 1} if projected else {})
+            )
+            for masked in (False, True)
+            for projected in (False, True)
+        }
+        self._columns = program(fragment="composite/gl/shaders/shadow_columns.frag")
+
+    def of(self, frames: Sequence[LightFrame], size: int) -> Atlas:
+        """Return the atlas of frames in slots of `size` texels."""
+        if not frames:
+            return self._cache.get("no shadows", None, _nothing)
+        key = (size, tuple(frame.key for frame in frames))
+        return self._cache.get("shadow atlas", key, lambda: self._draw(tuple(frames), size))
+
+    def _draw(self, frames: tuple[LightFrame, ...], size: int) -> Atlas:
+        columns, rows = min(max(len(frames), 1), _COLUMNS), max(-(-len(frames) // _COLUMNS), 1)
+        drawn, atlas = self._cache.get(
+            "shadow targets", (columns, rows, size), lambda: _targets(columns * size, rows * size)
+        )
+        drawn.use()
+        drawn.viewport = (0, 0, *drawn.size)
+        drawn.clear(-1e9, -1e9, 0.0, 0.0)
+        table = np.zeros((max(len(frames), 1), ROW_TEXELS, 4))
+        side = _SUPERSAMPLING * size
+        for number, frame in enumerate(frames):
+            column, row = number % _COLUMNS, number // _COLUMNS
+            drawn.viewport = (column * side, row * side, side, side)
+            extents = frame.extents()
+            self._draw_frame(drawn, frame, (*extents[:2], *(1.0 / extents[2:4])))
+            table[number, :2] = extents[:4], (*extents[4:], column * size, row * size)
+        entries = texture_from_array(table)
+        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
+        drawn.color_attachments[0].use(0)  # type: ignore[union-attr]
+        entries.use(1)
+        set_uniforms(self._columns, drawn=0, casters=1, slot_size=size, slot_columns=columns)
+        atlas.viewport = (0, 0, columns * size, rows * size)
+        draw_fullscreen(atlas, self._columns)
+        texture: moderngl.Texture = atlas.color_attachments[0]  # type: ignore[assignment]
+        texture.build_mipmaps(0, size.bit_length() - 3)
+        texture.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)
+        return Atlas(texture, table, frames, size)
+
+    def _draw_frame(self, target: moderngl.Framebuffer, frame: LightFrame, slot: tuple[float, ...]) -> None:
+        """Draw bodies into the viewport: the largest of (top, -bottom) along the light."""
+        for placed in frame.bodies:
+            for masked, mode in ((False, "OPAQUE"), (True, "MASK")):
+                shader = self._bodies[masked, frame.origin is not None]
+                if frame.origin is not None:
+                    set_uniforms(shader, middle=frame.middle_m, nearest=frame.nearest_m)
+                self._draw_body(target, self._buffers(placed.mesh), mode, shader, frame.matrix(placed), slot)
+
+    def _draw_body(
+        self,
+        target: moderngl.Framebuffer,
+        mesh: MeshBuffers,
+        mode: str,
+        shader: moderngl.Program,
+        matrix: Floats,
+        slot: tuple[float, ...],
+    ) -> None:
+        context = gl_context()
+        first, count = mesh.ranges[mode]  # type: ignore[index]
+        if count == 0:
+            return
+        for unit, name in enumerate(("triangles", "materials", "store")):
+            if name in shader:
+                getattr(mesh, name).use(unit)
+                set_uniforms(shader, **{name: unit})
+        light_from_object = np.concatenate([matrix, [[0.0, 0.0, 0.0, 1.0]]])
+        set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
+        vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
+        with context.scope(target, context.BLEND):
+            context.blend_func = (context.ONE, context.ONE)
+            context.blend_equation = context.MAX  # type: ignore[assignment]
+            vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
+            context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
+
+
+def _nothing() -> Atlas:
+    return Atlas(texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4)), (), SLOTS[0])
+
+
+def _targets(width: int, height: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:
+    """Return framebuffers to draw bodies into, and for the columns: a framebuffer that is collected while it is bound
+    leaves nothing bound, so both are kept.
+    """
+    context = gl_context()
+    atlas = context.texture((width, height), 4, dtype="f4")
+    atlas.repeat_x = atlas.repeat_y = False
+    drawn = context.texture((_SUPERSAMPLING * width, _SUPERSAMPLING * height), 2, dtype="f4")
+    return context.framebuffer([drawn]), context.framebuffer([atlas])

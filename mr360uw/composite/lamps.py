@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lamps of a scene: from their tables to what a shot holds.
+
+    I = flux/solid angle        intensity = I color/white
+
+with the flux in lumen, the solid angle that of the cone with its soft edge, and white the luminance [cd/m2] that the
+plate's white stands for, so that a white card under a lamp is as bright beside the plate as it would have been.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.composite.motion import Motion, lamp_motion, rigid
+from mr360uw.composite.settings import LampSettings
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.medium.emitters import lamp_attenuation, lamp_color, lumen_per_watt
+from mr360uw.medium.medium import Medium
+from mr360uw.types import Floats, Lamp, View
+
+_DEFAULT_LUMEN = 2000.0
+"""A diver's video light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneLamp:
+    """A lamp of a scene. intensity: (3,) along its axis, attenuation: (T, 3) or None, as `types.Lamp` says."""
+
+    settings: LampSettings
+    motion: Motion
+    intensity: Floats
+    attenuation: Floats | None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it changes in the world."""
+        return self.motion.moves or self.settings.attach != "world"
+
+    def at(self, time_s: float, view: View, objects: Sequence[PlacedObject]) -> Lamp:
+        """Return the lamp at a time. view: of the camera. objects: of the scene, at the same time."""
+        place = self.motion.at(time_s)
+        if self.settings.attach == "camera":
+            place = rigid(view.position, view.world_from_camera) @ place
+        elif self.settings.attach == "object":
+            place = objects[self.settings.object].world_from_object @ place
+        axis = -place[:3, 2] / np.linalg.norm(place[:3, 2])
+        cos_core, cos_edge = cone_cosines(self.settings)
+        return Lamp(
+            position=place[:3, 3],
+            axis=axis,
+            intensity=self.intensity,
+            cos_core=cos_core,
+            cos_edge=cos_edge,
+            radius_m=self.settings.radius_m,
+            attenuation=self.attenuation,
+            casts_shadow=self.settings.casts_shadow,
+        )
+
+
+def load_lamps(
+    all_settings: Sequence[LampSettings], medium: Medium | None, white_cd_m2: float
+) -> tuple[SceneLamp, ...]:
+    """Return the lamps of a scene. medium: the water they shine in, or None. white_cd_m2: of the plate's white."""
+    lamps = []
+    for settings in all_settings:
+        color = lamp_color(medium, settings.temperature_k) * np.asarray(settings.color)
+        candela = _lumen(settings) / cone_solid_angle(settings)
+        attenuation = None if medium is None else lamp_attenuation(medium, settings.temperature_k)
+        lamps.append(SceneLamp(settings, lamp_motion(settings), color * candela / white_cd_m2, attenuation))
+    return tuple(lamps)
+
+
+def cone_cosines(settings: LampSettings) -> tuple[float, float]:
+    """Return the cosines of a lamp's core and edge; -1 both for a point light."""
+    half = np.radians(0.5 * settings.cone_deg)
+    if settings.kind == "point" or half >= np.pi:
+        return -1.0, -1.0
+    return float(np.cos(half * (1.0 - settings.edge))), float(np.cos(half))
+
+
+def cone_solid_angle(settings: LampSettings) -> float:
+    """Return the solid angle [sr] of a lamp's light, weighted by its fall-off towards the edge of the cone.
+
+    A smooth step is 1/2 on average, over cosines as over solid angle.
+    """
+    cos_core, cos_edge = cone_cosines(settings)
+    if cos_edge <= -1.0:
+        return float(4.0 * np.pi)
+    return float(2.0 * np.pi * (1.0 - 0.5 * (cos_core + cos_edge)))
+
+
+def _lumen(settings: LampSettings) -> float:
+    if settings.watts is not None:
+        return settings.watts * lumen_per_watt(settings.temperature_k)
+    return _DEFAULT_LUMEN if settings.lumen is None else settings.lumen

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sun on surfaces: its beam through the water, the waves' pattern in it, and how much of it bodies let pass.
+
+    E = irradiance beam_ratio(d) (1 + (C - 1) s(d)) V        V = s(d) V_disc + (1 - s(d)) V_halo
+
+with d the depth, C the caustic ratio, s the share of the beam that the water has not scattered, V_disc the visible
+fraction of the sun's disc and V_halo that of the wider disc from which the rest of the beam comes. On the device:
+sun.glsl.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.composite.lighting.arrival import Arrival
+from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle
+from mr360uw.composite.shot import Shot
+from mr360uw.medium.lookup import beam_ratio, unscattered_share
+from mr360uw.types import Floats, Sun
+
+REFERENCE_SUN_FACTOR = 4
+"""The reference takes so many times the directions over a light's disc that are asked for: it stands for the limit."""
+MINIMUM_SUN_UP = 0.05
+"""Least sine of the sun's elevation in the water: the path of a level beam would be infinite."""
+
+
+def sun_of(shot: Shot) -> Sun | None:
+    """Return the sun of a shot; None where there is none above the horizon."""
+    return next((light for light in shot.lights if isinstance(light, Sun) and light.direction[1] > 0.0), None)
+
+
+def sun_up(sun: Sun) -> float:
+    """Return the sine of the sun's elevation in the water, at least `MINIMUM_SUN_UP`."""
+    return max(float(sun.direction[1]), MINIMUM_SUN_UP)
+
+
+def spread_rad(shot: Shot) -> float:
+    """Return the standard deviation [rad] of the directions of what the water scatters forwards; 0 without water."""
+    return float(np.radians(shot.draw.sun_spread_deg)) if shot.medium is not None else 0.0
+
+
+def scattered_share(shot: Shot, point: Floats) -> Floats:
+    """Return the fraction (n,) of the beam that the water has scattered into the halo, at points (n, 3)."""
+    sun = sun_of(shot)
+    if shot.medium is None or sun is None or spread_rad(shot) == 0.0:
+        return np.zeros(len(point))
+    return 1.0 - unscattered_share(shot.medium, shot.view.depth_of(point), sun_up(sun)).mean(axis=-1)
+
+
+def widest_half_angle(shot: Shot) -> float:
+    """Return the angular radius [rad] of the disc that a shot's sunlight comes from: with water, that of its halo."""
+    sun = sun_of(shot)
+    return 0.0 if sun is None else float(effective_half_angle(sun.half_angle_rad, spread_rad(shot)))
+
+
+class SunSource:
+    """The sun of a shot, as `LightSource` says. blockers: what shades; None for nothing."""
+
+    variable = "sun"
+    in_plate = True
+
+    def __init__(self, sun: Sun, shot: Shot, blockers: Blockers | None) -> None:
+        self._sun, self._shot, self._blockers = sun, shot, blockers
+        self._up = sun_up(sun)
+
+    def arrival(self, point: Floats) -> Arrival:
+        """Return the beam at places (n, 3); its disc has the second moment of the sun's and the halo's."""
+        shot, sun = self._shot, self._sun
+        depth = shot.view.depth_of(point)
+        ratio = 1.0 if shot.medium is None else beam_ratio(shot.medium, depth, self._up)
+        spread = spread_rad(shot) * np.sqrt(scattered_share(shot, point))
+        irradiance = np.broadcast_to(sun.irradiance, (len(point), 3)) * ratio
+        return Arrival(sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread))
+
+    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
+        """Return the factor (n, 3) of the caustics."""
+        shot = self._shot
+        if shot.caustics is None:
+            return np.ones((len(point), 3))
+        depth, world = shot.view.depth_of(point), point + shot.view.position
+        ratio = caustic_lookup(shot.caustics, self._levels, world[:, 0], depth, world[:, 2], footprint_m)
+        contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self._up)
+        return 1.0 + (ratio - 1.0) * contrast
+
+    @functools.cached_property
+    def _levels(self) -> list[Floats]:
+        return mip_levels(self._shot.caustics.ratio)
+
+    def visibility(self, start: Floats) -> Floats:
+        """Return the visible fraction (n,) of the disc, and of the halo for the light that comes from there."""
+        if self._blockers is None or not self._blockers.there:
+            return np.ones(len(start))
+        seen, scattered = self._disc_seen(start, self._sun.half_angle_rad), scattered_share(self._shot, start)
+        if np.any(scattered):
+            seen = seen + scattered * (self._disc_seen(start, widest_half_angle(self._shot)) - seen)
+        return seen
+
+    def _disc_seen(self, start: Floats, half_angle_rad: float) -> Floats:
+        assert self._blockers is not None
+        seen = np.zeros(len(start))
+        count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
+        directions = disc_directions(self._sun.direction, half_angle_rad, count)
+        for direction in directions:
+            seen += ~self._blockers.block(start, np.broadcast_to(direction, start.shape))
+        return seen / len(directions)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What surfaces send to the camera: ambient light and every light source, then the water in front (reference renderer).
+
+    ambient  E = ambient(N) ambient_ratio(d)        L = T L_surface + veil
+
+with d the depth. The gl renderer's layer.frag follows the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.composite.lighting.arrival import LightSource
+from mr360uw.composite.lighting.shading import dielectric_f0, highlight, lobe_axis, reflectance
+from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.shot import Shot
+from mr360uw.constants import INV_PI
+from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.ibl.splitsum import split_sum
+from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
+from mr360uw.types import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reflected:
+    """Light of one source that surfaces send to the camera before the water takes its part, each (n, 3).
+
+    variable: the output variable it belongs to. pattern: the part of diffuse and glossy that waves added or took.
+    """
+
+    variable: str
+    diffuse: Floats
+    glossy: Floats
+    pattern: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Radiance:
+    """What surfaces send to the camera before the water takes its part, each (n, 3).
+
+    diffuse, glossy: ambient light. direct: of every source.
+    """
+
+    diffuse: Floats
+    glossy: Floats
+    direct: tuple[Reflected, ...]
+    emission: Floats
+
+    @property
+    def total(self) -> Floats:
+        """The sum; patterns are parts of what is reflected, so they are not added again."""
+        total = self.diffuse + self.glossy
+        for light in self.direct:
+            total = total + light.diffuse + light.glossy
+        return total + self.emission
+
+    def of(self, variable: str) -> Floats:
+        """Return the direct light (n, 3) of an output variable."""
+        zero = np.zeros_like(self.diffuse)
+        return sum((light.diffuse + light.glossy for light in self.direct if light.variable == variable), zero)
+
+    @property
+    def caustics(self) -> Floats:
+        """The part of the direct light that waves added or took."""
+        return sum((light.pattern for light in self.direct), np.zeros_like(self.diffuse))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Coat:
+    """The reflecting layers of surfaces: to the camera, (n, 3); n.v (n,); reflectance at normal incidence and albedo
+    (n, 3) of what lies below.
+    """
+
+    view: Floats
+    n_dot_v: Floats
+    f0: Floats
+    albedo: Floats
+
+
+def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
+    """Return the ambient irradiance (n, 3) on surfaces without bodies around."""
+    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point)
+
+
+def _ambient_factor(shot: Shot, point: Floats) -> Floats:
+    if shot.medium is None:
+        return np.ones((len(point), 3))
+    return ambient_ratio(shot.medium, shot.view.depth_of(point))
+
+
+def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits) -> Radiance:
+    """Return the light that surfaces send towards the camera."""
+    environment, view = shot.environment, -hits.direction
+    n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
+    dielectric = dielectric_f0(hits.refractive_index, shot.refractive_index)[:, None]
+    metal = hits.metallic[:, None]
+    split = np.stack(split_sum(hits.roughness, n_dot_v), axis=-1)
+    varnish = reflectance(np.broadcast_to(dielectric, hits.base.shape), split)
+    mirrors = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
+    albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
+    axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
+    if len(environment.glossy):
+        reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, axis, hits.roughness)
+    else:
+        reflected = environment_lookup(environment.ambient, axis) * INV_PI
+    occlusion = hits.occlusion[:, None]
+    coat = _Coat(view, n_dot_v, dielectric * (1.0 - metal) + hits.base * metal, albedo)
+    bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
+    return Radiance(
+        diffuse=albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * occlusion,
+        glossy=mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
+        direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
+        emission=hits.emission,
+    )
+
+
+def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> Reflected:
+    """Return what surfaces reflect of one source."""
+    arrival = source.arrival(hits.point)
+    n_dot_l = np.sum(hits.normal * arrival.direction, -1)
+    lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * arrival.direction, -1) > 0.0))
+    seen = np.zeros(len(n_dot_l))
+    seen[lit] = source.visibility(hits.point[lit] + bias_m[lit, None] * hits.geometric_normal[lit])
+    waves = source.pattern(hits.point, hits.footprint_m)
+    irradiance = arrival.irradiance * seen[:, None] * waves
+    n_dot_l = np.maximum(n_dot_l, 0.0)
+    half = coat.view + arrival.direction
+    half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
+    n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, coat.view))
+    lobe = highlight(coat.f0, hits.roughness**2, coat.n_dot_v, n_dot_l, n_dot_h, v_dot_h, arrival.half_angle_rad)
+    diffuse, glossy = coat.albedo * INV_PI * irradiance * n_dot_l[:, None], lobe * irradiance
+    pattern = (diffuse + glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
+    return Reflected(source.variable, diffuse, glossy, pattern)
+
+
+def water_ahead(shot: Shot, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
+    """Return (transmittance, veil), each (n, 3), over camera rays of these lengths whose directions' y is `up`."""
+    if shot.medium is None:
+        return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
+    return transmittance_lookup(shot.medium, distance_m, up), veil_lookup(shot.medium, distance_m, up)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page about a plate's light and water, and the track of its sun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.files import write_whole
+from mr360uw.ibl import SunTrack
+from mr360uw.progress import Progress
+from mr360uw.render.dive import load_dive
+from mr360uw.render.first_pass import first_pass
+from mr360uw.render.plate_map import plate_map
+from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.model import PlateSettings, Scene, load_scene
+from mr360uw.video import VideoFrame
+
+_PICTURES = 6
+_PICTURE_WIDTH = 640
+
+
+def analyse_video(
+    source: str | Path,
+    out: str | Path | None = None,
+    *,
+    eye: Literal["left", "right"] | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write a self-contained page about a plate's light and water, and the track of its sun; return what was written.
+
+    source: a video or still, or a scene file that names one and says how to read it. eye: of a stereo plate, where the
+    source is no scene file. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
+    `SceneError`, `ParameterError` or `OutputExistsError`.
+    """
+    from mr360uw.ibl.level.horizon import estimate_horizon
+    from mr360uw.ibl.report import Snapshot, level_section, light_report
+    from mr360uw.ibl.sun.trackfile import save_track
+    from mr360uw.medium.spectral.sensor import named_sensor
+    from mr360uw.medium.waterfit import fit_water
+
+    source = Path(source)
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
+    page = Path(out) if out is not None else source.with_suffix(".html")
+    if page.suffix.lower() != ".html":
+        raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
+    tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
+    for path in (page, *tracks):
+        if path.exists() and not overwrite:
+            raise OutputExistsError(f"{path} - is there already - name another page with --out, or give --overwrite")
+    keep_inputs(scene, page, *tracks)
+    scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
+    with open_plate(scene) as video:
+        dive = load_dive(scene)
+        smooth = scene.light.smooth and not video.is_still
+        facts = first_pass(dive, video, progress, sun=smooth, gain=False)
+        track = facts.sun if isinstance(facts.sun, SunTrack) else None
+        shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
+        reader, snapshots, maps = dive.light, [], []
+        for index in shown:
+            frame = next(iter(video.frames(int(index), int(index) + 1)))
+            light = reader.of(frame.pixels, time_s=frame.time_s)
+            snapshots.append(Snapshot(frame.time_s, _small(frame), light))
+            maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
+    sections = []
+    if scene.water.type != "none":
+        tilts = [estimate_horizon(snapshot.environment.residual) for snapshot in snapshots]
+        sections.append(("Level", level_section(tilts, reader.world_from_camera(snapshots[0].time_s)[1])))
+        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m, named_sensor(str(scene.water.sensor)))
+        sections.append((f"Water, for a camera {scene.camera.depth_m:g} m deep", fit.html()))
+    written = [page]
+    write_whole(page, light_report(source.name, snapshots, track, sections))
+    if track is not None:
+        for path in tracks:
+            save_track(track, path)
+        written += tracks
+    return written
+
+
+def _small(frame: VideoFrame) -> np.ndarray:
+    import cv2
+
+    size = (_PICTURE_WIDTH, _PICTURE_WIDTH // 2)
+    return np.asarray(cv2.resize(frame.image_linear, size, interpolation=cv2.INTER_AREA))

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where and in what a plate was filmed: its camera, its water, and how its light is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mr360uw.medium import Medium
+from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.render.camera import CameraPath
+from mr360uw.render.lights import LightReader
+from mr360uw.scene.model import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dive:
+    """What a scene says of its plate, resolved. medium: for a camera at `camera.depth_m`; None without water."""
+
+    scene: Scene
+    camera: CameraPath
+    medium: Medium | None
+    light: LightReader
+    _depths: MediumAtDepths | None
+
+    def medium_at(self, time_s: float) -> Medium | None:
+        """Return the medium for the camera's depth at a time."""
+        return self.medium if self._depths is None else self._depths.at(self.camera.depth_at(time_s))
+
+
+def load_dive(scene: Scene) -> Dive:
+    """Return the dive of a scene; raise `ParameterError` or `VideoError` where it cannot have been."""
+    camera = CameraPath.of(scene)
+    medium = scene.water.medium(scene.camera.depth_m)
+    light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
+    depths = MediumAtDepths(medium) if medium is not None and camera.sinks else None
+    return Dive(scene, camera, medium, light, depths)

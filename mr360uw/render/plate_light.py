@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a plate's frame says about the light: environment, sun, and the colour of its water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_map import plate_map
+from mr360uw.types import Environment, Floats
+from mr360uw.video import VideoFrame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameLight:
+    """The light of one frame.
+
+    environment: in the axes of the camera. plate_map: (32, 64, 3) of the plate as it is, not expanded, levelled; None
+    where the water does not need it. gain: (3,) of the veil, of a clip's track, or None.
+    """
+
+    environment: Environment
+    plate_map: Floats | None
+    gain: Floats | None = None
+
+
+def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
+    """Return the light of a plate's frame; what the clip's facts do not hold is found in this frame alone."""
+    dive, plan, water = loaded.dive, loaded.plan, loaded.scene.water
+    sun = facts.sun_at(plate.index) if plan.sun.runs else None
+    found = dive.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
+    gain = facts.gain_at(plate.index) if water.fits_gain else None
+    if dive.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
+        return FrameLight(found, None, gain)
+    return FrameLight(found, plate_map(plate.pixels, dive.camera.at(plate.time_s)[1][1]))

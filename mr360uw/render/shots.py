@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From what is loaded to the shot of one instant: everything its layer depends on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from mr360uw.caustics import refract_to_air
+from mr360uw.composite import Shot
+from mr360uw.composite.lighting.sun import sun_of
+from mr360uw.ibl.lighting import turned
+from mr360uw.render.backends import Backend
+from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_light import FrameLight
+from mr360uw.types import Floats, Light, MediumTable, Sun
+
+_LOWEST_SUN = 0.05
+"""Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
+
+
+def shutter_times(loaded: Loaded, time_s: float, shutter_s: float) -> Floats:
+    """Return the instants (n,) [s] over which a frame is averaged: motion blur where the scene asks for it."""
+    steps = loaded.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
+    return time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+
+
+def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int) -> Shot:
+    """Return the shot of an instant of frame `index`, but the caustics."""
+    view = loaded.view(time_s)
+    environment = turned(light.environment, view.world_from_camera)
+    objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
+    suns: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
+    lamps: tuple[Light, ...] = tuple(lamp.at(time_s, view, objects) for lamp in loaded.lamps)
+    matte, matte_distance = loaded.mattes.at(index)
+    return Shot(
+        view=view,
+        objects=objects,
+        environment=environment,
+        lights=(*suns, *lamps),
+        medium=medium,
+        receiver=loaded.receiver.at(index) if loaded.receiver is not None else None,
+        holdout=matte,
+        holdout_distance_m=matte_distance,
+        draw=loaded.scene.draw,
+    )
+
+
+def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -> Shot:
+    """Return a shot with the caustics of its sun on planes about the objects' depths, where the plan has any."""
+    sun = sun_of(shot) if loaded.plan.caustics.runs else None
+    if sun is None:
+        return shot
+    sun_in_air = refract_to_air(sun.direction, loaded.scene.caustics.refractive_index)
+    if sun_in_air[1] < _LOWEST_SUN:
+        return shot
+    depths = loaded.caustic_depths
+    stack = backend.caustics(loaded.scene.sea, sun_in_air, depths.planes(shot), time_s, depths.settings)
+    return dataclasses.replace(shot, caustics=stack)
