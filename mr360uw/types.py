@@ -109,7 +109,7 @@ class Lamp:
     position: (3,) [m]. axis: (3,) unit, the direction of travel along the middle of a spot. intensity: (3,) linear RGB
     along the axis, in plate radiance times m2: the irradiance at 1 m without water. cos_core, cos_edge: cosines of the
     angles from the axis up to which a spot is fully bright and from which on it is dark; both -1 for a point light.
-    radius_m: of the ball that shines, for soft shadows. attenuation: (T, 3) effective beam attenuation [1/m] of its
+    radius_m: of the ball that shines, for soft shadows. attenuation: (D, 3) effective beam attenuation [1/m] of its
     light over a path S in water, at t = S/(S + length_m) of the medium's table; None without water. casts_shadow:
     whether bodies take its light away behind them.
     """
