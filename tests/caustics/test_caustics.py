@@ -27,7 +27,7 @@ from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, margina
 from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS, lattice_sea, truth_sea
 from tests.glsl import glsl_call
 

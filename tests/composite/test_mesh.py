@@ -17,7 +17,7 @@ from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import box, quad, sphere
 
 

@@ -19,7 +19,7 @@ from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, codes, environment, medium, placed, plate, quad, shot, sphere
 
 

@@ -16,7 +16,7 @@ from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.report import level_section
 from mr360uw.sphere import directions
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import FLOAT64, HORIZON_DEG
+from tests.ibl.tolerances import FLOAT64, HORIZON_DEG
 
 TILTS = [(0.0, 0.0), (0.15, -0.2), (-0.3, 0.25)]
 

@@ -18,7 +18,7 @@ from mr360uw.ibl.settings import OPERATORS, LightSettings
 from mr360uw.sphere import direction_from_angles, direction_from_frame, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import (
+from tests.ibl.tolerances import (
     CLOSURE_RATIO,
     ENERGY_FLOAT32,
     SUN_CLIPPED_DEG,

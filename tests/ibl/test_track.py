@@ -19,7 +19,7 @@ from mr360uw.ibl.sun.solar import parse_time, sun_angles
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import FLOAT64, SOLAR_DEG, TRACK_RMS_DEG
+from tests.ibl.tolerances import FLOAT64, SOLAR_DEG, TRACK_RMS_DEG
 
 
 def clip(rng: np.random.Generator, frames: int = 300, cut: int = 140) -> tuple[np.ndarray, list[Sun | None]]:

@@ -12,7 +12,7 @@ import pytest
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
 from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
-from tests.tolerances import FLOAT64, SERIES
+from tests.medium.tolerances import FLOAT64, SERIES
 
 
 def golden(shared: Path) -> np.ndarray:

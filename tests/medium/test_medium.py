@@ -23,7 +23,7 @@ from mr360uw.medium import (
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
 from tests.medium.picture import Scene, relative_rms, render
-from tests.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
+from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
 
 DEPTH = 5.0
 SENSORS = {"cie": Sensor.cie1931(), "camera": Sensor.camera("Insta360 X5")}

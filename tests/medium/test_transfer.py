@@ -14,7 +14,7 @@ from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.ray_field import cosine_kernel
 from mr360uw.optics import fresnel_from_below
-from tests.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
+from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
 
 SETTINGS = {
     "iso_null": ("isotropic", "none"),

@@ -19,14 +19,14 @@ from mr360uw.color import encode
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.types import Layer, Tile
 from mr360uw.video import EncodeSettings, create_video, open_video, read_rgb, read_spherical, transcode
-from tests.tolerances import (
+from tests.video.clips import decoded, packets, write_clip
+from tests.video.tolerances import (
     VIDEO_CODE_LIGHT,
     VIDEO_DITHER_MEAN,
     VIDEO_LOSSY_MEAN,
     VIDEO_MEMORY_GROWTH,
     VIDEO_PICTURE_CODES,
 )
-from tests.video.clips import decoded, packets, write_clip
 
 LOSSLESS = EncodeSettings(lossless=True, preset="ultrafast")
 
