@@ -46,6 +46,8 @@ ROLL_CODE = 1.0
 """8-bit code values after a yaw: the environment map is sampled between other pixels."""
 ROLL_FRACTION = 0.999
 """Part of the samples within ROLL_CODE."""
+GRAVITY_RAD = 5e-5
+"""Roll and pitch from unit vectors in 16 bits: half a step of 1/32767, over the cosine of the other angle."""
 SUN_PLACE = 2e-3
 """Direction of a given sun: the example's rounded digits, and the minute of the equinox' noon."""
 DIVE_SUN_SHARE = 0.01

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from tests.tolerances import FLOAT32_TWIN, FLOAT64
+from tests.tolerances import FLOAT32_TWIN, FLOAT64, GRAVITY_RAD
 
 IRRADIANCE_PEAK = 5e-3
 """Irradiance maps against the integral of the full map, as a share of the peak: light inside a 1.4 degree pixel is
@@ -58,3 +58,5 @@ plate is resampled, and the cut between sun and sky falls between other samples 
 TILT_MAP = 0.03
 """A levelled map of 64 x 32 against a level plate's, mean difference over mean: pixels of 1.4 degrees are turned, which
 blurs the ripples of the sand and the edge of the window."""
+ACCELEROMETER = 3e-4
+"""Direction of a reading of 4090 steps of 16 bits, rounded."""

@@ -34,7 +34,7 @@ class Scene:
 
     @classmethod
     def of(cls, spheres: np.ndarray, height: int, width: int) -> Scene:
-        """Return what a camera 60 degrees wide sees that looks along -z, of spheres (x, y, z, radius, albedo) and a floor.
+        """Return what a camera 60 degrees wide looking along -z sees of spheres (x, y, z, radius, albedo) and a floor.
 
         Coordinates have their origin on the surface above the camera, y up.
         """

@@ -39,3 +39,5 @@ GRAIN_SPECTRUM = 0.07
 """Mean of the power over 63 x 63 frequencies: four standard deviations."""
 GRAIN_DITHER_CODES = 0.25
 """Dither of a gradient has the variance that is taken off, 1/6, to a third over the blocks of one brightness."""
+VIDEO_SHARED_EXPONENT = 1 / 128
+"""Radiance pictures keep 8 bits, cut off, of channels that share the exponent of the largest: a step is 1/256 to 1/128 of it."""
