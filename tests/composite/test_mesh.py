@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -207,7 +208,7 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     assert len(reads) == 2  # once a unit
 
 
-def test_meshes_as_they_are_found(tmp_path: Path) -> None:
+def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A fish in centimetres, alpha modes and a wheel used twice, an OBJ with a space in a name, a scan, Draco."""
     grey = np.full((4, 4, 3), 128, np.uint8)
     fish = GltfFile()
@@ -249,5 +250,6 @@ def test_meshes_as_they_are_found(tmp_path: Path) -> None:
     packed = {draco: {"bufferView": wreck.view(bytes(60)), "attributes": {"POSITION": 0}}}
     wreck.tree["accessors"] = [{"componentType": 5126, "count": 24, "type": "VEC3"}]
     wreck.mesh({"attributes": {"POSITION": 0}, "extensions": packed})
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(MeshError, match="Draco"):
         load_mesh(wreck.write(tmp_path / "wreck.gltf"))
