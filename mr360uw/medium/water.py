@@ -215,7 +215,9 @@ class Water:
         w = np.asarray(wavelength_nm, np.float64)
 
         def spectrum(label: str, values: ArrayLike) -> Spectrum:
-            return Spectrum(f"{name}, {label}", w, exactly(f"{name}, {label}", values, w.shape).astype(np.float64))
+            label = f"{name}, {label}"
+            column = exactly(label, values, np.shape(values)[:1] or w.shape)
+            return Spectrum(label, w, column.astype(np.float64))
 
         kd = None if diffuse_attenuation is None else spectrum("Kd", diffuse_attenuation)
         return cls(name, spectrum("absorption", absorption), spectrum("scattering", scattering), kd, phase)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -16,17 +18,19 @@ SKIES = ("broken clouds", "overcast", "clear", "mountains")
 """Panoramas without a sun."""
 
 
-def texture(direction: np.ndarray, seed: int, scale: float, octaves: int = 5) -> np.ndarray:
+def texture(direction: np.ndarray, seed: int, scale: float, octaves: int = 4) -> np.ndarray:
     """Return noise (H, W) without a seam, of standard deviation 1: plane waves from `scale` per radian upwards."""
     rng = np.random.default_rng(seed)
-    total = np.zeros(direction.shape[:2])
+    direction = direction.astype(np.float32)
+    total = np.zeros(direction.shape[:2], np.float32)
     for octave in range(octaves):
-        wave = rng.normal(size=(12, 3)) * scale * 2.0**octave
-        phase = rng.uniform(0.0, 2.0 * np.pi, 12)
-        total += np.sin(direction @ wave.T + phase).sum(axis=-1) * 0.6**octave
+        wave = (rng.normal(size=(8, 3)) * scale * 2.0**octave).astype(np.float32)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 8).astype(np.float32)
+        total += np.sin(direction @ wave.T + phase).sum(axis=-1) * np.float32(0.6**octave)
     return (total - total.mean()) / total.std()
 
 
+@functools.cache
 def panorama(name: str) -> np.ndarray:
     """Return the linear plate (512, 1024, 3) in [0, 1] of "low sun" or one of `SKIES`."""
     d = directions(WIDTH, WIDTH // 2)

@@ -22,6 +22,8 @@ SUN_HDR_DEG = 0.3
 """Direction of an unclipped sun: a fraction of the pixel of a 512-wide map."""
 SUN_CLIPPED_DEG = 1.0
 """Direction of a round clipped sun with its glow, 8 bit: outline of the plateau, half a pixel."""
+SUN_LOW_DEG = 2.0
+"""Direction of a sun 5 degrees high: hills cut into the clipped glow, 4 degrees wide, whose middle then lies higher."""
 SUN_ENERGY = 0.1
 """Irradiance of an unclipped sun: what lies under mean plus two deviations stays in the sky."""
 ENERGY_FLOAT32 = 1e-4
