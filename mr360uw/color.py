@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import vectors
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
 Transfer = Literal["srgb", "bt709", "bt1886", "gamma22", "linear"]
@@ -56,7 +57,7 @@ class ColorSpec:
 
 def luminance(linear: ArrayLike) -> NDArray[np.floating]:
     """Return the luminance (...,) of linear Rec.709 colours (..., 3)."""
-    return np.asarray(linear) @ LUMINANCE
+    return vectors("linear", linear) @ LUMINANCE
 
 
 def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:

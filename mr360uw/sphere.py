@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import common_shape, vectors
 
 Array = NDArray[np.float64]
 
 
 def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) -> Array:
     """Return the unit directions (..., 3) seen at continuous frame coordinates, pixel centres at i + .5."""
+    common_shape(x=x, y=y)
     longitude = 2.0 * np.pi * (np.asarray(x, np.float64) / width - 0.5)
     latitude = np.pi * (0.5 - np.asarray(y, np.float64) / height)
     longitude, latitude = np.broadcast_arrays(longitude, latitude)
@@ -31,7 +33,7 @@ def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) ->
 
 def frame_from_direction(direction: ArrayLike, width: int, height: int) -> tuple[Array, Array]:
     """Return continuous frame coordinates (x in [0, W], y in [0, H]) of directions (..., 3) of any length."""
-    d = np.asarray(direction, np.float64)
+    d = vectors("direction", direction).astype(np.float64, copy=False)
     longitude = np.arctan2(d[..., 0], -d[..., 2])
     latitude = np.arctan2(d[..., 1], np.hypot(d[..., 0], d[..., 2]))
     return width * (longitude / (2.0 * np.pi) + 0.5), height * (0.5 - latitude / np.pi)
@@ -50,7 +52,7 @@ def row_solid_angle(width: int, height: int) -> Array:
 
 def unit(vector: ArrayLike) -> Array:
     """Return vectors (..., 3) scaled to length 1; raise `ParameterError` where one is zero or not finite."""
-    v = np.asarray(vector, np.float64)
+    v = vectors("direction", vector).astype(np.float64, copy=False)
     length = np.linalg.norm(v, axis=-1, keepdims=True)
     if not np.all(np.isfinite(length)) or not np.all(length > 0.0):
         raise ParameterError(f"direction - must be finite and not zero (got {v.tolist()!r:.80}) - give three numbers")

@@ -6,20 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
-
 
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(360)
-
-
-@pytest.fixture(scope="session")
-def shared() -> Path:
-    """The folder of reference values and footage beside the checkout; absent for users."""
-    if not SHARED.is_dir():
-        pytest.skip("the folder of reference values beside the checkout is absent")
-    return SHARED
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ import pytest
 import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
-GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics"}
+GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics", "shapes"}
 # what a package may import of mr360uw besides the ground floor and itself
 ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},

@@ -13,18 +13,22 @@ import mr360uw as uw
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.video import read_spherical
+from tests.gpmf import payloads, tilted_up
 from tests.scenes import gradient_plate, scene_with, yawed
 from tests.tolerances import (
     AGREEMENT_CODE,
     AGREEMENT_FRACTION,
     AGREEMENT_PSNR_DB,
+    FLOAT64,
     FRAME_ALONE_CODES,
     FRAME_ALONE_FRACTION,
+    GRAVITY_RAD,
     HALF_FLOAT,
     ROLL_CODE,
     ROLL_FRACTION,
     SUN_PLACE,
 )
+from tests.video.clips import write_clip, write_trimmed_clip
 
 
 def codes(linear: np.ndarray) -> np.ndarray:
@@ -229,10 +233,8 @@ def test_a_camera_that_turns_sees_the_same_world(whale: Path, tmp_path: Path, ba
     assert np.mean(difference <= ROLL_CODE) >= ROLL_FRACTION
 
 
-def test_a_real_clip_keeps_sound_times_and_every_untouched_bit(
-    shared: Path, whale: Path, tmp_path: Path, backend: str
-) -> None:
-    clip = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
+def test_a_trimmed_clip_keeps_sound_times_and_every_untouched_bit(whale: Path, tmp_path: Path, backend: str) -> None:
+    clip, whole = write_trimmed_clip(tmp_path / "clip.mp4", 6, size=(512, 256))
     objects = [{"mesh": str(whale), "position_m": [0.6, 0.0, -2.4], "rotation_deg": [60.0, 0.0, 0.0]}]
     scene = scene_with(
         tmp_path, None, plate=str(clip), water={"type": "none"}, object=objects,
@@ -245,8 +247,9 @@ def test_a_real_clip_keeps_sound_times_and_every_untouched_bit(
     layer = uw.render_frame(plates[0].image_linear, scene, 0.0, backend).layer
     touched = layer.alpha > 0
     assert 0.001 < touched.mean() < 0.05
-    for plate, frame in zip(plates, made, strict=True):
+    for plate, frame, (_, planes) in zip(plates, made, whole[3:6], strict=True):
         assert frame.time_s == plate.time_s
+        np.testing.assert_array_equal(plate.yuv.y, planes[0])
         np.testing.assert_array_equal(frame.yuv.y[~touched], plate.yuv.y[~touched])
         assert np.any(frame.yuv.y[touched] != plate.yuv.y[touched])
     copied = [data for _, data in audio_packets(tmp_path / "out.mp4")]
@@ -301,15 +304,17 @@ def test_a_camera_that_sinks_sees_the_water_of_its_depth(whale: Path, tmp_path: 
         scene_with(tmp_path, whale, camera={"depth_keys": keys, "track": str(tmp_path / "down.csv")})
 
 
-def test_a_gopro_clip_levels_the_plate(shared: Path, whale: Path, tmp_path: Path) -> None:
+def test_a_gopro_clip_levels_the_plate(whale: Path, tmp_path: Path) -> None:
     from mr360uw.render.camera import level_track
 
-    clip = shared / "data" / "footage" / "underwater" / "reef_clip_gopro_hero10.mp4"
-    plate = shared / "data" / "footage" / "360" / "overpass_mono.mp4"
+    roll, pitch = 0.3 * np.sin(0.2 * np.arange(30)), 0.2 * np.cos(0.3 * np.arange(30))
+    clip = write_clip(tmp_path / "camera.mp4", 30, camera_data=payloads(tilted_up(roll, pitch), (25, 5)))
+    plate = write_clip(tmp_path / "stitched.mp4", 30)
     track = level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(clip)}))
     assert track is not None
-    assert len(track.time_s) == 210
-    assert np.all(np.abs(track.roll_rad) < 0.5)
+    np.testing.assert_allclose(track.time_s, np.arange(30) / 25.0, atol=FLOAT64)
+    np.testing.assert_allclose(track.roll_rad, roll, atol=GRAVITY_RAD)
+    np.testing.assert_allclose(track.pitch_rad, pitch, atol=GRAVITY_RAD)
     with pytest.raises(uw.VideoError, match="GoPro"):
         level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(plate)}))
 

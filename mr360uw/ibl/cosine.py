@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import ENVIRONMENT_COLUMNS as COLUMNS
 from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
@@ -90,8 +91,8 @@ def cosine_filter(scale: int = 1) -> ZonalFilter:
 
 def cosine_beam(direction: ArrayLike, irradiance: ArrayLike) -> Floats:
     """Return the irradiance map (32, 64, 3) of a beam: irradiance (3,) on a plane facing `direction` (3,)."""
-    cosine = np.maximum(_normals() @ np.asarray(direction, np.float64), 0.0)
-    return (cosine[..., None] * np.asarray(irradiance, np.float64)).astype(np.float32)
+    cosine = np.maximum(_normals() @ exactly("direction", direction, (3,)).astype(np.float64), 0.0)
+    return (cosine[..., None] * exactly("irradiance", irradiance, (3,)).astype(np.float64)).astype(np.float32)
 
 
 @functools.cache

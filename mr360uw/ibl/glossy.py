@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import ZonalFilter, filter_scale
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
+from mr360uw.shapes import exactly
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
@@ -57,8 +58,9 @@ def glossy_beam(direction: ArrayLike, irradiance: ArrayLike, roughness: float) -
     cosine = np.linspace(0.0, 1.0, 1 << 16)  # the kernel's integral, with 1 - cosine spaced as a square
     tail = np.square(1.0 - cosine)
     total = 2.0 * np.pi * np.trapezoid(ggx_kernel(1.0 - tail, roughness), tail)
-    lobe = ggx_kernel(directions(64, 32) @ np.asarray(direction, np.float64), roughness) / abs(float(total))
-    return (lobe[..., None] * np.asarray(irradiance, np.float64)).astype(np.float32)
+    towards = exactly("direction", direction, (3,)).astype(np.float64)
+    lobe = ggx_kernel(directions(64, 32) @ towards, roughness) / abs(float(total))
+    return (lobe[..., None] * exactly("irradiance", irradiance, (3,)).astype(np.float64)).astype(np.float32)
 
 
 def glossy_levels(radiance: ArrayLike, roughness: ArrayLike) -> Floats:

@@ -24,6 +24,7 @@ from mr360uw.ibl.sun.blob import CLIPPED
 from mr360uw.ibl.sun.detect import find_disc, half_angle, is_display_referred, split_disc, split_given
 from mr360uw.ibl.sun.solar import given_direction
 from mr360uw.ibl.sun.split import Split, close, with_sun
+from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
 
@@ -81,7 +82,7 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
         return None
     if isinstance(sun, Sun):
         return Split(split_given(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
-    split = split_given(plate, unit(sun), half_angle(underwater), 1.0)
+    split = split_given(plate, unit(exactly("sun", sun, (3,))), half_angle(underwater), 1.0)
     clipped = settings.operator == "closure" and is_display_referred(plate)
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 

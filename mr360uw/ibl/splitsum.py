@@ -15,11 +15,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.shapes import common_shape
+
 Array = NDArray[np.float64]
 
 
 def split_sum(roughness: ArrayLike, n_dot_v: ArrayLike) -> tuple[Array, Array]:
     """Return (A, B) for perceptual roughness (alpha = roughness^2) and n.v, each (...,) in [0, 1]."""
+    common_shape(roughness=roughness, n_dot_v=n_dot_v)
     r = np.asarray(roughness, np.float64)
     v = np.asarray(n_dot_v, np.float64)
     white = (1.004 + v * (0.1061 - v * (0.1398 + 0.1248 * v))

@@ -23,6 +23,7 @@ from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.shapes import exactly
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 
@@ -94,6 +95,9 @@ def environment_from_yuv(
 def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> Plate:
     """Return the plate of a decoded frame with its coarse maps worked out."""
     height, width = yuv.y.shape
+    half = (height // 2, width // 2), ((height + 1) // 2, (width + 1) // 2)
+    exactly("u", yuv.u, *half, *((height, columns) for _, columns in half), (height, width))
+    exactly("v", yuv.v, yuv.u.shape)
     block = block_size(width, height)
     if yuv.u.shape != (height // 2, width // 2) or block == 0:
         return LinearPlate.of(decode_frame(yuv), settings, up)

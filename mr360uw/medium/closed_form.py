@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import common_shape, exactly
 
 if TYPE_CHECKING:
     from mr360uw.medium.water import Water
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
     """Return the part [m] of a ray from `depth` that runs below the mean surface, finite."""
+    common_shape(distance_m=distance, depth_m=depth, up=up)
     s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance, depth, up)))
     out = np.divide(np.maximum(y, 0.0), mu, out=np.full(s.shape, LONGEST_RAY_M), where=mu > 0.0)
     return np.minimum(np.maximum(s, 0.0), np.minimum(out, LONGEST_RAY_M))
@@ -70,11 +72,12 @@ def multiple_scattering(
     w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
     s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
     radiance = closed_form(water.scattering(w), water.attenuation(w), water.diffuse_attenuation(w), s, y, mu)
-    return np.asarray(surface_irradiance, np.float64) * radiance
+    return exactly("surface_irradiance", surface_irradiance, (), w.shape) * radiance
 
 
 def check_ray(distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> None:
-    """Raise `ParameterError` unless distance >= 0, 0 <= depth < infinity and -1 <= up <= 1."""
+    """Raise `ParameterError` unless distance >= 0, 0 <= depth < infinity, -1 <= up <= 1, of shapes that fit."""
+    common_shape(distance_m=distance_m, depth_m=depth_m, up=up)
     if not np.all(np.asarray(distance_m) >= 0.0):
         raise ParameterError(
             f"distance_m - must not be negative (got {np.min(distance_m)!r}) - give metres along the ray"

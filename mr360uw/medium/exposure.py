@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
+from mr360uw.shapes import exactly, vectors
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -41,6 +42,7 @@ def exposure_change(before: Floats, after: Floats) -> float:
     It is the least of the channels' medians; 0 where they disagree in sign, where a quarter of the picture does not go
     along, where nothing can be told, and within 2 %.
     """
+    exactly("after", vectors("after", after), np.shape(before))
     told = (np.minimum(before, after) > _DARK) & (np.maximum(before, after) < _BRIGHT)
     channels = [c for c in range(3) if told[..., c].mean() >= _ENOUGH]
     if not channels:
@@ -57,6 +59,7 @@ def picture_change(before: Floats, after: Floats) -> float:
 
     Infinite where what neither is black nor clipped in one is so in the other.
     """
+    exactly("after", after, np.shape(before))
     x, y = luminance(before), luminance(after)
     told_x, told_y = ((v > _DARK) & (v < _BRIGHT) for v in (x, y))
     both = told_x & told_y
@@ -73,7 +76,11 @@ def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame
     shot: a running median of the gain over the exposure, then a weighted mean, both as wide behind as ahead, times the
     exposure. A flash of one or two frames is no exposure; at its ends a shot keeps its gain.
     """
-    gain, change, moved = (np.asarray(a, np.float64) for a in (gains, exposure, picture))
+    gain = vectors("gains", gains).astype(np.float64)
+    change, moved = (
+        exactly(name, values, (len(gain),)).astype(np.float64)
+        for name, values in (("exposure", exposure), ("picture", picture))
+    )
     cuts = np.flatnonzero(moved > max(_CUT, _CUT_MEDIANS * float(np.median(moved))))
     shots = pairwise(np.unique([0, *cuts, len(gain)]))
     return np.concatenate([_steady_shot(gain[a:b], change[a:b], frame_rate) for a, b in shots])

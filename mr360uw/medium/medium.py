@@ -25,6 +25,7 @@ from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, S
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water
+from mr360uw.shapes import common_shape, exactly
 from mr360uw.types import Floats, MediumTable
 
 Array = NDArray[np.float64]
@@ -171,12 +172,14 @@ class Medium:
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., 3) that arrives when nothing stands in the way, times the gain."""
+        common_shape(depth_m=depth_m, up=up)
         if self.profile is not None:
             return self.profile(up)
         return self.gain * self.bands.rgb(self.model.radiance(depth_m, up))
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
         """Return the irradiance (..., 3) of a surface whose normal has the y component `normal_up`, times the gain."""
+        common_shape(depth_m=depth_m, normal_up=normal_up)
         return self.gain * self.bands.rgb(self.model.irradiance(depth_m, normal_up))
 
     def level_radiance(self, up: Array) -> Array:
@@ -195,7 +198,7 @@ class Medium:
 
     def scaled(self, gain: ArrayLike) -> Medium:
         """Return the same medium with veil and radiances multiplied by a gain, scalar or (3,), on top of its own."""
-        factor = np.broadcast_to(np.asarray(gain, np.float64), (3,))
+        factor = np.broadcast_to(exactly("gain", gain, (), (3,)).astype(np.float64), (3,))
         if not np.all(np.isfinite(factor) & (factor >= 0.0)):
             raise ParameterError(f"gain - must be three numbers >= 0 (got {factor.tolist()}) - correct it")
         other = self._copy()

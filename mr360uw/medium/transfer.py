@@ -28,6 +28,7 @@ from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, phase_moments
 from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
+from mr360uw.shapes import common_shape, exactly
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,11 @@ class LightField:
         refractive_index: float = REFRACTIVE_INDEX_SEA,
         streams: int = STREAMS_PER_HEMISPHERE,
     ) -> None:
+        if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
+            raise ParameterError(
+                f"light field - coefficients must be (n,) or one number (got {np.shape(absorption)} and "
+                f"{np.shape(scattering)}) - flatten them"
+            )
         self.absorption, self.scattering = (
             np.array(x, np.float64)
             for x in np.broadcast_arrays(np.atleast_1d(np.asarray(absorption)), np.atleast_1d(np.asarray(scattering)))
@@ -220,7 +226,8 @@ def _sky_parts(sky: Sky) -> tuple[float, float]:
 
 def _moments(phase: Phase | Array, count: int, orders: int) -> Array:
     if isinstance(phase, np.ndarray):
-        moments = np.broadcast_to(phase, (count, phase.shape[-1]))
+        length = phase.shape[-1]
+        moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
         if moments.shape[1] < orders or not np.allclose(moments[:, 0], 1.0):
             raise ParameterError(f"phase - needs {orders} Legendre moments from 1 on (got {phase.shape}) - give more")
         return np.array(moments[:, :orders], np.float64)

@@ -22,6 +22,7 @@ from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments, wide_angle_moments
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
+from mr360uw.shapes import exactly
 
 Array = NDArray[np.float64]
 
@@ -214,7 +215,9 @@ class Water:
         w = np.asarray(wavelength_nm, np.float64)
 
         def spectrum(label: str, values: ArrayLike) -> Spectrum:
-            return Spectrum(f"{name}, {label}", w, np.asarray(values, np.float64))
+            label = f"{name}, {label}"
+            column = exactly(label, values, np.shape(values)[:1] or w.shape)
+            return Spectrum(label, w, column.astype(np.float64))
 
         kd = None if diffuse_attenuation is None else spectrum("Kd", diffuse_attenuation)
         return cls(name, spectrum("absorption", absorption), spectrum("scattering", scattering), kd, phase)

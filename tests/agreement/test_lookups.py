@@ -19,8 +19,8 @@ from mr360uw.medium.lookup import (
 )
 from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
 from mr360uw.types import CausticStack, MediumTable
+from tests.agreement.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP, FLOAT32_TWIN
 from tests.glsl import glsl_call
-from tests.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP, FLOAT32_TWIN
 
 COUNT = 4096
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
+from tests.reference import reference_arrays
 
 
 def lattice_sea(rng: np.random.Generator, count: int = 8, folding: float = 0.5, tile_m: float = 8.0) -> GerstnerSea:
@@ -29,8 +30,8 @@ SEAS = {
 }
 
 
-def truth_sea(truth: np.lib.npyio.NpzFile, name: str) -> GerstnerSea:
-    """The surface behind a map of caustics_truth.npz."""
-    waves = truth[f"waves_{name}"]
-    tile = float(truth["L"])
+def photon_sea(name: str) -> GerstnerSea:
+    """Return the surface, "calm" or "choppy", through which the photons of the reference maps went."""
+    reference = reference_arrays("photons.npz")
+    waves, tile = reference[f"waves_{name}"], float(reference["tile_m"])
     return GerstnerSea.from_waves(2.0 * np.pi / tile * waves[:, :2], waves[:, 2], waves[:, 4], waves[:, 3], tile_m=tile)

@@ -27,9 +27,10 @@ from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, margina
 from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
-from tests import tolerances as tol
-from tests.caustics.seas import SEAS, lattice_sea, truth_sea
+from tests.caustics import tolerances as tol
+from tests.caustics.seas import SEAS, lattice_sea, photon_sea
 from tests.glsl import glsl_call
+from tests.reference import reference_arrays
 
 ZENITH = (0.0, 1.0, 0.0)
 SLANTED = direction_from_angles(0.7, np.radians(50.0))
@@ -113,12 +114,11 @@ def gl_stack(*arguments):
 
 
 @pytest.mark.parametrize("name", ["calm", "choppy"])
-def test_photons(backend, shared, name):
-    truth = np.load(shared / "truth" / "caustics_truth.npz")
-    expected = truth[f"{name}_z0_d3"].astype(float)
-    sea = truth_sea(truth, name)
+def test_photons(backend, name):
+    expected = reference_arrays("photons.npz")[name].astype(float)
+    sea = photon_sea(name)
     for grid, limit in ((256, tol.CAUSTICS_TRUTH[name]), (100, tol.CAUSTICS_TRUTH_COARSE)):
-        got = caustic_map(sea, ZENITH, 3.0, 0.0, 512, grid, sun_half_angle_rad=0.0, backend=backend)
+        got = caustic_map(sea, ZENITH, 3.0, 0.0, len(expected), grid, sun_half_angle_rad=0.0, backend=backend)
         assert relative_rmse(got, expected) < limit
 
 
@@ -370,10 +370,10 @@ def test_planes_of_a_stack_lie_along_the_beam():
 
 @pytest.mark.parametrize("zenith_deg", [0.0, 11.0, 40.0])
 @pytest.mark.parametrize("name", ["calm", "choppy"])
-def test_between_the_planes_of_a_stack(shared, name, zenith_deg):
+def test_between_the_planes_of_a_stack(name, zenith_deg):
     """Eight planes from 4 to 8 m read halfway between planes, against a plane right there read in the same way."""
     sun = direction_from_angles(0.6, np.radians(90.0 - zenith_deg))
-    sea = truth_sea(np.load(shared / "truth" / "caustics_truth.npz"), name)
+    sea = photon_sea(name)
     s = CausticSettings(size=256, grid=256)
     stack = caustic_stack(sea, sun, stack_depths(4.0, 8.0, 8), 0.0, s)
     levels = mip_levels(stack.ratio)

@@ -11,7 +11,7 @@ import pytest
 from mr360uw.caustics import CausticSettings, export_tiles
 from mr360uw.caustics.export import CAUSTIC_WHITE, world_grid
 from mr360uw.errors import OutputExistsError, ParameterError
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS
 
 SMALL = CausticSettings(size=32, grid=32)

@@ -15,7 +15,7 @@ from mr360uw.caustics.depth_ladder import PlaneLadder, map_size
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.sphere import direction_from_angles
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS
 
 SUN = direction_from_angles(0.7, np.radians(60.0))

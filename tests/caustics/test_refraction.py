@@ -15,7 +15,7 @@ from mr360uw.caustics.flux.refracted_rays import facet_flux, ray_slope, ray_tran
 from mr360uw.caustics.flux.refraction import refract_clamped
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import unit
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.glsl import glsl_call
 
 

@@ -14,7 +14,7 @@ from mr360uw.caustics.sea.surface import FIELD_NAMES, surface_jacobian, surface_
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
 from mr360uw.errors import ParameterError
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS, lattice_sea
 from tests.glsl import glsl_call
 

@@ -14,7 +14,7 @@ from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import CausticStack, Layer
-from tests import tolerances as tol
+from tests.caustics import tolerances as tol
 from tests.composite.scenes import SUN, placed, shot, sphere
 
 ROWS = 24

@@ -16,7 +16,7 @@ from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import codes, placed, plate, shot, sphere
 
 SIZE = (512, 256)

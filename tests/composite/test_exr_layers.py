@@ -16,7 +16,7 @@ from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shot import Receiver
 from mr360uw.types import Floats
 from mr360uw.video import write_exr
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import medium, placed, plate, shot, sphere
 
 COLOURS = (

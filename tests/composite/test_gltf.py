@@ -17,7 +17,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile, one_square
 
 GREY = np.full((2, 2, 3), 128, np.uint8)

@@ -20,7 +20,7 @@ from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.sphere import unit
 from mr360uw.types import Layer, Sun
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile
 from tests.composite.scenes import environment, placed, quad, shot, sphere
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
+from tests.composite.gltf_files import GltfFile
 from tests.composite.scenes import box, quad, sphere
 
 
@@ -206,16 +208,48 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     assert len(reads) == 2  # once a unit
 
 
-def test_found_meshes(shared: Path) -> None:
-    meshes = shared / "data/meshes"
-    snapper = load_mesh(meshes / "greySnapper_vertColor.glb")
-    assert "40.2 m long" in snapper.notes[0]
-    assert snapper.materials[0].normal_map is not None
-    truck = load_mesh(meshes / "CesiumMilkTruck.glb")
-    assert len(truck.positions) == 1744 + 56 + 288 + 2 * 768
-    modes = {m.alpha_mode for m in load_mesh(meshes / "AlphaBlendModeTest.glb").materials}
-    assert modes == {"OPAQUE", "MASK", "BLEND"}
-    ground = load_mesh(meshes / "babylon_underwater/underwaterGround.glb")
-    assert np.ptp(ground.uv) > 0.9
+def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fish in centimetres, alpha modes and a wheel used twice, an OBJ with a space in a name, a scan, Draco."""
+    grey = np.full((4, 4, 3), 128, np.uint8)
+    fish = GltfFile()
+    maps = {"baseColorTexture": {"index": fish.texture(grey)}}
+    fish.tree["materials"] = [{"pbrMetallicRoughness": maps, "normalTexture": {"index": fish.texture(grey)}}]
+    fish.mesh(fish.square(material=0))
+    fish.tree["nodes"] = [{"mesh": 0, "scale": [12.5, 40.2, 18.5]}]
+    mesh = load_mesh(fish.write(tmp_path / "fish.glb"))
+    assert "40.2 m long" in mesh.notes[0]
+    assert mesh.materials[0].normal_map is not None
+    np.testing.assert_allclose(load_mesh(tmp_path / "fish.glb", "cm").extent_m.max(), 0.402, rtol=tol.FLOAT32)
+
+    truck = GltfFile(materials=[{"alphaMode": mode} for mode in ("OPAQUE", "MASK", "BLEND")])
+    truck.mesh(truck.square(material=0), truck.square(material=1))
+    truck.mesh(truck.square(material=2))
+    truck.tree["nodes"] = [{"mesh": 0}, {"mesh": 1, "translation": [1, 0, 0]}, {"mesh": 1, "translation": [3, 0, 0]}]
+    mesh = load_mesh(truck.write(tmp_path / "truck.gltf"))
+    assert len(mesh.positions) == 2 + 2 + 2 * 2
+    assert [material.alpha_mode for material in mesh.materials] == ["OPAQUE", "MASK", "BLEND"]
+
+    Image.new("RGB", (4, 4), (0, 0, 255)).save(tmp_path / "fuze uv.png")
+    (tmp_path / "can.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd fuze uv.png\n")
+    (tmp_path / "can.obj").write_text(
+        "mtllib can.mtl\nusemtl skin\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    can = load_mesh(tmp_path / "can.obj")
+    assert can.materials[0].base_map is not None
+    np.testing.assert_allclose(can.uv[0], [[0, 1], [1, 1], [0, 0]], atol=tol.FLOAT32)  # v counts down from the top
+
+    (tmp_path / "scan.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n"
+    )
+    np.testing.assert_allclose(load_mesh(tmp_path / "scan.ply").extent_m, [1.0, 1.0, 0.0], atol=tol.FLOAT32)
+
+    draco = "KHR_draco_mesh_compression"
+    wreck = GltfFile(extensionsUsed=[draco], extensionsRequired=[draco])
+    packed = {draco: {"bufferView": wreck.view(bytes(60)), "attributes": {"POSITION": 0}}}
+    wreck.tree["accessors"] = [{"componentType": 5126, "count": 24, "type": "VEC3"}]
+    wreck.mesh({"attributes": {"POSITION": 0}, "extensions": packed})
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(MeshError, match="Draco"):
-        load_mesh(meshes / "kenney_ship_wreck_draco.gltf")
+        load_mesh(wreck.write(tmp_path / "wreck.gltf"))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
 from mr360uw.composite.settings import KeySettings, ObjectSettings
 from mr360uw.errors import ParameterError
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 
 ANGLE = st.floats(-180.0, 180.0)
 

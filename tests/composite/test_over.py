@@ -9,7 +9,7 @@ import pytest
 from mr360uw.composite.over import empty_tile, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 
 
 def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Tile:

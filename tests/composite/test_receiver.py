@@ -18,7 +18,7 @@ from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, caustics, changed, codes, environment, medium, placed, quad, shot, sphere
 
 pytestmark = pytest.mark.usefixtures("gl")

@@ -20,7 +20,7 @@ from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import View
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 
 

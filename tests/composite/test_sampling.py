@@ -9,7 +9,7 @@ from mr360uw.composite.sampling import pattern
 from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions, frame_from_direction, unit
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.glsl import glsl_call
 
 COUNTS = (1, 5, 13, 17, 29, 41, 65)

@@ -20,7 +20,7 @@ from mr360uw.composite.reference import render_aovs
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import directions, unit
-from tests import tolerances as tol
+from tests.composite import tolerances as tol
 from tests.composite.scenes import placed, quad, shot, sphere
 from tests.glsl import glsl_call
 

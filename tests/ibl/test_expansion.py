@@ -17,7 +17,7 @@ from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
 from tests.glsl import glsl_call
 from tests.ibl.plates import angle_deg, clipped, planes, sky
-from tests.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, FLOAT64, SUN_HDR_DEG, YUV_MEAN
+from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, FLOAT64, SUN_HDR_DEG, YUV_MEAN
 
 
 def test_mr360_is_the_published_formula() -> None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,9 @@ from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.report import level_section
 from mr360uw.sphere import directions
+from tests.ibl.panoramas import SKIES, panorama
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import FLOAT64, HORIZON_DEG
+from tests.ibl.tolerances import FLOAT64, HORIZON_DEG
 
 TILTS = [(0.0, 0.0), (0.15, -0.2), (-0.3, 0.25)]
 
@@ -85,16 +84,9 @@ def test_odd_maps_are_not_level() -> None:
         estimate_horizon(np.zeros((32, 64)))
 
 
-@pytest.mark.parametrize(
-    "name", ["chichen-itza.jpg", "machu-picchu.jpg", "puydesancy.jpg", "gopro_max_stitched_GS018423_1.jpg"]
-)
-def test_pictures_above_the_water_show_no_window(shared: Path, name: str) -> None:
-    import cv2
-
-    from mr360uw.color import decode
-
-    code = cv2.imread(str(shared / "data/footage/360" / name))[..., ::-1] / np.float32(255.0)
-    assert not estimate_horizon(ibl.environment(decode(code, "srgb")).residual).reliable
+@pytest.mark.parametrize("name", ["low sun", *SKIES])
+def test_pictures_above_the_water_show_no_window(name: str) -> None:
+    assert not estimate_horizon(ibl.environment(panorama(name)).residual).reliable
 
 
 def test_a_clipped_sky_is_no_window() -> None:

@@ -15,7 +15,7 @@ from mr360uw.ibl.splitsum import split_sum, split_sum_integral
 from mr360uw.sphere import directions, row_solid_angle, unit
 from tests.glsl import glsl_call
 from tests.ibl.plates import sky
-from tests.tolerances import (
+from tests.ibl.tolerances import (
     ENERGY_FLOAT32,
     FLOAT32_TWIN,
     GLOSSY_PEAK,

@@ -15,7 +15,7 @@ from mr360uw.sphere import directions, unit
 from mr360uw.types import Layer, Tile, YuvImage
 from mr360uw.video.frame import VideoFrame
 from tests.ibl.plates import angle_deg, clipped, planes, sky
-from tests.tolerances import (
+from tests.ibl.tolerances import (
     FLOAT64,
     PRIMARIES_CODE,
     PRIMARIES_LIGHT,

@@ -9,7 +9,7 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.sphere import directions, unit
 from tests.ibl.plates import angle_deg, clipped
-from tests.tolerances import SUN_HDR_DEG
+from tests.ibl.tolerances import SUN_HDR_DEG
 
 TOWARDS = unit([0.3, 0.6, 0.3])
 WIDTH = 2048

@@ -3,27 +3,26 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mr360uw.ibl as ibl
-from mr360uw.color import decode
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import OPERATORS, LightSettings
-from mr360uw.sphere import direction_from_angles, direction_from_frame, directions, row_solid_angle, unit
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
+from tests.ibl import panoramas
+from tests.ibl.panoramas import panorama
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import (
+from tests.ibl.tolerances import (
     CLOSURE_RATIO,
     ENERGY_FLOAT32,
     SUN_CLIPPED_DEG,
     SUN_ENERGY,
     SUN_HDR_DEG,
+    SUN_LOW_DEG,
 )
 
 SEAM, ZENITH = np.array([0.0, 0.6, 0.8]), np.array([0.0, 1.0, 0.0])
@@ -163,25 +162,16 @@ def test_two_suns_and_a_hot_pixel_stay_finite() -> None:
         assert np.all(np.isfinite(light.irradiance))
 
 
-def test_a_photograph_of_a_low_sun(shared: Path) -> None:
-    import cv2
-
-    truth = json.loads((shared / "data/footage/360/sun_truth_ldr.json").read_text("utf-8"))["images"]
-    entry = truth["360/panolens_field.jpg"]
-    code = cv2.imread(str(shared / "data/footage/360/panolens_field.jpg"))[..., ::-1]
-    sun = ibl.detect_sun(decode(code / np.float32(255.0), "srgb"))
-    place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
+def test_a_low_sun_in_a_clipped_noisy_picture() -> None:
+    sun = ibl.detect_sun(panorama("low sun"))
     assert sun is not None
     assert sun.confidence > 0.5
-    assert angle_deg(sun.direction, place) < entry["tol_px"] / entry["width"] * 360.0
+    assert angle_deg(sun.direction, panoramas.SUN) < SUN_LOW_DEG
 
 
-@pytest.mark.parametrize(
-    "name", ["chichen-itza.jpg", "machu-picchu.jpg", "pannellum_examplepano.jpg", "gopro_max_stitched_GS018423_1.jpg"]
-)
-def test_photographs_without_a_sun(shared: Path, name: str) -> None:
-    import cv2
-
-    code = cv2.imread(str(shared / "data/footage/360" / name))[..., ::-1]
-    sun = ibl.detect_sun(decode(code / np.float32(255.0), "srgb"))
+@pytest.mark.parametrize("name", panoramas.SKIES)
+def test_skies_without_a_sun(name: str) -> None:
+    plate = panorama(name)
+    sun = ibl.detect_sun(plate)
     assert sun is None or sun.confidence < 0.5
+    assert ibl.environment(plate).sun is None

@@ -12,7 +12,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import clipped, planes, sky
-from tests.tolerances import ENERGY_FLOAT32, SUN_LEFT, SUN_POLE_ENERGY, SUN_RADIUS, TILT_LIGHT
+from tests.ibl.tolerances import ENERGY_FLOAT32, SUN_LEFT, SUN_POLE_ENERGY, SUN_RADIUS, TILT_LIGHT
 
 TOWARDS = unit([0.3, 0.8, 0.2])
 

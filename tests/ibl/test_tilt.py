@@ -21,8 +21,8 @@ from mr360uw.sample.dive import DivePlate, DiveSettings
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.types import Environment, Sun
 from tests.ibl.plates import angle_deg, planes, sky
+from tests.ibl.tolerances import FLOAT64, SUN_CLIPPED_DEG, SUN_HDR_DEG, TILT_LIGHT, TILT_MAP
 from tests.scenes import scene_with
-from tests.tolerances import FLOAT64, SUN_CLIPPED_DEG, SUN_HDR_DEG, TILT_LIGHT, TILT_MAP
 
 ROLL_RAD, PITCH_RAD = -0.7, 0.1
 TILT = level_matrix(ROLL_RAD, PITCH_RAD)

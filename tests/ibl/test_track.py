@@ -18,8 +18,9 @@ from mr360uw.ibl.sun.smooth import smooth
 from mr360uw.ibl.sun.solar import parse_time, sun_angles
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
+from tests.gpmf import payloads, tilted_up
 from tests.ibl.plates import angle_deg, clipped, sky
-from tests.tolerances import FLOAT64, SOLAR_DEG, TRACK_RMS_DEG
+from tests.ibl.tolerances import ACCELEROMETER, FLOAT64, GRAVITY_RAD, SOLAR_DEG, TRACK_RMS_DEG
 
 
 def clip(rng: np.random.Generator, frames: int = 300, cut: int = 140) -> tuple[np.ndarray, list[Sun | None]]:
@@ -127,15 +128,20 @@ def test_keys_are_joined_by_lines() -> None:
         keyed_level([(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
 
 
-def test_gravity_of_a_gopro_max(shared: Path) -> None:
-    data = (shared / "data/footage/fixtures/gopro_max_heromode.gpmf.bin").read_bytes()
-    gravity = np.concatenate(streams(data, "GRAV"))
-    assert gravity.shape == (316, 3)
-    reading = np.concatenate(streams(data, "ACCL")).mean(axis=0)  # stored as left, down, back; it points up
-    up = unit([-reading[0], -reading[1], reading[2]])
+def test_gravity_of_a_gopro() -> None:
+    roll, pitch = 0.4 * np.sin(0.1 * np.arange(75)), 0.3 * np.cos(0.07 * np.arange(75)) - 0.1
+    up = tilted_up(roll, pitch)
+    data = b"".join(payloads(up, (30, 30, 15)))
+    assert [part.shape for part in streams(data, "GRAV")] == [(30, 3), (30, 3), (15, 3)]
+    # two sensors of one body: the accelerometer's reading is stored as left, back, up
+    reading = unit(np.concatenate(streams(data, "ACCL"))[::7])
+    np.testing.assert_allclose(reading @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], up, atol=ACCELEROMETER)
     track = level_from_gpmf(data, 29.97)
-    mean = unit(level_matrix(np.median(track.roll_rad), np.median(track.pitch_rad)).T @ np.array([0.0, 1.0, 0.0]))
-    assert angle_deg(mean, up) < 2.0
+    np.testing.assert_allclose(track.time_s, np.arange(75) / 29.97, atol=FLOAT64)
+    np.testing.assert_allclose(track.roll_rad, roll, atol=GRAVITY_RAD)
+    np.testing.assert_allclose(track.pitch_rad, pitch, atol=GRAVITY_RAD)
+    level = level_matrix(track.roll_rad[20], track.pitch_rad[20])
+    assert angle_deg(level @ up[20], np.array([0.0, 1.0, 0.0])) < np.degrees(2.0 * GRAVITY_RAD)
     with pytest.raises(ParameterError, match="cut off"):
         parse_gpmf(data[:200])
     with pytest.raises(ParameterError, match="no gravity"):

@@ -10,16 +10,16 @@ import numpy as np
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.models import SpectralModel
 
-ALBEDO = {1: 0.8, 2: 0.8, 3: 0.5, 4: 0.5, 5: 0.2, 6: 0.3}
-"""Of the bodies by their index in the reference samples: five spheres and the floor; 0 is sky, 12 endless water."""
-ENDLESS = 12
 CAMERA_DEPTH_M = 5.0
 HALF_FIELD = np.tan(np.radians(30.0))
+FLOOR_Y, FLOOR_ALBEDO = -12.0, 0.3
+RAYS = 4
+"""Rays along either side of a pixel."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Per sample (k, h, w): length of the ray, y of its direction, depth and normal where it ends, albedo, sky or not.
+    """Per ray (k, h, w): length, y of its direction, depth and normal where it ends, albedo, sky or not.
 
     valid: (h, w) pixels that show one body only.
     """
@@ -33,25 +33,39 @@ class Scene:
     valid: np.ndarray
 
     @classmethod
-    def from_samples(cls, samples: np.ndarray, mixed: np.ndarray) -> Scene:
-        g = samples.astype(np.float64)
-        index = g[..., 7].astype(int)
-        sky, endless = index == 0, index == ENDLESS
-        height, width = index.shape[1:]
-        row, column = np.mgrid[0:height, 0:width]
-        x = HALF_FIELD * (2.0 * (column + 0.5) / width - 1.0)
-        y = HALF_FIELD * height / width * (1.0 - 2.0 * (row + 0.5) / height)
-        through_centre = y / np.sqrt(x * x + y * y + 1.0)
-        up = np.where(sky, through_centre, (g[..., 2] + CAMERA_DEPTH_M) / np.maximum(g[..., 0], 1e-9))
-        return cls(
-            distance_m=np.where(sky | endless, np.inf, g[..., 0]),
-            up=up,
-            depth_m=np.where(sky, 0.0, np.maximum(-g[..., 2], 0.0)),
-            normal_up=g[..., 5],
-            albedo=np.vectorize(lambda i: ALBEDO.get(i, 0.0), otypes=[float])(index),
-            sky=sky,
-            valid=~mixed,
+    def of(cls, spheres: np.ndarray, height: int, width: int) -> Scene:
+        """Return what a camera 60 degrees wide looking along -z sees of spheres (x, y, z, radius, albedo) and a floor.
+
+        Coordinates have their origin on the surface above the camera, y up.
+        """
+        row, column = (np.arange(n * RAYS) + 0.5 for n in (height, width))
+        x, y = np.meshgrid(
+            HALF_FIELD * (2.0 * column / (width * RAYS) - 1.0),
+            HALF_FIELD * height / width * (1.0 - 2.0 * row / (height * RAYS)),
         )
+        d = np.stack([x, y, -np.ones_like(x)], axis=-1)
+        d /= np.linalg.norm(d, axis=-1, keepdims=True)
+        origin = np.array([0.0, -CAMERA_DEPTH_M, 0.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = [np.where(d[..., 1] < 0.0, (FLOOR_Y - origin[1]) / d[..., 1], np.inf)]
+            for sphere in spheres:
+                along = d @ (sphere[:3] - origin)
+                square = sphere[3] ** 2 - np.sum((sphere[:3] - origin) ** 2) + along**2
+                ends.append(np.where(square > 0.0, along - np.sqrt(square), np.inf))
+        distance = np.min(ends, axis=0)
+        body = np.where(np.isfinite(distance), np.argmin(ends, axis=0), -1)
+        sky = body < 0
+        end = origin + np.where(sky, 0.0, distance)[..., None] * d
+        normal_up, albedo = np.ones_like(x), np.where(sky, 0.0, FLOOR_ALBEDO)
+        for number, sphere in enumerate(spheres, 1):
+            on = body == number
+            normal_up[on], albedo[on] = ((end[..., 1] - sphere[1]) / sphere[3])[on], sphere[4]
+
+        def rays(image: np.ndarray) -> np.ndarray:
+            return image.reshape(height, RAYS, width, RAYS).transpose(1, 3, 0, 2).reshape(-1, height, width)
+
+        depth = np.where(sky, 0.0, -end[..., 1])
+        return cls(*(rays(v) for v in (distance, d[..., 1], depth, normal_up, albedo, sky)), np.ptp(rays(body), 0) == 0)
 
 
 def render(scene: Scene, model: SpectralModel) -> np.ndarray:

@@ -14,7 +14,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import Sensor, Water, bands, cameras, compress_gamut, multiple_scattering, reflectance
 from mr360uw.medium.spectral.fitted import search
 from mr360uw.medium.spectral.sensor import illuminant, named_sensor
-from tests.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
+from tests.medium.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
 
 SENSORS = [Sensor.cie1931(), Sensor.camera("Insta360 X5")]
 

@@ -3,26 +3,19 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
 from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
-from tests.tolerances import FLOAT64, SERIES
+from tests.medium.tolerances import FLOAT64, SERIES
+from tests.reference import reference_rows
 
 
-def golden(shared: Path) -> np.ndarray:
-    """Columns b, c, Kd, depth, mu, S, L of the reference rows."""
-    with (shared / "truth" / "golden_closed_form.csv").open() as file:
-        return np.array([[float(cell) for cell in row[1:]] for row in list(csv.reader(file))[1:]])
-
-
-def test_reference_values(shared: Path) -> None:
-    b, c, k, y, mu, s, expected = golden(shared).T
+def test_reference_values() -> None:
+    rows = [list(row.values())[1:] for row in reference_rows("closed_form.csv")]
+    b, c, k, y, mu, s, expected = np.array(rows, float).T
     np.testing.assert_allclose(closed_form(b, c, k, s, y, mu), expected, rtol=FLOAT64, atol=0.0)
 
 

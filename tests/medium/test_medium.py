@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,8 @@ from mr360uw.medium import (
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
 from tests.medium.picture import Scene, relative_rms, render
-from tests.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
+from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
+from tests.reference import reference_arrays
 
 DEPTH = 5.0
 SENSORS = {"cie": Sensor.cie1931(), "camera": Sensor.camera("Insta360 X5")}
@@ -178,16 +177,15 @@ def test_settings() -> None:
 
 @pytest.mark.parametrize(
     ("name", "phase", "limit"),
-    [("L_II_hg924", ("hg", 0.924), PICTURE_PEAKED), ("L_II_iso", "isotropic", PICTURE_ISOTROPIC)],
+    [("hg924", ("hg", 0.924), PICTURE_PEAKED), ("isotropic", "isotropic", PICTURE_ISOTROPIC)],
 )
-def test_path_traced_pictures(shared: Path, name: str, phase: tuple | str, limit: float) -> None:
-    data = np.load(shared / "truth" / "mitsuba_scene.npz")
-    a, b, kd = data["iop"][0].T
-    scene = Scene.from_samples(data["gbuf_samples"], data["mixed"])
-    water = Water.from_arrays(data["wl"], a, b, kd, phase)
-    truth = np.moveaxis(data[name], 0, -1)
+def test_path_traced_pictures(name: str, phase: tuple | str, limit: float) -> None:
+    data = reference_arrays("path_traced.npz")
+    w, truth = data["wavelength_nm"], np.moveaxis(data[f"radiance_{name}"], 0, -1)
+    scene = Scene.of(data["spheres"], *truth.shape[:2])
+    water = Water.from_arrays(w, data["absorption"], data["scattering"], data["diffuse_attenuation"], phase)
     error = {
-        mode: relative_rms(render(scene, spectral_model(water, data["wl"], mode, surface="none")), truth, scene)
+        mode: relative_rms(render(scene, spectral_model(water, w, mode, surface="none")), truth, scene)
         for mode in ("table", "kd", "kd+")
     }
     assert error["table"] < limit

@@ -10,7 +10,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Sensor, Water, fit_gain, fit_water
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.profile import row_up
-from tests.tolerances import FLOAT64, GAIN, GAIN_STEP, PLATE_LEVEL, TABLE_P95
+from tests.medium.tolerances import FLOAT64, GAIN, GAIN_STEP, PLATE_LEVEL, TABLE_P95
 
 DEPTH = 6.0
 EXPOSURE = np.array([0.5, 0.4, 0.3])

@@ -16,7 +16,7 @@ from mr360uw.medium import Medium, Sensor, Water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share
 from mr360uw.types import MediumTable
 from tests.glsl import glsl_call
-from tests.tolerances import ANALYTIC_FIELD, FLOAT32_LOOKUP, FLOAT64, GREY_OF_OBSERVER, TABLE_BEAM
+from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT32_LOOKUP, FLOAT64, GREY_OF_OBSERVER, TABLE_BEAM
 
 SENSORS = {"camera": "Insta360 X5", "observer": "CIE 1931"}
 CLEAR = ("I", "IA", "IB", "II", "III")

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,7 +11,8 @@ from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.ray_field import cosine_kernel
 from mr360uw.optics import fresnel_from_below
-from tests.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
+from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
+from tests.reference import reference_rows
 
 SETTINGS = {
     "iso_null": ("isotropic", "none"),
@@ -29,25 +27,20 @@ SKIES = ["uniform", ("sun", 0.85, 0.7)]
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
-def test_reference_values(shared: Path, setting: str) -> None:
-    with (shared / "truth" / "golden_rte.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["setting"] == setting]
-    assert len(rows) > 10
-    value = {
-        key: np.array([float(row[key]) for row in rows])
-        for key in rows[0]
-        if key not in ("setting", "water", "K_infinity")
-    }
+def test_reference_values(setting: str) -> None:
+    rows = [row for row in reference_rows("transfer.csv") if row["setting"] == setting]
+    assert len(rows) > 20
+    value = {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "setting"}
     phase, surface = SETTINGS[setting]
     field = LightField(value["a_per_m"], value["b_per_m"], phase, surface)
-    depth, mu = value["depth_m"], value["mu_travel_down"]
+    depth, mu = value["depth_m"], value["mu"]
     # each row has its own coefficients: take the diagonal
-    inscatter = np.diagonal(field.inscatter(value["ray_length_m"], depth, mu))
-    error = (inscatter - value["L_medium"]) / value["L_total_at_camera"]
+    inscatter = np.diagonal(field.inscatter(value["distance_m"], depth, mu))
+    error = (inscatter - value["inscatter"]) / value["radiance"]
     assert np.sqrt(np.mean(error**2)) < (INSCATTER_ISOTROPIC if phase == "isotropic" else INSCATTER_PEAKED)
-    for normal, key in ((1.0, "E_d"), (-1.0, "E_u"), (0.0, "E_vertical_plane")):
+    for normal, key in ((1.0, "down"), (-1.0, "up"), (0.0, "vertical")):
         np.testing.assert_allclose(np.diagonal(field.irradiance(depth, normal)), value[key], rtol=IRRADIANCE)
-    np.testing.assert_allclose(np.diagonal(field.scalar_irradiance(depth)), value["E_o"], rtol=IRRADIANCE)
+    np.testing.assert_allclose(np.diagonal(field.scalar_irradiance(depth)), value["scalar"], rtol=IRRADIANCE)
 
 
 @pytest.mark.parametrize("phase", ["isotropic", ("hg", 0.95), "petzold", "water"])

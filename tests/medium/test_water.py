@@ -18,7 +18,7 @@ from mr360uw.medium.phase import (
     phase_moments,
     wide_angle_moments,
 )
-from tests.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
+from tests.medium.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
 
 VISIBLE = np.arange(400.0, 701.0, 5.0)
 PHASES = ["isotropic", "petzold", "water", ("hg", 0.9), ("hg", -0.3), ("fournier-forand", 1.10, 3.5835)]

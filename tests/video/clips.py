@@ -13,6 +13,7 @@ import numpy as np
 
 from mr360uw.color import ColorSpec
 from mr360uw.types import YuvImage
+from tests.video.boxes import shift_edit_list
 
 SIZE = (128, 64)
 
@@ -59,9 +60,10 @@ def write_clip(
     audio_codec: str = "aac",
     rotation: int = 0,
     container_options: dict[str, str] | None = None,
+    camera_data: Sequence[bytes] = (),
 ) -> Path:
     """Encode moving planes; tags: range, matrix, primaries, transfer (H.273). audio_s: length of a tone, in AAC, or in
-    stereo in 16-bit PCM."""
+    stereo in 16-bit PCM. camera_data: payloads of a GoPro's metadata track, one a second."""
     bits = 10 if "10le" in pixel_format else 8
     subsampling = next(kind for kind in ("444", "422", "420") if kind in pixel_format)
     quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
@@ -78,6 +80,9 @@ def write_clip(
             stream.set_display_rotation(rotation)
         layout = "mono" if audio_codec == "aac" else "stereo"
         sound = container.add_stream(audio_codec, rate=48000, layout=layout) if audio_s else None
+        data = container.add_data_stream("bin_data") if camera_data else None
+        if data is not None:
+            data.metadata["handler_name"], data.time_base = "GoPro MET", Fraction(1, 1000)
         for index in range(frames):
             native = av.VideoFrame(*size, pixel_format)
             fill(native, moving_planes(index, bits, subsampling, size))
@@ -96,7 +101,30 @@ def write_clip(
                 block.sample_rate, block.pts, block.time_base = 48000, start, Fraction(1, 48000)
                 container.mux(sound.encode(block))
             container.mux(sound.encode(None))
+        for second, payload in enumerate(camera_data):
+            packet = av.Packet(payload)
+            packet.stream, packet.time_base, packet.duration = data, Fraction(1, 1000), 1000
+            packet.pts = packet.dts = 1000 * second
+            container.mux(packet)
     return path
+
+
+def write_trimmed_clip(
+    path: Path, frames: int = 24, size: tuple[int, int] = SIZE
+) -> tuple[Path, list[tuple[int, list[np.ndarray]]]]:
+    """Write a clip with sound, cut as cameras and editors do: edit lists hide 3 frames and 640 samples at the start.
+
+    Returns the path and what a decoder shows of the whole clip, frames + 3 pictures.
+    """
+    count = frames + 3
+    pts = [1001 * k for k in range(count)]
+    ntsc = Fraction(30000, 1001)
+    write_clip(path, count, pts=pts, time_base=1 / (ntsc * 1001), rate=ntsc, size=size, audio_s=count / float(ntsc))
+    whole = decoded(path)
+    assert len(whole) == count
+    shift_edit_list(path, 2913, 2913)  # not at the edge of a frame
+    shift_edit_list(path, 640, 400, b"soun")
+    return path, whole
 
 
 def decoded(path: Path) -> list[tuple[int, list[np.ndarray]]]:

@@ -15,7 +15,7 @@ from mr360uw.types import Floats, Layer, Tile, YuvImage
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.pixels.grain import NO_GRAIN, add_grain, grain_of_planes, grain_of_rgb
 from mr360uw.video.pixels.grain_kernels import white_noise
-from tests import tolerances as tol
+from tests.video import tolerances as tol
 
 SIZE = (1024, 512)
 

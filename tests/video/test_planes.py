@@ -14,14 +14,14 @@ from mr360uw.types import Layer, Tile, YuvImage
 from mr360uw.video.frame import VideoFrame
 from mr360uw.video.pixels.planes import linear_from_planes, planes_from_linear
 from mr360uw.video.pixels.rgb import noise
-from tests.tolerances import (
+from tests.video.clips import SIZE, fill, yuv_image
+from tests.video.tolerances import (
     VIDEO_CURVE_TABLE,
     VIDEO_DITHER_MEAN,
     VIDEO_OPAQUE_CODES,
     VIDEO_SEAM_CODES,
     VIDEO_SWSCALE,
 )
-from tests.video.clips import SIZE, fill, yuv_image
 
 SPECS = [
     ColorSpec(),

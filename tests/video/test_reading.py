@@ -10,7 +10,9 @@ import pytest
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
-from tests.video.clips import decoded, moving_planes, write_clip
+from tests.video.boxes import mark_v2
+from tests.video.clips import decoded, moving_planes, write_clip, write_trimmed_clip
+from tests.video.tolerances import VIDEO_SHARED_EXPONENT
 
 OPEN_GROUPS = {"x264-params": "keyint=5:min-keyint=5:open-gop=1:bframes=3:b-adapt=0:scenecut=0"}
 
@@ -51,30 +53,38 @@ def test_frames_equal_a_plain_decode(tmp_path) -> None:
                 np.testing.assert_array_equal(plane, expected)
 
 
-def test_frames_that_an_edit_list_cuts_away_do_not_count(shared) -> None:
-    """The clip holds 123 pictures, of which 120 are presented."""
-    with open_video(shared / "data/footage/360/overpass_mono.mp4") as video:
-        assert (video.width, video.height, video.frame_count) == (2048, 1024, 120)
+def test_frames_that_an_edit_list_cuts_away_do_not_count(tmp_path) -> None:
+    """The clip holds 27 pictures, of which 24 are presented."""
+    path, whole = write_trimmed_clip(tmp_path / "cut.mp4")
+    with open_video(path) as video:
+        assert video.frame_count == 24
         assert video.has_audio
         assert video.frame_rate == Fraction(30000, 1001)
-        straight = [(f.index, f.pts, f.yuv.y[::64, ::64].copy()) for f in video.frames()]
-        assert [index for index, _, _ in straight] == list(range(120))
-        for start in (1, 37, 119):
+        straight = [(f.index, f.pts, f.yuv.y.copy()) for f in video.frames()]
+        assert [index for index, _, _ in straight] == list(range(24))
+        assert [pts for _, pts, _ in straight] == [1001 * k for k in range(24)]
+        for (_, _, luma), (_, planes) in zip(straight, whole[3:], strict=True):
+            np.testing.assert_array_equal(luma, planes[0])
+        for start in (1, 17, 23):
             frame = next(video.frames(start))
             assert (frame.index, frame.pts) == straight[start][:2]
-            np.testing.assert_array_equal(frame.yuv.y[::64, ::64], straight[start][2])
+            np.testing.assert_array_equal(frame.yuv.y, straight[start][2])
 
 
-def test_full_range_camera_footage(shared) -> None:
-    path = shared / "data/footage/underwater/reef_clip_gopro_hero10.mp4"
+def test_full_range_camera_footage(tmp_path) -> None:
+    pts = [990 + 1001 * k for k in range(40)]
+    path = write_clip(
+        tmp_path / "camera.mp4", 40, pixel_format="yuvj420p", tags=(2, 1, 1, 1), pts=pts, size=(192, 108),
+        time_base=Fraction(1, 30000), rate=Fraction(30000, 1001), camera_data=[bytes(16), bytes(16)],
+    )  # fmt: skip
     with open_video(path, equirectangular=False) as video:
         assert video.spec == ColorSpec("bt709", True, "srgb", 8)
-        assert (video.frame_count, video.start_pts, video.has_audio) == (211, 990, False)
+        assert (video.frame_count, video.start_pts, video.has_audio) == (40, 990, False)
         assert video.notes == ("the data track 1 is not copied",)
-        frame = next(video.frames(150))
-        assert frame.time_s == pytest.approx(150 * 1001 / 30000)
-        plain = decoded(path)[150]
-        assert plain[0] == frame.pts
+        frame = next(video.frames(30))
+        assert frame.time_s == pytest.approx(30 * 1001 / 30000)
+        plain = decoded(path)[30]
+        assert plain[0] == frame.pts == pts[30]
         np.testing.assert_array_equal(plain[1][0], frame.yuv.y)
 
 
@@ -147,14 +157,14 @@ def test_upside_down_footage_is_turned(tmp_path) -> None:
 # --- stereo and shape ---
 
 
-def test_stereo_is_refused_and_one_eye_can_be_taken(shared) -> None:
-    path = shared / "data/footage/fixtures/spherical_v2_tb_google.mp4"
+def test_stereo_is_refused_and_one_eye_can_be_taken(tmp_path) -> None:
+    path = mark_v2(write_clip(tmp_path / "stereo.mp4", 4, size=(128, 128)), 1)
     with pytest.raises(VideoError, match=r'top-bottom stereo.*plate.eye = "left"'):
         open_video(path)
     whole = decoded(path)[3][1]
-    for eye, rows in (("left", slice(0, 320)), ("right", slice(320, 640))):
+    for eye, rows in (("left", slice(0, 64)), ("right", slice(64, 128))):
         with open_video(path, eye=eye) as video:
-            assert (video.width, video.height) == (640, 320)
+            assert (video.width, video.height) == (128, 64)
             frame = next(video.frames(3))
         np.testing.assert_array_equal(frame.yuv.y, whole[0][rows])
         np.testing.assert_array_equal(frame.yuv.v, whole[2][rows.start // 2 : rows.stop // 2])
@@ -211,22 +221,27 @@ def test_a_still_repeats(tmp_path) -> None:
         assert [f.index for f in video.frames(5, 9)] == [5, 6, 7, 8]
 
 
-def test_exr_and_hdr_pictures_are_linear(tmp_path, shared) -> None:
+def test_exr_and_hdr_pictures_are_linear(tmp_path) -> None:
     light = np.random.default_rng(1).uniform(0, 50, (8, 16, 3)).astype(np.float32)
+    light[2, 3] = (8000.0, 9000.0, 10000.0)  # a sun
     write_exr(tmp_path / "a.exr", light)
     with open_video(tmp_path / "a.exr") as video:
         np.testing.assert_array_equal(next(video.frames()).image_linear, light)
         assert video.spec.transfer == "linear"
-    with open_video(shared / "data/footage/hdr/polyhaven_sky.hdr") as video:
-        assert next(video.frames()).image_linear.max() > 1000
+    cv2.imwrite(str(tmp_path / "a.hdr"), light[..., ::-1])
+    with open_video(tmp_path / "a.hdr") as video:
+        found = next(video.frames()).image_linear
+    assert np.all(np.abs(found - light) <= VIDEO_SHARED_EXPONENT * light.max(axis=-1, keepdims=True))
 
 
-def test_one_eye_of_a_stereo_picture(shared) -> None:
-    path = shared / "data/footage/underwater360/catlin_pedras_secas_two_stereo_tb.jpg"
+def test_one_eye_of_a_stereo_picture(tmp_path) -> None:
+    both = picture(4, size=(32, 32))
+    cv2.imwrite(str(tmp_path / "stereo.png"), both[..., ::-1])
     with pytest.raises(VideoError, match="stereo"):
-        open_video(path)
-    with open_video(path, eye="left") as video:
-        assert next(video.frames()).image_linear.shape == (1024, 2048, 3)
+        open_video(tmp_path / "stereo.png")
+    for eye, rows in (("left", slice(0, 16)), ("right", slice(16, 32))):
+        with open_video(tmp_path / "stereo.png", eye=eye) as video:
+            np.testing.assert_array_equal(next(video.frames()).rgb, both[rows])
 
 
 # --- bad input ---

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import struct
+from functools import partial
 
 import av
 import numpy as np
@@ -11,9 +12,11 @@ from mr360uw.errors import VideoError
 from mr360uw.video import SphericalMetadata, open_video, read_spherical, transcode, write_spherical
 from mr360uw.video.metadata.mp4 import Box, edit_moov, parse_boxes, read_moov, sample_entries, video_track
 from mr360uw.video.metadata.spherical import from_side_data
+from tests.video.boxes import mark_v1, mark_v2
 from tests.video.clips import decoded, packets, write_clip
 
-FIXTURES = "data/footage/fixtures"
+MARKS = {"V1": mark_v1, "V2": mark_v2, "V2, FFmpeg's order": partial(mark_v2, layout="ffmpeg")}
+TOP_BOTTOM = {"V1": "top-bottom", "V2": 1, "V2, FFmpeg's order": 1}
 
 
 def ffmpeg_says(path):
@@ -22,31 +25,32 @@ def ffmpeg_says(path):
         return from_side_data(next(container.decode(video=0)).side_data)
 
 
-@pytest.mark.parametrize(
-    ("name", "source", "stereo"),
-    [
-        ("spherical_v1_google.mp4", "V1", "mono"),
-        ("spherical_v2_google.mp4", "V2", "mono"),
-        ("spherical_v1_tb_google.mp4", "V1", "top-bottom"),
-        ("spherical_v2_tb_google.mp4", "V2", "top-bottom"),
-        ("spherical_v2_ffmpeg.mp4", "V2", "mono"),
-    ],
-)
-def test_marks_of_other_tools_are_read(shared, name, source, stereo) -> None:
-    metadata = read_spherical(shared / FIXTURES / name)
+@pytest.mark.parametrize("stereo", ["mono", "top-bottom"])
+@pytest.mark.parametrize("layout", MARKS)
+def test_marks_of_other_tools_are_read(tmp_path, layout, stereo) -> None:
+    path = write_clip(tmp_path / "in.mp4", 2, size=(128, 64 if stereo == "mono" else 128))
+    MARKS[layout](path, *([] if stereo == "mono" else [TOP_BOTTOM[layout]]))
+    metadata = read_spherical(path)
     assert metadata is not None
-    assert (metadata.projection, metadata.stereo, metadata.source) == ("equirectangular", stereo, source)
-    assert metadata.bounds == (0, 0, 0, 0)
-    theirs = ffmpeg_says(shared / FIXTURES / name)
+    assert (metadata.projection, metadata.stereo, metadata.source) == ("equirectangular", stereo, layout[:2])
+    assert (metadata.bounds, metadata.pose_deg, metadata.problems) == ((0, 0, 0, 0), (0, 0, 0), ())
+    theirs = ffmpeg_says(path)
     assert (theirs.projection, theirs.stereo, theirs.pose_deg) == ("equirectangular", stereo, metadata.pose_deg)
 
 
-def test_matroska_and_unmarked_files(shared) -> None:
-    with open_video(shared / FIXTURES / "spherical_ffmpeg.mkv") as video:
-        assert video.spherical is not None
-        assert video.spherical.source == "side data"
-    with open_video(shared / FIXTURES / "no_metadata.mp4") as video:
+def test_matroska_and_unmarked_files(tmp_path) -> None:
+    path = write_clip(tmp_path / "in.mp4", 12)
+    with open_video(path) as video:
         assert video.spherical is None
+    mark_v2(path)
+    with av.open(str(path)) as source, av.open(str(tmp_path / "in.mkv"), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    with open_video(tmp_path / "in.mkv") as video:
+        assert video.spherical == SphericalMetadata(source="side data")
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov"])
@@ -178,9 +182,9 @@ def test_offsets_that_outgrow_32_bits_get_a_wider_table() -> None:
     np.testing.assert_array_equal(np.frombuffer(table.payload[8:], ">u8"), offsets + 100)
 
 
-def test_the_box_tree_gives_back_the_bytes(shared) -> None:
-    moov = read_moov(shared / FIXTURES / "spherical_v2_google.mp4")
-    data = (shared / FIXTURES / "spherical_v2_google.mp4").read_bytes()
+def test_the_box_tree_gives_back_the_bytes(tmp_path) -> None:
+    path = mark_v2(write_clip(tmp_path / "in.mp4", 2, audio_s=0.2), 0)
+    moov, data = read_moov(path), path.read_bytes()
     raw = moov.serialised()
     assert raw in data
     sample_entries(video_track(moov))
@@ -190,9 +194,10 @@ def test_the_box_tree_gives_back_the_bytes(shared) -> None:
         parse_boxes(raw[:-3])
 
 
-def test_outputs_are_marked(tmp_path, shared) -> None:
-    for name in ("spherical_v1_google.mp4", "no_metadata.mp4"):
-        transcode(shared / FIXTURES / name, tmp_path / name, stop=3)
-        metadata = read_spherical(tmp_path / name)
+def test_outputs_are_marked(tmp_path) -> None:
+    for source in (mark_v1(write_clip(tmp_path / "marked.mp4", 4)), write_clip(tmp_path / "bare.mp4", 4)):
+        target = tmp_path / f"out_{source.name}"
+        transcode(source, target, stop=3)
+        metadata = read_spherical(target)
         assert (metadata.source, metadata.problems) == ("V1+V2", ())
-        assert ffmpeg_says(tmp_path / name).stereo == "mono"
+        assert ffmpeg_says(target).stereo == "mono"

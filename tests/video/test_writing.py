@@ -19,14 +19,15 @@ from mr360uw.color import encode
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.types import Layer, Tile
 from mr360uw.video import EncodeSettings, create_video, open_video, read_rgb, read_spherical, transcode
-from tests.tolerances import (
+from tests.video.boxes import mark_v1
+from tests.video.clips import decoded, packets, write_clip, write_trimmed_clip
+from tests.video.tolerances import (
     VIDEO_CODE_LIGHT,
     VIDEO_DITHER_MEAN,
     VIDEO_LOSSY_MEAN,
     VIDEO_MEMORY_GROWTH,
     VIDEO_PICTURE_CODES,
 )
-from tests.video.clips import decoded, packets, write_clip
 
 LOSSLESS = EncodeSettings(lossless=True, preset="ultrafast")
 
@@ -63,8 +64,12 @@ def test_a_lossless_copy_has_the_same_codes_times_and_tags(tmp_path, pixel_forma
     assert list(tmp_path.glob("*.part")) == []
 
 
-def test_full_range_camera_footage_stays_full_range(tmp_path, shared) -> None:
-    source = shared / "data/footage/underwater/reef_clip_gopro_hero10.mp4"
+def test_full_range_camera_footage_stays_full_range(tmp_path) -> None:
+    source = write_clip(
+        tmp_path / "in.mp4", 8, pixel_format="yuvj420p", tags=(2, 1, 1, 1), size=(192, 108),
+        time_base=Fraction(1, 30000), pts=[990 + 1001 * k for k in range(8)], rate=Fraction(30000, 1001),
+        camera_data=[bytes(16)],
+    )  # fmt: skip
     target = tmp_path / "out.mp4"
     transcode(source, target, LOSSLESS, stop=4, equirectangular=False)
     for (pts, planes), (expected_pts, expected) in zip(decoded(target), decoded(source)[:4], strict=True):
@@ -92,8 +97,8 @@ def test_sound_is_copied_bit_by_bit(tmp_path, suffix) -> None:
         assert [(p, d) for p, d, _ in ours] == [(p, d) for p, d, _ in theirs]
 
 
-def test_camera_sound_with_an_edit_list(tmp_path, shared) -> None:
-    source = shared / "data/footage/360/overpass_mono.mp4"
+def test_camera_sound_with_an_edit_list(tmp_path) -> None:
+    source, _ = write_trimmed_clip(tmp_path / "in.mp4")
     target = tmp_path / "out.mp4"
     transcode(source, target, EncodeSettings(preset="ultrafast"))
     assert [data for _, _, data in packets(target, "audio")] == [data for _, _, data in packets(source, "audio")]
@@ -177,13 +182,13 @@ def test_upside_down_footage_comes_out_upright(tmp_path) -> None:
         assert next(container.decode(video=0)).rotation == 0
 
 
-def test_one_eye_is_written_as_mono(tmp_path, shared) -> None:
-    source = shared / "data/footage/fixtures/spherical_v1_tb_google.mp4"
+def test_one_eye_is_written_as_mono(tmp_path) -> None:
+    source = mark_v1(write_clip(tmp_path / "in.mp4", 3, size=(128, 128)), "top-bottom")
     target = tmp_path / "out.mp4"
     with open_video(source, eye="right") as video, create_video(target, video, LOSSLESS) as out:
         for frame in video.frames(0, 2):
             out.write(frame)
-    np.testing.assert_array_equal(decoded(target)[1][1][0], decoded(source)[1][1][0][320:])
+    np.testing.assert_array_equal(decoded(target)[1][1][0], decoded(source)[1][1][0][64:])
     metadata = read_spherical(target)
     assert metadata is not None
     assert metadata.stereo == "mono"

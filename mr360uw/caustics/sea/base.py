@@ -12,6 +12,7 @@ from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.shapes import common_shape
 from mr360uw.types import Surface
 
 Array = NDArray[np.float64]
@@ -63,6 +64,7 @@ class SeaParameters(Parameters):
         time_s: seconds. Raises `ParameterError` for times and places that are not finite.
         """
         check_time(time_s)
+        common_shape(x_m=x_m, z_m=z_m)
         x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
             raise ParameterError("x_m, z_m - must be finite (got NaN or infinity) - give metres")

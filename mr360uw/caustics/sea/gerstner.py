@@ -30,6 +30,7 @@ from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
 from mr360uw.caustics.sea.surface import SurfaceFields
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.shapes import exactly
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -116,10 +117,9 @@ class GerstnerSea(SeaParameters):
         k = np.atleast_2d(np.asarray(wave_vector, np.float64))
         if k.ndim != 2 or k.shape[1] != 2:
             raise ParameterError(f"wave_vector - must be (n, 2) (got {k.shape}) - give k_x, k_z of each wave")
+        given = {"amplitude_m": amplitude_m, "steepness": steepness, "phase_rad": phase_rad}
+        rows = [np.broadcast_to(exactly(name, a, (), k.shape[:1]), k.shape[:1]) for name, a in given.items()]
         try:
-            rows = [
-                np.broadcast_to(np.asarray(a, np.float64), k.shape[:1]) for a in (amplitude_m, steepness, phase_rad)
-            ]
             waves = tuple(
                 GerstnerWave(wave_vector=(kx, kz), amplitude_m=a, steepness=q, phase_rad=p)
                 for (kx, kz), a, q, p in zip(k.tolist(), *(r.tolist() for r in rows), strict=True)

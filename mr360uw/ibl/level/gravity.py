@@ -53,8 +53,9 @@ def _records(data: bytes, where: str) -> Iterator[Record]:
     offset = 0
     while offset + 8 <= len(data):
         code, kind, size, repeat = struct.unpack_from(">4scBH", data, offset)
-        if code == b"\0\0\0\0":  # padding up to the end of the payload
-            return
+        if code == b"\0\0\0\0":  # padding at the end of a payload; others may follow
+            offset += 4
+            continue
         key, length = code.decode("latin-1"), size * repeat
         body = data[offset + 8 : offset + 8 + length]
         if len(body) < length:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.sun.smooth import smooth
+from mr360uw.shapes import exactly
 from mr360uw.types import Environment, Floats, Sun
 
 Array = NDArray[np.float64]
@@ -46,7 +47,8 @@ def measure_sun(environment: Environment, time_s: float, world_from_camera: Floa
     """
     sun = environment.sun
     if sun is not None and world_from_camera is not None:
-        sun = replace(sun, direction=world_from_camera @ sun.direction)
+        rotation = exactly("world_from_camera", world_from_camera, (3, 3))
+        sun = replace(sun, direction=rotation @ sun.direction)
     value = np.log(np.maximum(luminance(environment.residual), 1e-4))
     thumbnail = value.reshape(8, 4, 16, 4).mean(axis=(1, 3))
     exposure = float(np.exp(thumbnail.mean()))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, VISIBLE_NM, Sensor, illuminant
+from mr360uw.shapes import vectors
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class Bands:
 
     def rgb(self, spectrum: Array) -> Array:
         """Return RGB (..., 3) of spectra (..., n) relative to the illuminant; may be negative out of gamut."""
-        return np.asarray(spectrum) @ self.weight
+        return vectors("spectrum", spectrum, len(self.weight)) @ self.weight
 
     @property
     def signed(self) -> bool:
@@ -61,7 +62,8 @@ class Bands:
 
         Ratios of it are what fading does to a grey colour. Nothing is too dark for it.
         """
-        x, result = np.asarray(log_spectrum), np.empty((*np.shape(log_spectrum)[:-1], 3))
+        x = vectors("log_spectrum", log_spectrum, len(self.weight))
+        result = np.empty((*np.shape(log_spectrum)[:-1], 3))
         for channel, weight in enumerate(self.lobes.T):
             part = x[..., weight > 0.0]
             top = part.max(axis=-1, keepdims=True)

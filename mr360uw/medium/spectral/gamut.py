@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
 from mr360uw.constants import GAMUT_POWER, GAMUT_THRESHOLD
+from mr360uw.shapes import vectors
 
 Array = NDArray[np.float64]
 
 
 def compress_gamut(rgb: ArrayLike) -> Array:
     """Return linear Rec.709 colours (..., 3) with no negative channel and the luminance they had (0 if negative)."""
-    c = np.asarray(rgb, np.float64)
+    c = vectors("rgb", rgb).astype(np.float64, copy=False)
     largest = np.maximum(c.max(axis=-1, keepdims=True), 0.0)
     d = 1.0 - np.divide(c, largest, out=np.ones(c.shape), where=largest > 0.0)
     x = np.maximum(d - GAMUT_THRESHOLD, 0.0) / (1.0 - GAMUT_THRESHOLD)

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances of sea and caustics, each with its reason."""
+
+from __future__ import annotations
+
+from tests.tolerances import FLOAT32_LOOKUP, FLOAT32_TWIN, FLOAT64, PLANE_SLACK_M
+
+SNELL_ROUND_TRIP = 1e-7
+"""Into water and back at grazing angles: the cosine is the root of a difference, which keeps half of the digits."""
+SKY_REFLECTANCE = 5e-5
+"""Published to four decimals."""
+PRINTED_INDEX = 6e-5
+"""Indices printed to four decimals."""
+FINITE_DIFFERENCE = 1e-6
+"""Central differences over 1e-5 m: the third derivative times 1e-10, and roundings of 1e-16/1e-5."""
+TILE_EDGE = 1e-9
+"""Opposite edges of a tile, both ends of a loop: phases of a few hundred radians, rounded."""
+FFT_SUM = 1e-10
+"""A fast transform against the direct sum: roundings of some 1e4 waves."""
+BLENDED_EDGE = 1e-6
+"""Both sides of a blended edge meet up to the last 1e-12 of the tile times the blend's slope."""
+STATED_HEIGHT = 0.02
+"""Four standard deviations of one sea over one tile against the stated height."""
+SPECTRUM_PEAK = 1e-3
+"""The highest sample of a spectrum that is sampled every 3e-4 rad/s."""
+SPREAD_INTEGRAL = 5e-5
+"""Trapezoidal rule with 2e4 samples over a function with a cusp where waves run against the wind."""
+SHALLOW_LIMIT = 1e-6
+"""tanh(x) against x at x = 1e-3: x^2/3 and a root."""
+DETAIL_STRENGTH = 0.15
+"""Bilinear samples between texels of a wavy map lose some of its variance."""
+CAUSTICS_MEAN_REFERENCE = 1e-6
+"""Energy of a map in double precision."""
+CAUSTICS_MEAN_GL = 1e-3
+"""Energy of a map in single precision, thin triangles at the folds included."""
+FLAT_SEA_GL = 2e-5
+"""A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
+COVERAGE_TWIN = 5e-4
+"""Light of a cell in single precision: coverage is rounded to 1e-7 and multiplied with intensities up to 1e3."""
+CAUSTICS_TRUTH = {"calm": 0.007, "choppy": 0.02}
+"""RMSE over standard deviation against a photon map, grid 256 and map 128: 0.0046 and 0.015. A cell's light is even
+inside each of its two triangles; the light over an area is exact, whatever the map. Dividing areas is off by 0.046."""
+CAUSTICS_TRUTH_COARSE = 0.11
+"""The same at grid 100: 0.09 for the choppy sea."""
+CAUSTICS_AGREEMENT = 0.005
+"""RMSE over standard deviation between the renderers without the sun's disc: rays near a fold, rounded to 1e-4 pixels,
+fall into the next pixel, and the brightest pixels are there."""
+CAUSTICS_AGREEMENT_DISC = 0.03
+"""The same with the disc: the renderers blur by a disc and by the product of its two projections, and OpenGL leaves out
+discs below a quarter of a pixel."""
+SAMPLED_AGREEMENT = 0.12
+"""Methods that sample triangles at pixel centres: a centre on an edge falls to either side in single precision."""
+TILT_CONTRAST = 0.1
+"""Standard deviation just below the surface, where only the squeezing of particles and their tilt count."""
+SHARED_CELL = 1e-9
+"""The light of one cell over its pixels: areas of a few thousandths of a pixel divide roundings of 1e-16."""
+DISC_SHAPE = 0.03
+"""Variance of a sampled disc against radius^2/4, relative: pixels are as wide as the disc."""
+FALSE_COLOUR = 1e-9
+"""Three passes with one refractive index are one pass."""
+BEAM_SHIFT = 2e-3
+"""Place [m] of a ripple's light: its flux follows its tilt, which moves the pattern by a millimetre."""
+STACK_BETWEEN = {"calm": 0.05, "choppy": 0.12}
+"""RMSE over standard deviation of a mix of two planes, 0.4 to 0.8 m apart, against a plane halfway, suns to 40 degrees:
+a choppy sea's filaments move by more than their width from plane to plane."""
+EDGE_SUM = 1e-9
+"""Light summed along edges against light found pixel by pixel: differences of intensities up to 1e3, in doubles."""
+FOOTPRINT_CONTRAST = 0.05
+"""Contrast of a lookup against that of the mean over its footprint, whose shape is another. With the level whose pixels
+are as wide as the footprint it is 0.2 to 0.3 lower."""
+FOOTPRINT_PATTERN = 0.3
+"""RMSE over standard deviation of the same: a box and a tent of fixed places are not the box about the point. With the
+level whose pixels are as wide as the footprint it is 0.33 to 0.48."""
+EVEN_STEPS = 2.0
+"""Largest change of light in a step of a rising body over the median one: filaments cross its points unevenly; planes
+that move with the body change it by 10 times the median where their number changes."""
+SMALLER_MAP_CONTRAST = 0.1
+"""Contrast seen through a pixel in the map that is fine enough for it against that in a finer one: see `map_size`."""
+TURNED_BALL = 0.02
+"""Light on a ball turned onto itself, or seen by a turned camera, over what the caustics change or the brightest light:
+rounding of single precision moves samples at edges of triangles; a pattern that turned along would change by 1."""
+WORLD_GRID = 0.02
+"""Height [m] and normal up to 5 % of a pixel beside its centre: slopes and curvatures of the sea times 6 mm."""
+SIXTEEN_BIT = 1e-4
+"""Codes of 16 bits, rounded, over the range that a PNG holds."""

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances of objects and compositing, each with its reason."""
+
+from __future__ import annotations
+
+from tests.tolerances import (
+    FLOAT32,
+    FLOAT32_LOOKUP,
+    FLOAT64,
+    HALF_FLOAT,
+    MAP_RATIO,
+    RENDERERS_CODES,
+    RENDERERS_FRACTION,
+    RENDERERS_PSNR_DB,
+)
+
+HULL_SHALLOW = 1.1e-4
+"""Part of the extent that points of very large meshes may stand out of their hull (1e-4), and of its rounding."""
+SMOOTH_NORMALS = 0.002
+"""Cosine between the normals of a sphere and those found from a mesh of 24 rows: half a step is 4 degrees at most."""
+POLYGON_AREA = 0.01
+"""A sphere of 32 rows of flat facets lies inside the round one."""
+RECTANGLE_PIXELS = 4
+"""A rectangle is one pixel wider than the triangle on every side, which itself may miss pixel centres."""
+EDGE_PIXELS = 0.02
+"""A place in a frame of 512 columns in single precision, and the arc functions near a pole."""
+FURNACE = 0.005
+"""A white body in white light vanishes to within half a per cent."""
+POLE_AREA = 0.005
+"""Area of a body: facets instead of a round sphere, and finitely many samples at its edge."""
+ROLL_CODES = 1.0
+"""A turn by whole columns moves every sample to another one exactly, but for roundings at edges."""
+PENUMBRA = 0.03
+"""Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
+OCCLUSION = 0.03
+"""32 surfels for a body, their facing averaged, against 4096 rays over the hemisphere."""
+QUADRATURE = 0.002
+"""A midpoint sum of some hundred to some thousand terms."""
+TEXTURE_TWIN = 2e-3
+"""Half-float texels between which single precision mixes; coordinates of 3e-7 times 40 texels."""
+AOV_DIFFERENCE = 0.02
+"""An output variable, gl against the reference: the shadow map's steps where the sun is half covered."""
+LOBE_AXIS_DEG = 3.0
+"""Fitted direction of a coat's lobe, rms over roughness and n.v: the lobes are 10 to 100 degrees wide."""
+ONE_SIDED_METAL = 0.05
+"""Rough metal in light of 1 from one side, rms over a ball: filtered maps are round, the lobe is not (0.035; 0.11 with the
+mirrored direction)."""
+MASK_EDGE_PX = 0.5
+"""Where a mask cuts along a row [px]: alpha between texels, a third of a pixel wide here, seen by 17 samples."""
+PIXEL_HOLES = 1e-3
+"""Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
+ALPHA = 0.02
+"""Coverage, gl against the reference: less than one of 29 samples."""
+BLOCK_CODES = 10.0
+"""Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
+the sun map. With corners of blocks alone it is 30 to 100."""
+BLOCK_ERROR = 0.12
+"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.05 to 0.09 for balls a few
+pixels wide. With corners alone 0.3 and 2."""
+EDGE_CODES = 1.2
+"""Root mean square error of edge pixels in codes: coverage by 65 samples, times the contrast to the plate, leaves 0.9;
+that of 17 leaves 1.8."""
+SHADOW_RIM_FRACTION = 0.998
+"""Pixels of a 128 x 64 frame within two codes where a wide penumbra on any floor is in view: 14 of its rim are 2 to 4
+codes off, on a plane as on a map of it."""
+DISTANCE_NORMAL = 2e-4
+"""Cosine of normals from a distance map in single precision, 60 m away: differences of 1e-3 of what they are taken of."""
+DISTANCE_EDGES = 0.985
+"""Texels of a map with a box and a ball whose normals are right to 2 degrees: all but those that an edge crosses, and the
+rim of the ball, which curves within a texel."""
+ROUNDED_NORMAL_DEG = 3.5
+"""Mean error of normals of maps of 8 and 10 bits over the same scene: 9 to 21 degrees as they are."""

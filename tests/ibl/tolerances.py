@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances of the light taken from a plate, each with its reason."""
+
+from __future__ import annotations
+
+from tests.tolerances import FLOAT32_TWIN, FLOAT64, GRAVITY_RAD
+
+IRRADIANCE_PEAK = 5e-3
+"""Irradiance maps against the integral of the full map, as a share of the peak: light inside a 1.4 degree pixel is
+taken to lie at its mean."""
+KERNEL_QUADRATURE = 2e-3
+"""Constant filters against closed forms: midpoint sums over 4 to 16 samples along a pixel, the kink at the horizon."""
+SH9_UNIFORM = 1e-3
+"""Nine harmonics of a linear ramp, which they hold exactly, summed over 64 x 32 pixels."""
+GLOSSY_PEAK = 2e-2
+"""GGX levels against a brute-force sum, as a share of the peak."""
+SPLIT_SUM_RMS = 2e-2
+"""The fitted split sum against its integral, rms over roughness and n.v."""
+SPLIT_SUM_GRAZING_RMS = 5e-3
+"""The half of it that Fresnel's rise towards grazing makes, and that is all of a dark dielectric's reflection."""
+SUN_HDR_DEG = 0.3
+"""Direction of an unclipped sun: a fraction of the pixel of a 512-wide map."""
+SUN_CLIPPED_DEG = 1.0
+"""Direction of a round clipped sun with its glow, 8 bit: outline of the plateau, half a pixel."""
+SUN_LOW_DEG = 2.0
+"""Direction of a sun 5 degrees high: hills cut into the clipped glow, 4 degrees wide, whose middle then lies higher."""
+SUN_ENERGY = 0.1
+"""Irradiance of an unclipped sun: what lies under mean plus two deviations stays in the sky."""
+ENERGY_FLOAT32 = 1e-4
+"""Sums over a map in single precision."""
+YUV_MEAN = 1e-2
+"""Light from decoded planes against the same frame decoded in full, mean relative difference: chroma at its own
+resolution, a polynomial for the transfer curve."""
+PRIMARIES_STANDARD = 1e-4
+"""Matrices between primaries against the standards' digits, of which there are four."""
+PRIMARIES_LIGHT = 2e-2
+"""Light of one scene in 10 bit codes of two primaries, mean of each channel: twice what planes cost (`YUV_MEAN`), as each
+is a fit to the curve of its own channels."""
+PRIMARIES_SUN = 6e-2
+"""Light of a clipped sun two pixels wide in the two: its rim, of mixed codes, under a gain of the tenth power."""
+PRIMARIES_CODE = 4
+"""10 bit codes of a body lit by its own plate: the fit of the transfer curve (0.8 %), and the dither."""
+TRACK_RMS_DEG = 0.45
+"""A track of 300 frames with 2 degrees of noise: three parameters a coordinate from 150 frames leave 0.35 degrees."""
+SUN_POLE_ENERGY = 0.02
+"""Irradiance of a strong sun about the pole: 1 % stays in the sky, there as everywhere."""
+SUN_LEFT = 3e-3
+"""Brightest pixel of 64 x 32 that a sun leaves in the sky, over its radiance: its rim meets samples and pixels unevenly."""
+SUN_RADIUS = 0.7
+"""Radius of an unclipped disc in pixels of the plate: interpolation blurs its rim by half a pixel, and cuts it there."""
+CLOSURE_RATIO = 0.02
+"""Direct to diffuse ratio after the closure, measured on the 64 x 32 map it made."""
+SOLAR_DEG = 0.02
+"""Position of the sun against NREL's algorithm: the short series, and standard air in the refraction."""
+HORIZON_DEG = 4.0
+"""Tilt found from Snell's window in one frame: waves move its edge by one or two degrees, light from one side by as much."""
+TILT_LIGHT = 0.01
+"""Irradiance and ambient light of a tilted plate in level axes against the level plate's, as a share of the peak: the
+plate is resampled, and the cut between sun and sky falls between other samples of it."""
+TILT_MAP = 0.03
+"""A levelled map of 64 x 32 against a level plate's, mean difference over mean: pixels of 1.4 degrees are turned, which
+blurs the ripples of the sand and the edge of the window."""
+ACCELEROMETER = 3e-4
+"""Direction of a reading of 4090 steps of 16 bits, rounded."""

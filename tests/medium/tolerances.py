@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances of the water, each with its reason."""
+
+from __future__ import annotations
+
+from tests.tolerances import FLOAT32, FLOAT32_LOOKUP, FLOAT64, GAIN
+
+PHASE_NORM = 2e-3
+"""Phase functions with a forward peak, integrated by a quadrature of their own: Petzold's peak holds 5 % below 0.1 deg."""
+PETZOLD_MOMENTS = 5e-4
+"""Published mean cosine 0.924 and bb/b 0.0183 of Petzold's average particle: three figures."""
+INSCATTER_ISOTROPIC = 0.004
+INSCATTER_PEAKED = 0.02
+"""Rms of (in-scatter - truth)/total radiance over the reference rows, isotropic and Henyey-Greenstein or Petzold: what
+the project asks of its solver; 32 streams a hemisphere reach a tenth of it."""
+IRRADIANCE = 5e-3
+"""Relative error of irradiances against the reference rows; the solver reaches 2e-4."""
+GERSHUN = 1e-4
+"""Energy: divergence of the net irradiance against absorption, by a central difference over 2 mm."""
+ANALYTIC_FIELD = 1e-9
+"""The identity of the radiance along a ray holds to rounding; its terms cancel at small distances."""
+PICTURE_PEAKED = 0.07
+PICTURE_ISOTROPIC = 0.10
+"""Whole path-traced pictures, rms of the difference over rms of the picture per wavelength: 0.025 is their own noise, the
+rest that an endless ocean stands for one with a floor, and that scattering by small angles blurs nothing."""
+TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
+"""Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
+TABLE_BEAM = 5e-3
+"""The sun's beam from a table over its path against sums over wavelength, down to a thousandth of it."""
+GREY_OF_OBSERVER = 0.17
+"""Grey in the gamut of the observer, faded by lobes: the red that negative responses would take is missing."""
+FITTED_MEAN_6, FITTED_P95_12 = 0.012, 0.01
+"""Relative colour error of 6 (mean) and 12 (95th percentile) fitted bands over veils in all waters."""
+UPSAMPLING = 1e-3
+"""The published basis spectra sum to 1 to three decimals."""
+UPSAMPLED_COLOUR = 0.02
+"""Colour of an upsampled albedo under D65 over 400 to 700 nm: the basis was made over 380 to 780 nm."""
+WHITE = 1e-12
+"""White maps to (1, 1, 1): a normalised sum."""
+PLATE_LEVEL = 1e-6
+"""The veil's end equals the plate's profile: radiance and in-scatter are the same sum, far away."""
+TABLE_BETWEEN_DEPTHS = 4e-3
+"""Tables mixed in a straight line from depths 6 % apart; the curve between is that of the light above the camera."""
+GAIN_STEP = 0.3
+"""Change of a gain over that of the plate's pixels: 1 where all change alike, less where few do."""
+SERIES = 5e-3
+"""First-order expansions compared at one hundredth of an optical length: half of that is left of second order."""
