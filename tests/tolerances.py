@@ -276,6 +276,11 @@ ROUNDED_NORMAL_DEG = 3.5
 # --- video -----------------------------------------------------------------------------------------------------
 VIDEO_CURVE_TABLE = 5e-6
 """Transfer curves as tables of 8192 samples over [-1, 2] in single precision: h^2 f''/8 = 6e-8, the knee of sRGB 2e-6."""
+YUV_NEAREST = 3.5e-4
+"""Light of a table of 8192 steps read without interpolation: half a step times the steepest slope, 2.4, is 1.5e-4; the
+matrix between primaries, whose first row has absolute values of sum 2.3, makes it up to 3.4e-4."""
+YUV_POLYNOMIAL = 1e-2
+"""Light by the polynomial of degree 6, relative, above a code value of 0.1: it is fitted to 0.8 %."""
 VIDEO_SWSCALE = 2.5
 """8-bit codes against FFmpeg's accurate conversion, which rounds chroma and the result to 8 bits (half a code each,
 times up to 1.86 in the matrix) and sites chroma between the columns."""

@@ -22,7 +22,7 @@ from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.blob import CLIPPED
 from mr360uw.ibl.sun.detect import find_disc, half_angle, is_display_referred, split_disc, split_given
-from mr360uw.ibl.sun.solar import given_direction
+from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import Split, close, with_sun
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import ColorSpec, Matrix, Transfer, code_range, decode, rec709_from_plate, rgb_from_ycbcr
+from mr360uw.color import ColorSpec, code_range, decode, rec709_from_plate, rgb_from_ycbcr
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.enhancement import enhancement_gain
 from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
@@ -25,6 +25,7 @@ from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
+from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +41,9 @@ class YuvPlate:
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
-        from mr360uw.ibl.kernel import sample_planes
+        from mr360uw.yuv.decoding import linear_in_directions
 
-        tables = _tables(self.yuv.spec, self.settings)
-        linear = np.empty((direction.size // 3, 3), np.float32)
-        sample_planes(
-            np.ascontiguousarray(direction, np.float64).reshape(-1, 3), self.yuv.y, self.yuv.u, self.yuv.v,
-            tables.luma, tables.chroma, _decode_table(self.yuv.spec.transfer), _TABLE_STEPS, linear,
-        )  # fmt: skip
-        return _rec709(linear, self.yuv.spec.matrix).reshape(direction.shape)
+        return linear_in_directions(self.yuv, direction)
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
@@ -56,22 +51,6 @@ class YuvPlate:
         if self.enhancement is not None:
             gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
         return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings, gains)
-
-
-_TABLE_STEPS = 8192
-
-
-def _rec709(linear: NDArray[np.float32], matrix: Matrix) -> NDArray[np.float32]:
-    """Return linear Rec.709 (..., 3), cut off at 0, of the plate's linear light (..., 3), which is not negative."""
-    if matrix != "bt2020":
-        return linear
-    return np.maximum(linear @ rec709_from_plate(matrix).T.astype(np.float32), 0.0)
-
-
-@functools.cache
-def _decode_table(transfer: Transfer) -> NDArray[np.float32]:
-    """Return linear light at code values k/8192, a fraction of a 10 bit step, up to video's headroom."""
-    return decode(np.arange(int(1.2 * _TABLE_STEPS)) / _TABLE_STEPS, transfer).astype(np.float32)
 
 
 def environment_from_yuv(
@@ -96,7 +75,7 @@ def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> P
     height, width = yuv.y.shape
     block = block_size(width, height)
     if yuv.u.shape != (height // 2, width // 2) or block == 0:
-        return LinearPlate.of(decode_frame(yuv), settings, up)
+        return LinearPlate.of(lit_frame(yuv), settings, up)
     total, brightest = _reduce(yuv, settings, up, block)
     enhancement = None
     if settings.operator == "kovaleski":
@@ -116,46 +95,35 @@ def block_size(width: int, height: int) -> int:
     return next((b for b in sizes if width % b == 0 and height % b == 0), 0)
 
 
-def decode_frame(yuv: YuvImage) -> NDArray[np.float32]:
-    """Return a decoded frame of any chroma format as linear Rec.709 (H, W, 3), chroma interpolated."""
-    import cv2
+def lit_frame(yuv: YuvImage) -> NDArray[np.float32]:
+    """Return a decoded panorama of any chroma format as linear Rec.709 (H, W, 3), at least 0."""
+    from mr360uw.yuv.decoding import linear_from_planes
 
-    height, width = yuv.y.shape
-    low, span, neutral, chroma_span = code_range(yuv.spec)
-    ycc = np.empty((height, width, 3), np.float32)
-    ycc[..., 0] = (yuv.y - np.float32(low)) / span
-    for k, plane in ((1, yuv.u), (2, yuv.v)):
-        centred = (plane.astype(np.float32) - neutral) / chroma_span
-        ycc[..., k] = cv2.resize(centred, (width, height), interpolation=cv2.INTER_LINEAR)
-    encoded = np.maximum(ycc @ rgb_from_ycbcr(yuv.spec.matrix).T.astype(np.float32), 0.0)
-    return _rec709(decode(encoded, yuv.spec.transfer), yuv.spec.matrix)
+    return np.maximum(linear_from_planes(yuv), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class _Tables:
-    luma: NDArray[np.float32]
-    chroma: NDArray[np.float32]
-    gain: NDArray[np.float32]
+class _Gains:
+    """Gain - 1 of every code of the operator's luma, from `margin` codes below 0 on.
+
+    tint: (2,) codes that the operator's luma differs from Y' by, for each code of (U, V) off neutral.
+    """
+
+    table: NDArray[np.float32]
     margin: int
     tint: NDArray[np.float32]
 
 
 @functools.lru_cache(maxsize=8)
-def _tables(spec: ColorSpec, settings: LightSettings) -> _Tables:
-    low, span, neutral, chroma_span = code_range(spec)
-    rgb = rgb_from_ycbcr(spec.matrix)
+def _gains(spec: ColorSpec, settings: LightSettings) -> _Gains:
+    low, span, _, chroma_span = code_range(spec)
     codes = 1 << spec.bits
     # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr), with w for the plate's primaries
-    tint = (luma_weights(settings) @ rec709_from_plate(spec.matrix) @ rgb)[1:] * span / chroma_span
+    weights = luma_weights(settings) @ rec709_from_plate(spec.matrix)
+    tint = (weights @ rgb_from_ycbcr(spec.matrix))[1:] * span / chroma_span
     margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
     luma = (np.arange(-margin, codes + margin) - low) / span
-    return _Tables(
-        np.array([1.0 / span, -low / span], np.float32),
-        np.array([neutral, rgb[0, 2] / chroma_span, *(rgb[1, 1:] / chroma_span), rgb[2, 1] / chroma_span], np.float32),
-        (gain(luma, settings) - 1.0).astype(np.float32),
-        margin,
-        tint.astype(np.float32),
-    )
+    return _Gains((gain(luma, settings) - 1.0).astype(np.float32), margin, tint.astype(np.float32))
 
 
 @functools.lru_cache(maxsize=8)
@@ -180,21 +148,22 @@ def _level_region(width: int, height: int, settings: LightSettings) -> Floats:
 
 
 def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tuple[Floats, Floats]:
-    from mr360uw.ibl.kernel import decode_polynomial, reduce_planes
+    from mr360uw.ibl.kernel import reduce_planes
+    from mr360uw.yuv.decoding import lit_rec709
 
     height, width = yuv.y.shape
     if yuv.y.dtype not in (np.uint8, np.uint16) or not 8 <= yuv.spec.bits <= 16:
         raise ParameterError(f"planes - must be uint8 or uint16 (got {yuv.y.dtype}) - decode to one of them")
-    tables = _tables(yuv.spec, settings)
+    gains = _gains(yuv.spec, settings)
     total = np.empty((height // block, width // block, 3), np.float32)
     peak = np.empty(total.shape[:2], yuv.y.dtype)
     reduce_planes(
-        yuv.y, yuv.u, yuv.v, tables.luma, tables.chroma, decode_polynomial(yuv.spec.transfer), tables.gain,
-        tables.margin, tables.tint, _row_weights(width, height, block), _region(width, height, block, settings, up),
+        yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer), gains.table,
+        gains.margin, gains.tint, _row_weights(width, height, block), _region(width, height, block, settings, up),
         block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
-    total = _rec709(total, yuv.spec.matrix)
+    total = lit_rec709(total, yuv.spec.matrix)
     coarse = (
         total if total.shape[:2] == (COARSE_ROWS, COARSE_COLUMNS) else reduce_map(total, COARSE_COLUMNS, COARSE_ROWS)
     )

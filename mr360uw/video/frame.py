@@ -60,7 +60,7 @@ class VideoFrame:
 
     def _linear(self, rectangle: tuple[int, int, int, int]) -> NDArray[np.float32]:
         if self.yuv is not None:
-            from mr360uw.video.pixels.planes import linear_from_planes
+            from mr360uw.yuv.decoding import linear_from_planes
 
             return linear_from_planes(self.yuv, rectangle, self.wrap)
         from mr360uw.video.pixels.rgb import linear_from_codes

@@ -10,13 +10,8 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import Array, direction_from_angles
-
-if TYPE_CHECKING:
-    from mr360uw.ibl.settings import LightSettings
 
 
 def parse_time(text: str) -> datetime:
@@ -81,13 +76,3 @@ def daylight_angles(text: str, latitude_deg: float, longitude_deg: float) -> tup
             f'check zone and place, or take light.sun "none" for a night'
         )
     return azimuth, elevation
-
-
-def given_direction(settings: LightSettings) -> Array | None:
-    """Return the direction (3,) that the settings give: "given" as the camera sees it, "date" in the air, else None."""
-    if settings.sun == "given":
-        return direction_from_angles(math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg))
-    if settings.sun == "date":
-        azimuth, elevation = daylight_angles(settings.sun_time, settings.latitude_deg, settings.longitude_deg)
-        return direction_from_angles(azimuth - math.radians(settings.heading_deg), elevation)
-    return None

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.video.pixels.kernels import inlined, kernel
+from mr360uw.yuv.decode_kernels import inlined, kernel
 
 _DEVIATION = np.float32(np.sqrt((2.0**32 - 1.0) / 3.0))
 """Standard deviation of the sum of four independent integers, each even over [0, 2^16)."""
