@@ -6,7 +6,7 @@
 K is one constant matrix. Turning the world about the vertical only renames longitudes, so K depends on the difference
 of the columns: it is stored as one column of normals (block-circulant) and applied as spectra along the longitude, 60
 times less data and time than the full 2048 x 2048 matrix, with the same result. Source maps may be finer than the
-result by a whole factor. Spherical harmonics of order 2 are the cheap option (Ramamoorthi & Hanrahan 2001 eq. 5-8).
+result by a whole factor.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import ENVIRONMENT_COLUMNS as COLUMNS
 from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.published.harmonics import harmonic_irradiance
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
@@ -99,20 +100,6 @@ def _normals() -> NDArray[np.float64]:
     return directions(COLUMNS, ROWS)
 
 
-@functools.cache
-def _harmonics(columns: int, rows: int) -> NDArray[np.float64]:
-    x, y, z = np.moveaxis(directions(columns, rows), -1, 0)
-    one = np.ones_like(x)
-    basis = [
-        0.282095 * one, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z,
-        0.315392 * (3.0 * z * z - 1.0), 1.092548 * x * z, 0.546274 * (x * x - y * y),
-    ]  # fmt: skip
-    return np.stack(basis, axis=-1)
-
-
-_COSINE_BANDS = np.pi * np.array([1.0, 2 / 3, 2 / 3, 2 / 3, 0.25, 0.25, 0.25, 0.25, 0.25])
-
-
 def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -> Floats:
     """Return the irradiance map (32, 64, 3), in radiance x sr, of a radiance map (32 k, 64 k, 3).
 
@@ -123,9 +110,5 @@ def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -
     if method == "exact":
         return cosine_filter(scale)(radiance)
     if method == "sh9":
-        basis = (
-            _harmonics(COLUMNS * scale, ROWS * scale) * row_solid_angle(COLUMNS * scale, ROWS * scale)[:, None, None]
-        )
-        coefficients = np.tensordot(basis, np.asarray(radiance, np.float64), ([0, 1], [0, 1]))
-        return (_harmonics(COLUMNS, ROWS) @ (_COSINE_BANDS[:, None] * coefficients)).astype(np.float32)
+        return harmonic_irradiance(radiance)
     raise ParameterError(f"method - unknown (got {method!r}) - take exact or sh9")

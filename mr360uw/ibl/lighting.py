@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
@@ -39,6 +39,7 @@ def environment(
     underwater: bool = False,
     glossy: bool = False,
     up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
     """Return the light of a linear plate (H, W, 3), of any size.
 
@@ -47,13 +48,14 @@ def environment(
     `underwater`) and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
     measures the light there; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
     filter the residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's
-    axes; by default the frame is level. The light is that in the frame's axes whatever `up`. Raises `ParameterError`
-    for arrays that are no plate.
+    axes; by default the frame is level. The light is that in the frame's axes whatever `up`.
+    refractive_index: of the water. Raises `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
-    return light_of(LinearPlate.of(checked_plate(plate), settings, upward(up)), settings, sun, underwater, glossy)
+    linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
+    return light_of(linear, settings, sun, underwater, glossy)
 
 
 def light_of(
@@ -81,7 +83,7 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
         return None
     if isinstance(sun, Sun):
         return Split(split_given(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
-    split = split_given(plate, unit(sun), half_angle(underwater), 1.0)
+    split = split_given(plate, unit(sun), half_angle(underwater, plate.refractive_index), 1.0)
     clipped = settings.operator == "closure" and is_display_referred(plate)
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 

@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec, code_range, decode, rec709_from_plate, rgb_from_ycbcr
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.enhancement import enhancement_gain
-from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
+from mr360uw.ibl.expansion import expand_samples, region_weight
 from mr360uw.ibl.level.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
+from mr360uw.ibl.published.enhancement import enhancement_gain
+from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
@@ -37,6 +39,7 @@ class YuvPlate:
     coarse: Floats
     brightest: Floats
     up: Array
+    refractive_index: float
     enhancement: Floats | None
 
     def look(self, direction: Floats) -> Floats:
@@ -50,7 +53,8 @@ class YuvPlate:
         gains = None
         if self.enhancement is not None:
             gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
-        return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings, gains)
+        sine = elevation_sine(direction, self.up)
+        return expand_samples(self.look(direction), sine, self.settings, gains, self.refractive_index)
 
 
 def environment_from_yuv(
@@ -61,28 +65,31 @@ def environment_from_yuv(
     underwater: bool = False,
     glossy: bool = False,
     up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit; as `environment` of the same frame in linear light.
 
     4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
     """
     settings = settings or LightSettings()
-    return light_of(plate_of_yuv(yuv, settings, upward(up)), settings, sun, underwater, glossy)
+    return light_of(plate_of_yuv(yuv, settings, upward(up), refractive_index), settings, sun, underwater, glossy)
 
 
-def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> Plate:
+def plate_of_yuv(
+    yuv: YuvImage, settings: LightSettings, up: Array = LEVEL, refractive_index: float = REFRACTIVE_INDEX_SEA
+) -> Plate:
     """Return the plate of a decoded frame with its coarse maps worked out."""
     height, width = yuv.y.shape
     block = block_size(width, height)
     if yuv.u.shape != (height // 2, width // 2) or block == 0:
-        return LinearPlate.of(lit_frame(yuv), settings, up)
-    total, brightest = _reduce(yuv, settings, up, block)
+        return LinearPlate.of(lit_frame(yuv), settings, up, refractive_index)
+    total, brightest = _reduce(yuv, _region(width, height, block, settings, up, refractive_index), settings, block)
     enhancement = None
     if settings.operator == "kovaleski":
         enhancement = enhancement_gain(np.minimum(total, 1.0), settings)
-        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings)
+        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings, refractive_index)
         total = total * (1.0 + (enhancement - 1.0) * region)[..., None]
-    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, enhancement)
+    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, refractive_index, enhancement)
 
 
 def block_size(width: int, height: int) -> int:
@@ -133,21 +140,24 @@ def _row_weights(width: int, height: int, block: int) -> Floats:
     return weight.ravel().astype(np.float32)
 
 
-def _region(width: int, height: int, block: int, settings: LightSettings, up: Array) -> Floats:
-    """Return how far a table of gains acts: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
-    if settings.operator in ("none", "closure", "kovaleski"):
+def _region(width: int, height: int, block: int, settings: LightSettings, up: Array, refractive_index: float) -> Floats:
+    """Return the weight of a table of gains: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
+    if settings.operator not in POINTWISE:
         return np.zeros((1, 1), np.float32)
     if is_level(up):
-        return _level_region(width, height, settings)
-    return region_weight(frame_sines(width // block, height // block, up), settings).astype(np.float32)
+        return _level_region(width, height, settings, refractive_index)
+    return region_weight(frame_sines(width // block, height // block, up), settings, refractive_index).astype(
+        np.float32
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def _level_region(width: int, height: int, settings: LightSettings) -> Floats:
-    return region_weight(frame_sines(width, height, LEVEL), settings).astype(np.float32)
+def _level_region(width: int, height: int, settings: LightSettings, refractive_index: float) -> Floats:
+    return region_weight(frame_sines(width, height, LEVEL), settings, refractive_index).astype(np.float32)
 
 
-def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tuple[Floats, Floats]:
+def _reduce(yuv: YuvImage, region: Floats, settings: LightSettings, block: int) -> tuple[Floats, Floats]:
+    """Return the coarse maps of a frame: mean expanded radiance (128, 256, 3), brightest luminance (128, 256)."""
     from mr360uw.ibl.kernel import reduce_planes
     from mr360uw.yuv.decoding import lit_rec709
 
@@ -159,8 +169,7 @@ def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tu
     peak = np.empty(total.shape[:2], yuv.y.dtype)
     reduce_planes(
         yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer), gains.table,
-        gains.margin, gains.tint, _row_weights(width, height, block), _region(width, height, block, settings, up),
-        block, total, peak,
+        gains.margin, gains.tint, _row_weights(width, height, block), region, block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
     total = lit_rec709(total, yuv.spec.matrix)

@@ -47,7 +47,7 @@ def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float
 
 
 def lit_rec709(linear: NDArray[np.float32], matrix: Matrix) -> NDArray[np.float32]:
-    """Return linear Rec.709 (..., 3) of a plate's linear light (..., 3) >= 0; colours outside the gamut are cut at 0."""
+    """Return linear Rec.709 (..., 3) of a plate's linear light (..., 3) >= 0; colours outside the gamut are cut off."""
     if matrix != "bt2020":
         return linear
     return np.maximum(linear @ rec709_from_plate(matrix).T.astype(np.float32), 0.0)

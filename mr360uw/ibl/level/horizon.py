@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import snell_elevation
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
@@ -57,13 +58,14 @@ class HorizonEstimate:
 class _Fit:
     """The fit's normal equations for one picture."""
 
-    def __init__(self, value: Array, direction: Array, solid_angle: Array) -> None:
+    def __init__(self, value: Array, direction: Array, solid_angle: Array, edge_rad: float) -> None:
+        self._edge_rad = edge_rad
         self._value, self._direction, self._solid_angle = value, direction, solid_angle
         self.trust: Array = np.ones_like(value)
 
     def _terms(self, tilt: Array) -> tuple[Array, Array]:
         x, y, z = (self._direction @ level_matrix(tilt[0], tilt[1]).T).T
-        edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - snell_elevation()) / _WIDTH_RAD)
+        edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - self._edge_rad) / _WIDTH_RAD)
         above = np.clip((y - _LOWEST_SINE) / 0.1 + 0.5, 0.0, 1.0)
         return np.stack([np.ones_like(y), y, y * y, x, z, x * y, z * y, edge]), self._solid_angle * above
 
@@ -95,10 +97,10 @@ class _Fit:
         self.trust = 1.0 / (1.0 + np.square(distance / (_OUTLIER * spread)))
 
 
-def estimate_horizon(radiance: ArrayLike) -> HorizonEstimate:
+def estimate_horizon(radiance: ArrayLike, refractive_index: float = REFRACTIVE_INDEX_SEA) -> HorizonEstimate:
     """Return the tilt, up to 30 degrees, at which a radiance map (H, W, 3) of an underwater plate is level.
 
-    Take the light without the sun (`Environment.residual`). Works on a map of 64 x 32.
+    Take the light without the sun (`Environment.residual`), a map of 64 x 32. refractive_index: of the water.
     """
     from scipy.optimize import minimize
 
@@ -110,6 +112,7 @@ def estimate_horizon(radiance: ArrayLike) -> HorizonEstimate:
         np.log(np.maximum(luminance(image), 1e-4)).ravel(),
         directions(width, height).reshape(-1, 3),
         np.repeat(row_solid_angle(width, height), width),
+        snell_elevation(refractive_index),
     )
     steps = np.linspace(-0.4, 0.4, 9)
     grid = [np.array([a, b]) for a in steps for b in steps if np.hypot(a, b) <= LARGEST_TILT_RAD]

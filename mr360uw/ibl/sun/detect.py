@@ -47,14 +47,14 @@ class Disc:
     confidence: float
 
 
-def lowest_sine(underwater: bool) -> float:
+def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
     """Return the sine of the lowest elevation at which a sun is looked for."""
-    return float(np.sin(snell_elevation())) if underwater else 0.0
+    return float(np.sin(snell_elevation(refractive_index))) if underwater else 0.0
 
 
 def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
-    floor = lowest_sine(underwater)
+    floor = lowest_sine(underwater, plate.refractive_index)
     allowed = plate_sines(plate) > floor
     bright = np.where(allowed, plate.brightest, 0.0)
     value = brightness(plate.coarse)
@@ -114,13 +114,13 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
     return size * white * _falling(lone, 0.5, 0.15) * edge
 
 
-def half_angle(underwater: bool) -> float:
+def half_angle(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
     """Return the angular radius [rad] of the sun's disc, in air or as seen from the water through the surface.
 
     Refraction divides the angles across its plane by the index of the water. Along it the disc is narrower still, but
     waves tilt by far more: the round disc is the sharpest that shadows get (`draw.sun_spread_deg` widens them).
     """
-    return SUN_HALF_ANGLE_RAD / REFRACTIVE_INDEX_SEA if underwater else SUN_HALF_ANGLE_RAD
+    return SUN_HALF_ANGLE_RAD / refractive_index if underwater else SUN_HALF_ANGLE_RAD
 
 
 def is_display_referred(plate: Plate) -> bool:
@@ -148,17 +148,23 @@ def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
     """
     blob = disc.blob
     clipped = is_display_referred(plate) and (blob.clipped or blob.peak >= CLIPPED)
-    size = half_angle(underwater) if clipped else blob.radius_rad
+    size = half_angle(underwater, plate.refractive_index) if clipped else blob.radius_rad
     return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=not blob.clipped)
 
 
-def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | None = None) -> Sun | None:
+def detect_sun(
+    plate: ArrayLike,
+    underwater: bool = False,
+    *,
+    up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+) -> Sun | None:
     """Return the sun of a linear plate (H, W, 3), HDR or clipped to display white = 1; None where there is none.
 
-    underwater: look inside Snell's window only; the direction is that in the water. up: as in `environment`. The
-    irradiance is that of the plate as it is: of a clipped one far too low (see `environment`). Raises
-    `ParameterError` for other arrays.
+    underwater: look inside Snell's window only; the direction is that in the water. up, refractive_index: as in
+    `environment`. The irradiance is that of the plate as it is: of a clipped one far too low (see `environment`).
+    Raises `ParameterError` for other arrays.
     """
-    seen = LinearPlate.of(checked_plate(plate), up=upward(up))
+    seen = LinearPlate.of(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
     disc = find_disc(seen, underwater=underwater)
     return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater).sun
