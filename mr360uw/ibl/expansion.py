@@ -4,7 +4,7 @@
     L' = L (1 + (gain - 1) w)     w = `region_weight`, 0 to 1
 
 The gain is that of the operator (`published`). "none" and the default, "closure", leave every pixel as it is: the
-closure solves for the light of the clipped sun alone, once sun and sky are told apart (`sun.split`).
+closure solves for the light of the clipped sun alone, once it is split from the sky (`sun.split`).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: fl
 
 
 def region_edge(settings: LightSettings, refractive_index: float = REFRACTIVE_INDEX_SEA) -> tuple[float, float]:
-    """Return the elevation of the region's edge and half its ramp [rad]; far below for the whole sphere."""
+    """Return the elevation of the region's edge and half its ramp [rad]; -pi for the whole sphere."""
     ramp = float(np.radians(settings.ramp_deg))
     if settings.region == "all":
         return -math.pi, ramp

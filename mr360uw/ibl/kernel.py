@@ -21,7 +21,7 @@ _ZERO = np.float32(0.0)
 
 @inlined
 def _chroma_parts(u: Any, v: Any, folded: Any, dr: Any, dg: Any, db: Any) -> None:
-    """Write what a row of chroma, and the luma offset, add to the R', G', B' of two rows of pixels (W,)."""
+    """Write the terms of R', G', B' (W,) that two rows of pixels share: their row of chroma, and the luma offset."""
     shift, neutral = folded[1], folded[2]
     r_v, g_u, g_v, b_u = folded[3], folded[4], folded[5], folded[6]
     for k in range(len(u)):

@@ -44,8 +44,8 @@ def environment(
     """Return the light of a linear plate (H, W, 3), of any size.
 
     settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
-    already. sun: "detect" takes it from where the settings say, by default looks for one (inside Snell's window if
-    `underwater`) and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
+    already. sun: "detect" follows `settings.sun`: by default it looks for one, inside Snell's window if `underwater`,
+    and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
     measures the light there; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
     filter the residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's
     axes; by default the frame is level. The light is that in the frame's axes whatever `up`.
@@ -61,7 +61,7 @@ def environment(
 def light_of(
     plate: Plate, settings: LightSettings, sun: SunChoice = "detect", underwater: bool = False, glossy: bool = False
 ) -> Environment:
-    """Return the light of a plate whatever its storage; see `environment`."""
+    """Return the light of a plate of any storage; see `environment`."""
     split = _split(plate, settings, sun, underwater)
     roughness = settings.glossy_roughness if glossy else ()
     return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How shading reads an environment map: bilinear in direction, periodic across the seam, closed at the poles.
+"""Bilinear lookup of environment maps by direction: periodic across the seam, continuous over the poles.
 
 Twin: lookup.glsl, whose maps are textures of the same 32 rows.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plate as the light stages look at it: a coarse map of the whole, and a close look at any direction."""
+"""The plate interface of the light stages: a coarse map of the whole sphere, and samples in any direction."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def coarse_solid_angle() -> Floats:
 
 
 class Plate(Protocol):
-    """What the sun detector and the environment need to know of a plate, whatever its storage."""
+    """A plate for the sun detector and the environment, independent of its storage (floats, planes, texture)."""
 
     @property
     def coarse(self) -> Floats:

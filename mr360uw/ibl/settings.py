@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user can say about the light: the `[light]` table of a scene."""
+"""Settings of the light: the `[light]` table of a scene."""
 
 from __future__ import annotations
 

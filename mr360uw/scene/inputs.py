@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plate of a scene, and the scene's own files, which no output may replace."""
+"""Opens the plate of a scene, and protects the scene's input files from being overwritten."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: everything that is set about a composite, as one model and one TOML file.
+"""The scene: all settings of a composite, as one model and one TOML file.
 
 The tables are the parameter models that live beside their physics; this module only composes them, reads and checks
 files, and reports every problem of a file at once.
@@ -76,7 +76,7 @@ class Scene(Parameters):
     camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
-    receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
+    receiver: ReceiverSettings | None = parameter(None, "the part of the plate that receives shadows and caustics")
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (), "mattes of the plate in front of the objects", alias="holdout"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""New scene files: commented from the parameters' own declarations, and ready to run."""
+"""Writes new scene files, ready to run, with comments from the parameters' declarations."""
 
 from __future__ import annotations
 

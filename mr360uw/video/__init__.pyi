@@ -2,7 +2,7 @@ from .clip import Clip
 from .exr import read_exr, read_rgb, write_exr
 from .frame import VideoFrame
 from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
-from .pixels.grain import with_grain
+from .pixels.grain_measure import with_grain
 from .read.images import read_picture
 from .read.opening import open_video
 from .read.reader import VideoReader

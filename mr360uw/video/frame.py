@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One frame of a plate, and what is laid over it."""
+"""A frame of a plate, and the composite of a layer over it."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
+        from mr360uw.video.pixels.grain_measure import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)

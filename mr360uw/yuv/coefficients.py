@@ -30,13 +30,13 @@ from mr360uw.types import YuvImage
 DECODE_STEPS = 8192
 """Samples of `decode_table`. With half as many its error is four times as large."""
 DECODE_LOW, DECODE_HIGH = -1.0, 2.0
-"""R'G'B' at the ends of `decode_table`: no code of any depth and matrix reaches them, so nothing is clipped."""
+"""R'G'B' at the ends of `decode_table`: wider than that of any legal colour. Codes beyond are held at the ends."""
 NEAREST_STEPS = 8192
 """Steps of `nearest_table` over R'G'B' from 0 to 1: 32 for each 8-bit code, so that rounding to one does not show."""
-_NEAREST_TOP = 1.2  # R'G'B'; limited range ends at 1.09 in luma, saturated highlights a little above
+_NEAREST_TOP = 1.2  # R'G'B' at the end of the table, at which brighter values are held; luma ends at 1.09
 POLYNOMIAL_TOP = np.float32(1.1)
 """R'G'B' up to which `decode_polynomial` is fitted: the headroom of limited range above white. Held constant beyond."""
-_DEGREE = 6  # of the polynomial; 5 doubles its error, 7 costs time and gains nothing in float32
+_DEGREE = 6  # of the polynomial: mean error 0.1 %; 5 makes it 1.7 times as large, 7 saves a third
 
 
 @lru_cache(maxsize=16)

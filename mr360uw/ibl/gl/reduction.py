@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Expansion and reduction on the GPU, of a plate that is there already as a texture of linear RGB.
+"""Environment of a plate that is a texture of linear RGB: expansion and block means on the GPU.
 
-One fragment a coarse pixel walks over the plate's texels under it. The sun and the integrals are small and stay on
+One fragment for each coarse pixel sums the plate's texels under it. The sun and the integrals are small and stay on
 the CPU. On llvmpipe the pass over decoded planes (`environment_from_yuv`) is quicker: use this on a GPU.
 """
 

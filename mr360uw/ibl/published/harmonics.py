@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance maps by nine spherical harmonics (Ramamoorthi and Hanrahan 2001, equations 5 to 8).
+"""Irradiance maps by nine spherical harmonics (Ramamoorthi 2001, equations 5 to 8).
 
     E(n) = sum_lm A_l L_lm Y_lm(n),   L_lm = int L(d) Y_lm(d) dd,   A_0, A_1, A_2 = pi, 2 pi/3, pi/4
 

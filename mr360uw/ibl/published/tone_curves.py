@@ -5,10 +5,10 @@ Each is a gain on linear RGB, a function of one number per pixel, so that hue is
 of 256 or 1024 gains. Y' is luma, the weighted sum of code values in [0, 1]; L = decode(Y') is linear luminance.
 
     operator    gain                                                source
-    mr360       strength Y'^power + base                            Iorns and Rhee 2016; Thompson et al. 2019 section 3
+    mr360       strength Y'^power + base                            Iorns 2016; Thompson 2019 section 3
     landis      1 - w + peak w,   w = ((L - t)/(1 - t))^alpha       Landis 2002
-    akyuz       peak L^(gamma - 1)                                  Akyuz et al. 2007
-    piecewise   slope 1 up to diffuse white, steeper above it       Meylan et al. 2006
+    akyuz       peak L^(gamma - 1)                                  Akyuz 2007
+    piecewise   slope 1 up to diffuse white, steeper above it       Meylan 2006
 
 MR360 is published with the strength 10, the power 10, the base 1.8 and the weights .3 .59 .11.
 """
@@ -42,12 +42,12 @@ def landis_gain(value: ArrayLike, threshold: float, alpha: float, peak: float) -
 
 
 def akyuz_gain(value: ArrayLike, gamma: float, peak: float) -> Array:
-    """Return the gain of Akyuz et al. 2007 for linear luminance in [0, 1], with black at 0 and white at 1."""
+    """Return the gain of Akyuz 2007 for linear luminance in [0, 1], with black at 0 and white at 1."""
     return peak * np.power(np.maximum(value, 1e-6), gamma - 1.0)
 
 
 def piecewise_gain(value: ArrayLike, split: float, peak: float) -> Array:
-    """Return the gain of the two slopes of Meylan et al. 2006 for linear luminance in [0, 1]."""
+    """Return the gain of the two slopes of Meylan 2006 for linear luminance in [0, 1]."""
     excess = np.maximum(np.asarray(value) - split, 0.0)
     return 1.0 + excess * ((peak - split) / (1.0 - split) - 1.0) / np.maximum(value, split)
 

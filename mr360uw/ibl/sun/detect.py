@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun in a plate, clipped or not.
+"""Detects the sun in a plate, clipped or not.
 
-After Iorns & Rhee 2016 the sun is light that stands out of the map. Candidates come from the coarse map; each is
-looked at closely (`blob`) and judged by what a sun has and clouds, sand, caustics and lamps have not:
+The sun is light that stands out of the map (Iorns 2016). Candidates come from the coarse map; each is measured closely
+(`blob`) and judged by properties that clouds, sand, caustics and lamps lack:
 
     small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
     alone      most of what is as bright as it lies in it (a sky of clipped clouds is bright all over)
@@ -11,8 +11,8 @@ looked at closely (`blob`) and judged by what a sun has and clouds, sand, causti
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
 
-The bright spot says what to take out of the sky, not how large the sun is: a clipped one is as wide as exposure, haze
-and lens make it, ten times the disc that casts the shadows. A clipped sun has the size that the sun is known to have.
+The bright spot bounds the light that is taken out of the sky, not the size of the sun: exposure, haze and lens make a
+clipped spot up to ten times as wide as the disc that casts the shadows. A clipped sun gets the sun's true radius.
 """
 
 from __future__ import annotations
@@ -34,21 +34,25 @@ from mr360uw.types import Floats, Sun
 DISPLAY_WHITE = 1.5
 """A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
 _MOST_SEEDS = 600
+"""Bright coarse pixels that are compared with each other; time grows with the square."""
 _CANDIDATES = 3
+"""Spots that are measured closely, at most; the search ends at the first one of confidence above 0.5."""
 _LONE_ANGLE_RAD = np.radians(4.0)
-_WIDEST_GLARE_RAD = np.radians(15.0)  # what is wider is a sky; the detector's confidence ends there too
+"""Radius [rad] within which bright pixels count as one spot."""
+_WIDEST_GLARE_RAD = np.radians(15.0)
+"""Radius [rad] above which a bright spot is a sky, not the glare of a sun; the detector's confidence is 0 there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """A spot taken for the sun, and how much it looks like one, 0 to 1."""
+    """A candidate for the sun, and the confidence in it, 0 to 1."""
 
     blob: Blob
     confidence: float
 
 
 def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
-    """Return the sine of the lowest elevation at which a sun is looked for."""
+    """Return the sine of the lowest elevation of a sun: that of the horizon, or of the edge of Snell's window."""
     return float(np.sin(snell_elevation(refractive_index))) if underwater else 0.0
 
 
@@ -101,7 +105,7 @@ def _falling(x: float, one: float, zero: float) -> float:
 
 
 def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwater: bool) -> float:
-    """Return how much a spot looks like a sun, 0 to 1; 0.5 is the line.
+    """Return the confidence, 0 to 1, that a spot is a sun; above 0.5 it is taken for one.
 
     lone: its share of all light as bright. contrast: peak over the median value of the map.
     """

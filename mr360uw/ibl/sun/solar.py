@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the sun stands, from date, place and the camera's heading.
+"""Azimuth and elevation of the sun above the water, from date and place.
 
-Low precision coordinates of the sun (Meeus, Astronomical Algorithms, 2nd ed., chapters 12, 13 and 25), good to 0.01
-degrees from 1950 to 2050, with the refraction of the air (Saemundsson 1986). Above the water; a camera below it sees
-the sun where Snell's law puts it.
+Low precision coordinates of the sun (Meeus 1998, chapters 12, 13 and 25), good to 0.01 degrees from 1950 to 2050, with
+the refraction of the air (Saemundsson 1986). Refraction at the water surface is left to the caller.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def refraction(elevation_rad: float) -> float:
 def daylight_angles(text: str, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
     """Return `sun_angles` of an ISO 8601 time; raise `ParameterError` where the sun is not up.
 
-    Whoever names a date wants its sun, so that a night is a wrong zone or place more often than a dark film.
+    A night is an error because it is mostly a wrong zone or place.
     """
     azimuth, elevation = sun_angles(parse_time(text), latitude_deg, longitude_deg)
     if elevation <= 0.0:

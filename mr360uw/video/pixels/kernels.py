@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixel loops of `planes`: serial, compiled, outside Python's lock.
+"""Compiled loops of `planes`: encoding, dither, chroma filter; serial, outside Python's lock.
 
-k: coefficients, in this order: offset and span of luma, offset and span of chroma; R', G', B' from (Cb, Cr), six;
-Y', Cb, Cr from R'G'B', nine. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain: noise of
-variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of the span,
-times how much of it is wanted, even over Y' from 0 to 1.
+k: `yuv.coefficients.coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain:
+noise of variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of
+the span, times the amount of grain, at equal steps of Y' from 0 to 1.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def _encode_row(
 
 @inlined
 def _noise(row: int, column: int, frame: int) -> Any:
-    """Interleaved gradient noise in (0, 1), off the ends so that rounding errors change no code."""
+    """Return interleaved gradient noise (Jimenez 2014), 0.001 to 0.999: rounding errors alone change no code."""
     shift = np.float32(5.588238) * np.float32(frame & 63)
     ramp = np.float32(0.06711056) * (np.float32(column) + shift) + np.float32(0.00583715) * (np.float32(row) + shift)
     value = np.float32(52.9829189) * (ramp - np.float32(int(ramp)))
@@ -75,7 +74,7 @@ def _quantise(code: Any, noise: Any, peak: Any) -> Any:
 
 @inlined
 def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
-    """How much of a chroma code reading and filtering do not return: the code less its blur [1 6 1]/8."""
+    """Return the detail of a chroma code that interpolation and filter lose: the code less its blur [1 6 1]/8."""
     rows, columns = plane.shape
     left = i - 1 if i else (columns - 1 if wrap else 0)
     right = i + 1 if i + 1 < columns else (0 if wrap else i)
@@ -91,7 +90,7 @@ def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
 
 @inlined
 def _strength(luma: Any, strength: Any) -> Any:
-    """The strength of the grain where Y' is `luma`."""
+    """Return the strength of the grain at Y' = `luma`."""
     place = luma * np.float32(strength.size - 1) + np.float32(0.5)
     return strength[np.int32(min(max(place, np.float32(0.0)), np.float32(strength.size - 1)))]
 
@@ -171,7 +170,7 @@ def write_chroma(
             c = (i << sx) - column + 1
             if not (touched[c] or touched[c + sx]):
                 continue
-            before = c - 1 if c > 1 else c  # what is left of the rectangle is taken to change like its first column
+            before = c - 1 if c > 1 else c  # the column left of the rectangle is taken to change like its first one
             cb_step = side * (steps[0, before] + steps[0, c + sx]) + middle * steps[0, c]
             cr_step = side * (steps[1, before] + steps[1, c + sx]) + middle * steps[1, c]
             cover = side * (steps[2, before] + steps[2, c + sx]) + middle * steps[2, c]

@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between the planes of a video frame and linear light, one rectangle at a time.
+"""Writes linear light into the planes of a video frame, one rectangle at a time.
 
-`linear_from_planes` reads a rectangle as linear Rec.709; `lay_over_planes` puts a changed rectangle back. Writing adds
-the *difference* between the new and the old light, in code values, to the old codes: what did not change keeps its
-code, and nothing is lost by a round trip through another colour space.
+`lay_over_planes` adds the *difference* between the new and the old light (`yuv.decoding`), in code values, to the old
+codes: unchanged light keeps its code, and nothing is lost by a round trip through another colour space.
 
-Chroma of 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair (H.264 and HEVC default). It is
-interpolated linearly for reading and filtered [1 2 1]/4 along, [1 1]/2 across for writing; a chroma sample is written
-only where a pixel of its own block changed. Round a panorama, the column after the last one is the first.
+Chroma is sited as the decoder has it, and filtered [1 2 1]/4 along, [1 1]/2 across; a chroma sample is written only
+where a pixel of its own block changed. Round a panorama, the column after the last one is the first.
 
     code' = code + span (E(new) - E(old)) + alpha grain + dither,    E: linear light -> R'G'B' -> Y' or C
 
 Where an object of coverage alpha covers the plate, the detail of the old chroma that linear interpolation and the
 filter do not return is scaled by 1 - alpha, so that no plate shines through an opaque object.
 
-Curves are tables, linearly interpolated: decoding over R'G'B' in [-1, 2], encoding over 128 samples in each octave of
-linear light from 2^-32 to 16, found by the leading bits of the float, which follows the steep foot of a power law
-(error below 2e-6 of full scale).
-The dither is interleaved gradient noise (Jimenez 2014, "Next generation post processing in Call of Duty"), of the
-pixel's position and the frame's index alone: no banding, no random state.
+The encoding curve is a table, linearly interpolated: 128 samples in each octave of linear light from 2^-32 to 16, found
+by the leading bits of the float, which follows the steep foot of a power law (error below 2e-6 of full scale).
+The dither is interleaved gradient noise (Jimenez 2014), of the pixel's position and the frame's index alone: no
+banding, no random state.
 """
 
 from __future__ import annotations

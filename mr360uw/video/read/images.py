@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures as plates: a still, or a numbered sequence (PNG, JPEG, TIFF, EXR, HDR)."""
+"""Reads pictures as the frames of a plate: a still, or a numbered sequence (PNG, JPEG, TIFF, EXR, HDR)."""
 
 from __future__ import annotations
 

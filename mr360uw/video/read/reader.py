@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates: videos, image sequences and stills, all read alike."""
+"""The interface of plates: videos, image sequences and stills."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mr360uw.video.frame import VideoFrame
 
 
 class VideoReader(Clip, ABC):
-    """A plate; made by `open_video`. What is known of it: see `Clip`."""
+    """A plate; made by `open_video`. Its metadata: see `Clip`."""
 
     @abstractmethod
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:

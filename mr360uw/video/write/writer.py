@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs: a video, one picture, or a sequence of pictures.
+"""The interface of outputs: a video, one picture, or a sequence of pictures.
 
 Everything is written under a temporary name (`.part` beside the target) and renamed when complete; when anything
 fails, or the program is interrupted, the temporary file is removed.
@@ -23,7 +23,7 @@ from mr360uw.video.frame import VideoFrame
 class VideoWriter(ABC):
     """An output; made by `create_video`, used in a `with` block: leaving it completes the output.
 
-    path: the file or the pattern. notes: what the output does not carry, one line each. Use it from one thread.
+    path: the file or the pattern. notes: parts of the plate that it lacks, one line each. Use it from one thread.
     """
 
     path: Path
