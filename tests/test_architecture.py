@@ -28,6 +28,8 @@ ALLOWED: dict[str, set[str]] = {
 WITHOUT_CIRCLES = ["", "composite", "gl", "ibl", "render", "sample", "scene", "video", "yuv"]
 # folders whose shaders' functions all have a partner of the same name in Python
 PAIRED = ["", "ibl"]
+# folders whose citations all stand in references.bib, as "Karis 2013" for the key Karis2013
+CITED = ["ibl", "video", "scene", "yuv"]
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
 
 
@@ -137,6 +139,25 @@ def test_pure_shaders_touch_no_pipeline_state() -> None:
     for path in ROOT.rglob("*.glsl"):
         code = re.sub(r"//.*", "", path.read_text("utf-8"))
         assert not re.search(r"\bgl_\w+|\buniform\b|\blayout\b", code), path.relative_to(ROOT)
+
+
+@pytest.mark.parametrize("folder", CITED)
+def test_citations_stand_in_the_references(folder: str) -> None:
+    keys = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "references.bib").read_text("utf-8"), re.MULTILINE))
+    for path in (ROOT / folder).rglob("*.py"):
+        cited = {a + year for a, year in re.findall(r"\b([A-Z][a-z]+) ((?:18|19|20)\d\d)\b", path.read_text("utf-8"))}
+        assert cited <= keys, path.relative_to(ROOT)
+
+
+def test_the_references_are_cited() -> None:
+    text = "".join(path.read_text("utf-8") for path in ROOT.rglob("*.py"))
+    entries = re.findall(
+        r"^@\w+\{([A-Z][a-z]+)(\d{4}),(.*?)^\}", (ROOT / "references.bib").read_text("utf-8"), re.M | re.S
+    )
+    assert entries
+    for author, year, fields in entries:
+        assert f"{author} {year}" in text, f"{author}{year} is cited nowhere"
+        assert re.search(r"author +=.*title +=.*year +=", fields, re.S), f"{author}{year} lacks author, title or year"
 
 
 def test_public_names_exist_and_no_name_hides_a_package() -> None:
