@@ -44,12 +44,12 @@ def environment(
     """Return the light of a linear plate (H, W, 3), of any size.
 
     settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
-    already. sun: "detect" follows `settings.sun`: by default it looks for one, inside Snell's window if `underwater`,
-    and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
-    measures the light there; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
-    filter the residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's
-    axes; by default the frame is level. The light is that in the frame's axes whatever `up`.
-    refractive_index: of the water. Raises `ParameterError` for arrays that are no plate.
+    already. sun: "detect" follows `settings.sun`: by default the sun is detected, inside Snell's window if
+    `underwater`, and left in the sky where the confidence is too low; a direction (3,) as seen by the camera measures
+    the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
+    residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
+    default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
+    sets the width of Snell's window and of the sun's disc. Raises `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast path: light from the decoded planes of a video frame, without a full frame of floats.
+"""Environment of a decoded video frame, in one pass over its planes, without a full frame of floats.
 
-Light is linear Rec.709, whatever the primaries of the plate, as where the layer is laid over it. Means are brought over
-after summing, which a matrix allows. Colours beside the gamut of Rec.709 are cut off at 0: no surface or lobe can be
-lit by less than nothing.
+Light is linear Rec.709 for plates of any primaries. Means are converted after summing, since the conversion is linear.
+Colours outside the gamut of Rec.709 are cut off at 0, because no surface can be lit by negative light.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def environment_from_yuv(
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
-    """Return the light of a decoded frame, 8 to 16 bit; as `environment` of the same frame in linear light.
+    """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
     4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
     """

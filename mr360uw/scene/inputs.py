@@ -13,7 +13,7 @@ from mr360uw.video.read.images import is_pattern, matching_files
 
 
 def open_plate(scene: Scene) -> VideoReader:
-    """Return the scene's plate, opened as the scene says; raise `VideoError`."""
+    """Return the scene's plate, opened with the scene's transfer curve, eye and frame rate; raise `VideoError`."""
     plate = scene.plate
     return open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
 

@@ -195,5 +195,5 @@ def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path
 
 
 def _exists(path: Path) -> bool:
-    """A file, or a pattern of numbered files of which the folder is there; the reader says more about its frames."""
+    """Return whether a file, or the folder of a pattern of numbered files, exists."""
     return path.exists() or (any(c in path.name for c in "%#*") and path.parent.is_dir())

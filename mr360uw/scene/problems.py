@@ -116,7 +116,7 @@ def _tag_key(field: Any) -> str:
 
 
 def allowed_text(annotation: Any) -> str:
-    """Return in words what a value of a type may be, as in "'auto' or a list of 3 numbers"."""
+    """Return the allowed values of a type in words, as in "'auto' or a list of 3 numbers"."""
     *others, last = dict.fromkeys(_alternatives(annotation))
     return f"{', '.join(others)} or {last}" if others else last
 
@@ -137,7 +137,7 @@ def _alternatives(annotation: Any) -> list[str]:
 
 
 def _element(annotation: Any, depth: int) -> Any:
-    """Return the type of what stands `depth` lists deep in a value."""
+    """Return the type of the elements `depth` lists deep in a value."""
     for _ in range(depth):
         origin, parts = get_origin(annotation), get_args(annotation)
         members = [p for p in parts if get_origin(p) is tuple] if origin in (Union, UnionType) else [annotation]

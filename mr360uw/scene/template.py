@@ -30,7 +30,7 @@ def write_scene(
 ) -> Path:
     """Write a commented scene that puts `mesh` into `video` in front of the camera, and return its path.
 
-    Opens both files first, so that what is written runs; raises their errors, `OutputExistsError` or `SceneError`.
+    Opens both files first, so that the scene runs; raises their errors, `OutputExistsError` or `SceneError`.
     """
     from mr360uw.composite.mesh.mesh import load_mesh
     from mr360uw.video import open_video

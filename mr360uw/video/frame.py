@@ -80,10 +80,10 @@ class VideoFrame:
         return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
 
     def over(self, layer: Layer, blend: Blend, grain: float = 0.0) -> VideoFrame:
-        """Return the frame with the layer's tiles laid over it.
+        """Return the composite of the layer's tiles over the frame.
 
-        blend: the compositing formula of one tile. grain: how much of the plate's grain is added where the layer covers
-        it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
+        blend: the compositing formula of one tile. grain: amount of the plate's grain that is added where the layer
+        covers it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
         at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
         Light above 1 is clipped to the top code (EXR plates keep it).
         """

@@ -5,7 +5,7 @@ The sun is light that stands out of the map (Iorns 2016). Candidates come from t
 (`blob`) and judged by properties that clouds, sand, caustics and lamps lack:
 
     small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
-    alone      most of what is as bright as it lies in it (a sky of clipped clouds is bright all over)
+    alone      most light of such brightness lies in the spot (a sky of clipped clouds is bright all over)
     an edge    the surroundings are much darker, or the spot ends sharply; a bright sky has a smooth maximum
     above      over the horizon, or inside Snell's window for a camera under water
 
@@ -141,14 +141,14 @@ def glare_radius(plate: Plate, direction: Floats) -> float:
 
 
 def split_given(plate: Plate, direction: Floats, half_angle_rad: float, confidence: float) -> Split:
-    """Return the plate's expanded map split into the sun that is known to stand towards `direction` and the rest."""
+    """Return the plate's expanded map split into a sun given towards `direction` and the rest."""
     return split_sun(plate, direction, max(glare_radius(plate, direction), half_angle_rad), half_angle_rad, confidence)
 
 
 def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
     """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred.
 
-    Its half angle is what was measured; where it is clipped, that of the sun.
+    Its half angle is the measured one, or where it is clipped that of the sun.
     """
     blob = disc.blob
     clipped = is_display_referred(plate) and (blob.clipped or blob.peak >= CLIPPED)

@@ -55,7 +55,7 @@ def sun_angles(time: datetime, latitude_deg: float, longitude_deg: float) -> tup
 
 
 def refraction(elevation_rad: float) -> float:
-    """Return how much the air lifts the sun [rad] at a true elevation (Saemundsson 1986); 0 well below the horizon."""
+    """Return the refraction of the air [rad] at a true elevation (Saemundsson 1986); 0 more than 1 degree below 0."""
     degrees = math.degrees(elevation_rad)
     if degrees < -1.0:
         return 0.0

@@ -125,7 +125,7 @@ def _gather(
 ) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
     """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there.
 
-    span: of each row, how many neighbours are taken as one and stand as the first of them.
+    span: of each row, the number of neighbours that are merged into the first of them.
     """
     x, y = frame_from_direction(look, width, height)
     row = np.clip(y.astype(np.int64), 0, height - 1)

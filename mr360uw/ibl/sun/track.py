@@ -46,7 +46,7 @@ class SunMeasurement:
 def measure_sun(environment: Environment, time_s: float, world_from_camera: Floats | None = None) -> SunMeasurement:
     """Return the measurement of a frame from its environment.
 
-    world_from_camera: rotation (3, 3) that levels the frame; the sun of a camera that tilts stands still only then.
+    world_from_camera: rotation (3, 3) that levels the frame, so that a tilting camera does not move the sun.
     """
     sun = environment.sun
     if sun is not None and world_from_camera is not None:

@@ -236,6 +236,6 @@ def _end_s(frame: VideoFrame, frame_rate: Fraction) -> Fraction:
 
 
 def _title_tags(like: Clip) -> dict[str, str]:
-    """Title, date and the like of the plate's container, without what describes the container itself."""
+    """Return the plate's text tags, such as title and date, without those of the container format."""
     own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
     return {key: value for key, value in like.words.items() if key not in own}
