@@ -2,7 +2,7 @@
 """Colour: transfer functions, luminance, primaries and the Y'CbCr matrices of video.
 
 Inside the toolkit colour is linear Rec.709 scene radiance. A plate with the Y'CbCr matrix of BT.2020 has its primaries
-too; `rec709_from_plate` brings its light over. `decode` and `encode` are the only doors between code
+too; `rec709_from_plate` converts its light. `decode` and `encode` are the only conversions between code
 values in [0, 1] and linear light; names say `_encoded` or `_linear`.
 """
 
@@ -42,9 +42,9 @@ _WHITE = np.array((0.3127, 0.3290))
 
 @dataclass(frozen=True, slots=True)
 class ColorSpec:
-    """How the code values of a plate are to be read.
+    """Interpretation of a plate's code values: matrix, range, transfer curve, depth.
 
-    matrix: Y'CbCr weights; those of BT.2020 say that the primaries are its too. full_range: luma 0..2^bits - 1 (JPEG)
+    matrix: Y'CbCr weights; bt2020 implies the primaries of BT.2020. full_range: luma 0..2^bits - 1 (JPEG)
     or the limited 16..235 (scaled to the depth). transfer: curve between code values and linear light. bits: depth of
     the code values, 8 or 10 for video.
     """
@@ -131,7 +131,7 @@ def _xyz_from_rgb(primaries: NDArray[np.float64]) -> NDArray[np.float64]:
 def rec709_from_plate(matrix: Matrix) -> NDArray[np.float64]:
     """Return the (3, 3) matrix from the linear light of a plate, in its own primaries, to linear Rec.709.
 
-    White stays white. Colours beside the gamut of Rec.709 get a negative channel. The primaries of standard definition
+    White stays white. Colours outside the gamut of Rec.709 get a negative channel. The primaries of standard definition
     (bt601) are taken as those of Rec.709, which they all but are.
     """
     if matrix != "bt2020":

@@ -54,3 +54,8 @@ DIVE_SUN_SHARE = 0.01
 """The sun's part of the light in the picture: pixels of 0.7 degrees, and the water's own glow above the camera."""
 DIVE_WHITE = 0.03
 """Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""
+YUV_NEAREST = 3.5e-4
+"""Light of a table of 8192 steps read without interpolation: half a step times the steepest slope, 2.4, is 1.5e-4; the
+matrix between primaries, whose first row has absolute values of sum 2.3, makes it up to 3.4e-4."""
+YUV_POLYNOMIAL = 1e-2
+"""Light by the polynomial of degree 6, relative, above a code value of 0.1: it is fitted to 0.8 %."""

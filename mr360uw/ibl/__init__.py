@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light from the plate: expansion to scene radiance, environment maps, the sun.
+"""Image-based lighting from the plate: expansion to scene radiance, environment maps, the sun.
 
 environment, environment_from_yuv   radiance, irradiance, glossy levels, sun and residual of one frame
 expand                              inverse tone mapping of a whole plate

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance maps filtered by GGX lobes, the first half of the split sum.
 
-With view, normal and reflection taken as one (n = v = r; Karis 2013 section "Image-Based Lighting"), the pre-filtered
+With view, normal and reflection taken as one (n = v = r: Karis 2013, section "Image-Based Lighting"), the pre-filtered
 radiance is the mean of L(l) weighted by
 
-    k(n.l) = D(n.h) max(0, n.l),   n.h = sqrt((1 + n.l)/2),   D = GGX of alpha = roughness^2 (Walter et al. 2007 eq. 33)
+    k(n.l) = D(n.h) max(0, n.l),   n.h = sqrt((1 + n.l)/2),   D = GGX of alpha = roughness^2 (Walter 2007 eq. 33)
 
 normalised to 1. The kernel is zonal, so a level is one constant `ZonalFilter`, integrated over source pixels.
 """
@@ -54,7 +54,7 @@ def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
 
 
 def glossy_beam(direction: ArrayLike, irradiance: ArrayLike, roughness: float) -> Floats:
-    """Return what `prefilter` makes of a narrow beam, (32, 64, 3): irradiance (3,) facing `direction` (3,)."""
+    """Return the prefiltered radiance (32, 64, 3) of a beam: irradiance (3,) on a plane facing `direction` (3,)."""
     cosine = np.linspace(0.0, 1.0, 1 << 16)  # the kernel's integral, with 1 - cosine spaced as a square
     tail = np.square(1.0 - cosine)
     total = 2.0 * np.pi * np.trapezoid(ggx_kernel(1.0 - tail, roughness), tail)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
@@ -22,7 +22,7 @@ from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.blob import CLIPPED
 from mr360uw.ibl.sun.detect import find_disc, half_angle, is_display_referred, split_disc, split_given
-from mr360uw.ibl.sun.solar import given_direction
+from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import Split, close, with_sun
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
@@ -40,27 +40,29 @@ def environment(
     underwater: bool = False,
     glossy: bool = False,
     up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
     """Return the light of a linear plate (H, W, 3), of any size.
 
     settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
-    already. sun: "detect" takes it from where the settings say, by default looks for one (inside Snell's window if
-    `underwater`) and leaves it in the sky where the confidence is too low; a direction (3,) as the camera sees it
-    measures the light there; a `Sun` replaces whatever shines there; None leaves all light in the sky. glossy: also
-    filter the residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's
-    axes; by default the frame is level. The light is that in the frame's axes whatever `up`. Raises `ParameterError`
-    for arrays that are no plate.
+    already. sun: "detect" follows `settings.sun`: by default the sun is detected, inside Snell's window if
+    `underwater`, and left in the sky where the confidence is too low; a direction (3,) as seen by the camera measures
+    the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
+    residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
+    default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
+    sets the width of Snell's window and of the sun's disc. Raises `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
-    return light_of(LinearPlate.of(checked_plate(plate), settings, upward(up)), settings, sun, underwater, glossy)
+    linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
+    return light_of(linear, settings, sun, underwater, glossy)
 
 
 def light_of(
     plate: Plate, settings: LightSettings, sun: SunChoice = "detect", underwater: bool = False, glossy: bool = False
 ) -> Environment:
-    """Return the light of a plate whatever its storage; see `environment`."""
+    """Return the light of a plate of any storage; see `environment`."""
     split = _split(plate, settings, sun, underwater)
     roughness = settings.glossy_roughness if glossy else ()
     return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
@@ -82,7 +84,7 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
         return None
     if isinstance(sun, Sun):
         return Split(split_given(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
-    split = split_given(plate, unit(exactly("sun", sun, (3,))), half_angle(underwater), 1.0)
+    split = split_given(plate, unit(exactly("sun", sun, (3,))), half_angle(underwater, plate.refractive_index), 1.0)
     clipped = settings.operator == "closure" and is_display_referred(plate)
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 

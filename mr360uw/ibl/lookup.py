@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How shading reads an environment map: bilinear in direction, periodic across the seam, closed at the poles.
+"""Bilinear lookup of environment maps by direction: periodic across the seam, continuous over the poles.
 
 Twin: lookup.glsl, whose maps are textures of the same 32 rows.
 """
@@ -7,10 +7,21 @@ Twin: lookup.glsl, whose maps are textures of the same 32 rows.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
+
+
+def environment_texel(map_: Floats, column: NDArray[np.int64], row: NDArray[np.int64]) -> Floats:
+    """Return the map's (H, W, 3) pixels at columns -1 to W and rows -1 to H (...,), as (..., 3).
+
+    The columns close at the seam. A row beyond a pole is the row before it, half a turn away.
+    """
+    height, width = map_.shape[:2]
+    over_pole = (row < 0) | (row >= height)
+    column = np.where(over_pole, column + width // 2, column) % width
+    return map_[np.clip(row, 0, height - 1), column]
 
 
 def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
@@ -24,13 +35,8 @@ def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
     fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
     i, j = column.astype(np.int64), row.astype(np.int64)
 
-    def texel(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        over_pole = (j < 0) | (j >= height)
-        i = np.where(over_pole, i + width // 2, i) % width
-        return map_[np.clip(j, 0, height - 1), i]
-
-    upper = texel(i, j) * (1.0 - fx) + texel(i + 1, j) * fx
-    lower = texel(i, j + 1) * (1.0 - fx) + texel(i + 1, j + 1) * fx
+    upper = environment_texel(map_, i, j) * (1.0 - fx) + environment_texel(map_, i + 1, j) * fx
+    lower = environment_texel(map_, i, j + 1) * (1.0 - fx) + environment_texel(map_, i + 1, j + 1) * fx
     return upper * (1.0 - fy) + lower * fy
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plate as the light stages look at it: a coarse map of the whole, and a close look at any direction."""
+"""The plate interface of the light stages: a coarse map of the whole sphere, and samples in any direction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import LUMINANCE
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.expansion import expand
 from mr360uw.ibl.level.upward import LEVEL, elevation_sine
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
@@ -37,7 +37,7 @@ def coarse_solid_angle() -> Floats:
 
 
 class Plate(Protocol):
-    """What the sun detector and the environment need to know of a plate, whatever its storage."""
+    """A plate for the sun detector and the environment, independent of its storage (floats, planes, texture)."""
 
     @property
     def coarse(self) -> Floats:
@@ -50,6 +50,10 @@ class Plate(Protocol):
     @property
     def up(self) -> Array:
         """Direction (3,) of the world's up in the axes of the plate."""
+
+    @property
+    def refractive_index(self) -> float:
+        """Refractive index of the water, which sets the width of Snell's window; without effect in air."""
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance before expansion (h, w, 3) in directions (h, w, 3)."""
@@ -83,17 +87,27 @@ class LinearPlate:
     coarse: Floats
     brightest: Floats
     up: Array
+    refractive_index: float
 
     @classmethod
-    def of(cls, image: NDArray[np.float32], settings: LightSettings | None = None, up: Array = LEVEL) -> LinearPlate:
+    def of(
+        cls,
+        image: NDArray[np.float32],
+        settings: LightSettings | None = None,
+        up: Array = LEVEL,
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
+    ) -> LinearPlate:
         """Return the plate with its coarse maps worked out; without settings nothing is expanded."""
-        expanded = image if settings is None else expand(image, settings, up=up)
+        expanded = image
+        if settings is not None:
+            expanded = expand(image, settings, up=up, refractive_index=refractive_index)
         return cls(
             image,
             expanded,
             reduce_map(expanded, COARSE_COLUMNS, COARSE_ROWS),
             reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS),
             up,
+            refractive_index,
         )
 
     def look(self, direction: Floats) -> Floats:

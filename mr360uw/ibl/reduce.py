@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Smaller equirectangular maps: means over exact solid angles, for any size of the source."""
+"""Resizes equirectangular maps: means over exact solid angles, maxima, bilinear enlargement."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def _shares(count: int, source: int, latitude: bool) -> tuple[tuple[int, NDArray
     return tuple(cells)
 
 
-_SMALL = 1 << 19  # samples up to which one sum over blocks is quicker than a loop over cells
+_SMALL = 1 << 19
+"""Samples up to which one sum over blocks is quicker than a loop over cells; the result is the same up to rounding."""
 
 
 def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:

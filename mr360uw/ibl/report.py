@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page about the light of a clip: one HTML file with its pictures and plots inside, readable offline.
+"""HTML report on the light of a clip: one file with its pictures and plots inside, readable offline.
 
 Plate and expanded map with the sun marked, a ball lit by the irradiance, and over time the sun's direction, strength
 and confidence, measured and smoothed, with the exposure. Other stages add sections of their own.
@@ -66,9 +66,9 @@ def light_report(
 
 
 def level_section(estimates: Sequence[HorizonEstimate], declared_up: Floats) -> str:
-    """Return an HTML fragment on the tilt that frames suggest, with the lines of a scene file that declare it.
+    """Return an HTML fragment on the tilt estimated from frames, with the lines of a scene file that declare it.
 
-    declared_up: (3,) the world's up in the camera's axes as the scene has it.
+    declared_up: (3,) the world's up in the camera's axes, from the scene.
     """
     roll, pitch = np.degrees(roll_pitch(declared_up))
     said = f"The scene says roll {roll:z.1f}, pitch {pitch:z.1f} degrees."

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user can say about the light: the `[light]` table of a scene."""
+"""Settings of the light: the `[light]` table of a scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAXIMUM_GLOSSY_LEVELS = 8
 
 
 class LightSettings(Parameters):
-    """How a plate becomes light: expansion to scene radiance, where it acts, and where the sun comes from."""
+    """Light from the plate: expansion to scene radiance, the region it acts in, and the source of the sun."""
 
     operator: Operator = parameter("closure", "inverse tone mapping; none = the plate already is scene radiance")
     transfer: Transfer = parameter("srgb", "curve between code values and linear light that the operators assume")

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The second half of the split sum: how much a GGX surface reflects of a white sky, F0 A + B.
+"""Reflectance of a GGX surface under a uniform sky, F0 A + B: the second half of the split sum.
 
     A = int f/F cos (1 - (1 - v.h)^5),   B = int f/F cos (1 - v.h)^5   over the hemisphere of l
 
-f = GGX with the height-correlated Smith masking (Heitz 2014 eq. 99) and Schlick's Fresnel. `split_sum_integral` is
-the integral (Karis 2013), `split_sum` a quotient of polynomials fitted to it: rms error .014 of A + B and .003 of B,
-within .04 and .015 where n.v > .1; B vanishes at n.v = 1 as it must, or every dark dielectric would look hazy. (The
-widely used fit of Karis 2014 is off by up to .47 for rough metals.)
+f = GGX with the height-correlated Smith masking (Heitz 2014 eq. 99) and the Fresnel factor of Schlick 1994.
+`split_sum_integral` is the integral (Karis 2013), `split_sum` a quotient of polynomials fitted to it: rms error .014 of
+A + B and .003 of B, within .04 and .015 where n.v > .1; B vanishes at n.v = 1 as it must, or every dark dielectric
+would look hazy. (The widely used fit of Karis 2014 is off by up to .47 for rough metals.)
 Twin: splitsum.glsl.
 """
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast path: light from the decoded planes of a video frame, without a full frame of floats.
+"""Environment of a decoded video frame, in one pass over its planes, without a full frame of floats.
 
-Light is linear Rec.709, whatever the primaries of the plate, as where the layer is laid over it. Means are brought over
-after summing, which a matrix allows. Colours beside the gamut of Rec.709 are cut off at 0: no surface or lobe can be
-lit by less than nothing.
+Light is linear Rec.709 for plates of any primaries. Means are converted after summing, since the conversion is linear.
+Colours outside the gamut of Rec.709 are cut off at 0, because no surface can be lit by negative light.
 """
 
 from __future__ import annotations
@@ -14,18 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import ColorSpec, Matrix, Transfer, code_range, decode, rec709_from_plate, rgb_from_ycbcr
+from mr360uw.color import ColorSpec, code_range, decode, rec709_from_plate, rgb_from_ycbcr
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.enhancement import enhancement_gain
-from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_weight
+from mr360uw.ibl.expansion import expand_samples, region_weight
 from mr360uw.ibl.level.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
+from mr360uw.ibl.published.enhancement import enhancement_gain
+from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.shapes import exactly
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
+from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,42 +39,22 @@ class YuvPlate:
     coarse: Floats
     brightest: Floats
     up: Array
+    refractive_index: float
     enhancement: Floats | None
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
-        from mr360uw.ibl.kernel import sample_planes
+        from mr360uw.yuv.decoding import linear_in_directions
 
-        tables = _tables(self.yuv.spec, self.settings)
-        linear = np.empty((direction.size // 3, 3), np.float32)
-        sample_planes(
-            np.ascontiguousarray(direction, np.float64).reshape(-1, 3), self.yuv.y, self.yuv.u, self.yuv.v,
-            tables.luma, tables.chroma, _decode_table(self.yuv.spec.transfer), _TABLE_STEPS, linear,
-        )  # fmt: skip
-        return _rec709(linear, self.yuv.spec.matrix).reshape(direction.shape)
+        return linear_in_directions(self.yuv, direction)
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
         gains = None
         if self.enhancement is not None:
             gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
-        return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings, gains)
-
-
-_TABLE_STEPS = 8192
-
-
-def _rec709(linear: NDArray[np.float32], matrix: Matrix) -> NDArray[np.float32]:
-    """Return linear Rec.709 (..., 3), cut off at 0, of the plate's linear light (..., 3), which is not negative."""
-    if matrix != "bt2020":
-        return linear
-    return np.maximum(linear @ rec709_from_plate(matrix).T.astype(np.float32), 0.0)
-
-
-@functools.cache
-def _decode_table(transfer: Transfer) -> NDArray[np.float32]:
-    """Return linear light at code values k/8192, a fraction of a 10 bit step, up to video's headroom."""
-    return decode(np.arange(int(1.2 * _TABLE_STEPS)) / _TABLE_STEPS, transfer).astype(np.float32)
+        sine = elevation_sine(direction, self.up)
+        return expand_samples(self.look(direction), sine, self.settings, gains, self.refractive_index)
 
 
 def environment_from_yuv(
@@ -83,16 +65,19 @@ def environment_from_yuv(
     underwater: bool = False,
     glossy: bool = False,
     up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
-    """Return the light of a decoded frame, 8 to 16 bit; as `environment` of the same frame in linear light.
+    """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
     4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
     """
     settings = settings or LightSettings()
-    return light_of(plate_of_yuv(yuv, settings, upward(up)), settings, sun, underwater, glossy)
+    return light_of(plate_of_yuv(yuv, settings, upward(up), refractive_index), settings, sun, underwater, glossy)
 
 
-def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> Plate:
+def plate_of_yuv(
+    yuv: YuvImage, settings: LightSettings, up: Array = LEVEL, refractive_index: float = REFRACTIVE_INDEX_SEA
+) -> Plate:
     """Return the plate of a decoded frame with its coarse maps worked out."""
     height, width = yuv.y.shape
     half = (height // 2, width // 2), ((height + 1) // 2, (width + 1) // 2)
@@ -100,14 +85,14 @@ def plate_of_yuv(yuv: YuvImage, settings: LightSettings, up: Array = LEVEL) -> P
     exactly("v", yuv.v, yuv.u.shape)
     block = block_size(width, height)
     if yuv.u.shape != (height // 2, width // 2) or block == 0:
-        return LinearPlate.of(decode_frame(yuv), settings, up)
-    total, brightest = _reduce(yuv, settings, up, block)
+        return LinearPlate.of(lit_frame(yuv), settings, up, refractive_index)
+    total, brightest = _reduce(yuv, _region(width, height, block, settings, up, refractive_index), settings, block)
     enhancement = None
     if settings.operator == "kovaleski":
         enhancement = enhancement_gain(np.minimum(total, 1.0), settings)
-        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings)
+        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings, refractive_index)
         total = total * (1.0 + (enhancement - 1.0) * region)[..., None]
-    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, enhancement)
+    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, refractive_index, enhancement)
 
 
 def block_size(width: int, height: int) -> int:
@@ -120,46 +105,35 @@ def block_size(width: int, height: int) -> int:
     return next((b for b in sizes if width % b == 0 and height % b == 0), 0)
 
 
-def decode_frame(yuv: YuvImage) -> NDArray[np.float32]:
-    """Return a decoded frame of any chroma format as linear Rec.709 (H, W, 3), chroma interpolated."""
-    import cv2
+def lit_frame(yuv: YuvImage) -> NDArray[np.float32]:
+    """Return a decoded panorama of any chroma format as linear Rec.709 (H, W, 3), at least 0."""
+    from mr360uw.yuv.decoding import linear_from_planes
 
-    height, width = yuv.y.shape
-    low, span, neutral, chroma_span = code_range(yuv.spec)
-    ycc = np.empty((height, width, 3), np.float32)
-    ycc[..., 0] = (yuv.y - np.float32(low)) / span
-    for k, plane in ((1, yuv.u), (2, yuv.v)):
-        centred = (plane.astype(np.float32) - neutral) / chroma_span
-        ycc[..., k] = cv2.resize(centred, (width, height), interpolation=cv2.INTER_LINEAR)
-    encoded = np.maximum(ycc @ rgb_from_ycbcr(yuv.spec.matrix).T.astype(np.float32), 0.0)
-    return _rec709(decode(encoded, yuv.spec.transfer), yuv.spec.matrix)
+    return np.maximum(linear_from_planes(yuv), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class _Tables:
-    luma: NDArray[np.float32]
-    chroma: NDArray[np.float32]
-    gain: NDArray[np.float32]
+class _Gains:
+    """Gain - 1 of every code of the operator's luma, from `margin` codes below 0 on.
+
+    tint: (2,) codes that the operator's luma differs from Y' by, for each code of (U, V) off neutral.
+    """
+
+    table: NDArray[np.float32]
     margin: int
     tint: NDArray[np.float32]
 
 
 @functools.lru_cache(maxsize=8)
-def _tables(spec: ColorSpec, settings: LightSettings) -> _Tables:
-    low, span, neutral, chroma_span = code_range(spec)
-    rgb = rgb_from_ycbcr(spec.matrix)
+def _gains(spec: ColorSpec, settings: LightSettings) -> _Gains:
+    low, span, _, chroma_span = code_range(spec)
     codes = 1 << spec.bits
     # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr), with w for the plate's primaries
-    tint = (luma_weights(settings) @ rec709_from_plate(spec.matrix) @ rgb)[1:] * span / chroma_span
+    weights = luma_weights(settings) @ rec709_from_plate(spec.matrix)
+    tint = (weights @ rgb_from_ycbcr(spec.matrix))[1:] * span / chroma_span
     margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
     luma = (np.arange(-margin, codes + margin) - low) / span
-    return _Tables(
-        np.array([1.0 / span, -low / span], np.float32),
-        np.array([neutral, rgb[0, 2] / chroma_span, *(rgb[1, 1:] / chroma_span), rgb[2, 1] / chroma_span], np.float32),
-        (gain(luma, settings) - 1.0).astype(np.float32),
-        margin,
-        tint.astype(np.float32),
-    )
+    return _Gains((gain(luma, settings) - 1.0).astype(np.float32), margin, tint.astype(np.float32))
 
 
 @functools.lru_cache(maxsize=8)
@@ -169,36 +143,39 @@ def _row_weights(width: int, height: int, block: int) -> Floats:
     return weight.ravel().astype(np.float32)
 
 
-def _region(width: int, height: int, block: int, settings: LightSettings, up: Array) -> Floats:
-    """Return how far a table of gains acts: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
-    if settings.operator in ("none", "closure", "kovaleski"):
+def _region(width: int, height: int, block: int, settings: LightSettings, up: Array, refractive_index: float) -> Floats:
+    """Return the weight of a table of gains: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
+    if settings.operator not in POINTWISE:
         return np.zeros((1, 1), np.float32)
     if is_level(up):
-        return _level_region(width, height, settings)
-    return region_weight(frame_sines(width // block, height // block, up), settings).astype(np.float32)
+        return _level_region(width, height, settings, refractive_index)
+    return region_weight(frame_sines(width // block, height // block, up), settings, refractive_index).astype(
+        np.float32
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def _level_region(width: int, height: int, settings: LightSettings) -> Floats:
-    return region_weight(frame_sines(width, height, LEVEL), settings).astype(np.float32)
+def _level_region(width: int, height: int, settings: LightSettings, refractive_index: float) -> Floats:
+    return region_weight(frame_sines(width, height, LEVEL), settings, refractive_index).astype(np.float32)
 
 
-def _reduce(yuv: YuvImage, settings: LightSettings, up: Array, block: int) -> tuple[Floats, Floats]:
-    from mr360uw.ibl.kernel import decode_polynomial, reduce_planes
+def _reduce(yuv: YuvImage, region: Floats, settings: LightSettings, block: int) -> tuple[Floats, Floats]:
+    """Return the coarse maps of a frame: mean expanded radiance (128, 256, 3), brightest luminance (128, 256)."""
+    from mr360uw.ibl.kernel import reduce_planes
+    from mr360uw.yuv.decoding import lit_rec709
 
     height, width = yuv.y.shape
     if yuv.y.dtype not in (np.uint8, np.uint16) or not 8 <= yuv.spec.bits <= 16:
         raise ParameterError(f"planes - must be uint8 or uint16 (got {yuv.y.dtype}) - decode to one of them")
-    tables = _tables(yuv.spec, settings)
+    gains = _gains(yuv.spec, settings)
     total = np.empty((height // block, width // block, 3), np.float32)
     peak = np.empty(total.shape[:2], yuv.y.dtype)
     reduce_planes(
-        yuv.y, yuv.u, yuv.v, tables.luma, tables.chroma, decode_polynomial(yuv.spec.transfer), tables.gain,
-        tables.margin, tables.tint, _row_weights(width, height, block), _region(width, height, block, settings, up),
-        block, total, peak,
+        yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer), gains.table,
+        gains.margin, gains.tint, _row_weights(width, height, block), region, block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
-    total = _rec709(total, yuv.spec.matrix)
+    total = lit_rec709(total, yuv.spec.matrix)
     coarse = (
         total if total.shape[:2] == (COARSE_ROWS, COARSE_COLUMNS) else reduce_map(total, COARSE_COLUMNS, COARSE_ROWS)
     )

@@ -11,7 +11,7 @@ import numpy as np
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
-from mr360uw.ibl.sun.solar import given_direction
+from mr360uw.ibl.sun.given import given_direction
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene

@@ -37,7 +37,7 @@ def _fine(plate: Floats | YuvImage) -> Floats:
         return np.asarray(plate, np.float32)
     import cv2
 
-    from mr360uw.video.pixels.planes import linear_from_planes
+    from mr360uw.yuv.decoding import linear_from_planes
 
     height, width = plate.y.shape
     size = min(width, _FINER * ENVIRONMENT_COLUMNS), min(height, _FINER * ENVIRONMENT_ROWS)

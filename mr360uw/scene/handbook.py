@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of every scene parameter, written from the parameters' own declarations."""
+"""Generates the reference tables of all scene parameters from the parameters' declarations."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plate of a scene, and the scene's own files, which no output may replace."""
+"""Opens the plate of a scene, and protects the scene's input files from being overwritten."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mr360uw.video.read.images import is_pattern, matching_files
 
 
 def open_plate(scene: Scene) -> VideoReader:
-    """Return the scene's plate, opened as the scene says; raise `VideoError`."""
+    """Return the scene's plate, opened with the scene's transfer curve, eye and frame rate; raise `VideoError`."""
     plate = scene.plate
     return open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
 

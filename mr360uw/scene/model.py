@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: everything that is set about a composite, as one model and one TOML file.
+"""The scene: all settings of a composite, as one model and one TOML file.
 
 The tables are the parameter models that live beside their physics; this module only composes them, reads and checks
 files, and reports every problem of a file at once.
@@ -83,7 +83,7 @@ class Scene(Parameters):
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
-    receiver: ReceiverSettings | None = parameter(None, "what of the plate catches shadows and caustics")
+    receiver: ReceiverSettings | None = parameter(None, "the part of the plate that receives shadows and caustics")
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (), "mattes of the plate in front of the objects", alias="holdout"
     )
@@ -212,5 +212,5 @@ def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path
 
 
 def _exists(path: Path) -> bool:
-    """A file, or a pattern of numbered files of which the folder is there; the reader says more about its frames."""
+    """Return whether a file, or the folder of a pattern of numbered files, exists."""
     return path.exists() or (any(c in path.name for c in "%#*") and path.parent.is_dir())

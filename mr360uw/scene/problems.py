@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a file of settings, in words: *file:line key - what is wrong (got ...) - what to do*.
+"""Error messages of a settings file: *file:line key - what is wrong (got ...) - what to do*.
 
 Turns the errors of a pydantic model into one line each, in the order of the file, with unit, range, help and the near
 miss of a wrong key; all of it is read from the fields' own declarations.
@@ -103,7 +103,7 @@ def _tags(model: type[BaseModel]) -> tuple[str, ...]:
 
 
 def _tag_key(field: Any) -> str:
-    """Return the key that tells the kinds of a field's tables apart, or "" where they have none in common."""
+    """Return the key that selects the kind of a field's table, or "" where its kinds have none in common."""
     keys = [
         {
             n
@@ -116,7 +116,7 @@ def _tag_key(field: Any) -> str:
 
 
 def allowed_text(annotation: Any) -> str:
-    """Return in words what a value of a type may be, as in "'auto' or a list of 3 numbers"."""
+    """Return the allowed values of a type in words, as in "'auto' or a list of 3 numbers"."""
     *others, last = dict.fromkeys(_alternatives(annotation))
     return f"{', '.join(others)} or {last}" if others else last
 
@@ -137,7 +137,7 @@ def _alternatives(annotation: Any) -> list[str]:
 
 
 def _element(annotation: Any, depth: int) -> Any:
-    """Return the type of what stands `depth` lists deep in a value."""
+    """Return the type of the elements `depth` lists deep in a value."""
     for _ in range(depth):
         origin, parts = get_origin(annotation), get_args(annotation)
         members = [p for p in parts if get_origin(p) is tuple] if origin in (Union, UnionType) else [annotation]
@@ -151,7 +151,7 @@ def _depth(location: Location) -> int:
 
 
 def _misshapen(kind: str, value: Any, location: Location, annotation: Any) -> tuple[str, str] | None:
-    """Return what is wrong, and what to do or "", with a value of the wrong type or length; None for other errors."""
+    """Return (problem, remedy or "") for a value of the wrong type or length; None for other errors."""
     name = ".".join(str(part) for part in location if not isinstance(part, int))
     is_union = get_origin(annotation) in (Union, UnionType)
     if not (kind.endswith(_SHAPES) or (kind == "literal_error" and is_union)):

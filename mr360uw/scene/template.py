@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""New scene files: commented from the parameters' own declarations, and ready to run."""
+"""Writes new scene files, ready to run, with comments from the parameters' declarations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def write_scene(
 ) -> Path:
     """Write a commented scene that puts `mesh` into `video` in front of the camera, and return its path.
 
-    Opens both files first, so that what is written runs; raises their errors, `OutputExistsError` or `SceneError`.
+    Opens both files first, so that the scene runs; raises their errors, `OutputExistsError` or `SceneError`.
     """
     from mr360uw.composite.mesh.mesh import load_mesh
     from mr360uw.video import open_video

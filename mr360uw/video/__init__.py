@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames in and out: video files, pictures, sound, spherical metadata and OpenEXR.
+"""Reads and writes frames: video files, pictures, sound, spherical metadata and OpenEXR.
 
 with open_video("dive.mp4") as video, create_video("out.mp4", like=video) as out:
     for frame in video.frames():

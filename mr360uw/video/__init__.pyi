@@ -2,12 +2,14 @@ from .clip import Clip
 from .exr import read_exr, read_rgb, write_exr
 from .frame import VideoFrame
 from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
-from .pixels.grain import with_grain
-from .plain import transcode
+from .pixels.grain_measure import with_grain
 from .read.images import read_picture
-from .read.reader import VideoReader, open_video
+from .read.opening import open_video
+from .read.reader import VideoReader
 from .settings import EncodeSettings
-from .write.writer import VideoWriter, create_video
+from .transcoding import transcode
+from .write.creating import create_video
+from .write.writer import VideoWriter
 
 __all__ = [
     "Clip",

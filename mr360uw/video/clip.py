@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a clip besides its pictures."""
+"""Clip metadata: size, frame rate, time base, colour tags, sound, spherical metadata."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
 
 @dataclass(kw_only=True, eq=False)
 class Clip:
-    """Size, time, colour and company of a clip.
+    """Metadata of a clip.
 
     path: the file, or the pattern of a sequence. width, height: of the panorama, after the choice of an eye.
     frame_rate: mean frames per second. time_base: unit of the time stamps. start_pts: time stamp of frame 0.
     spec: how the codes are read. tags: the file's colour tags. codec_name, pixel_format: FFmpeg's names; pixel_format
     is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
-    is_still: one picture, that `frames` repeats as often as asked. notes: what the file holds and a copy will not.
-    words: title, date and the like.
+    is_still: one picture, that `frames` repeats as often as asked. notes: parts of the file that are not copied, one
+    line each. words: text tags of the container, such as title and date.
     """
 
     path: Path
@@ -48,5 +48,5 @@ class Clip:
 
     @property
     def frame_count(self) -> int | None:
-        """Number of frames; None where it is not known, or where there are as many as are asked for."""
+        """Number of frames; None where it is unknown or unlimited (a still)."""
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenEXR pictures: reading RGB plates and maps, writing layered results."""
+"""Reads and writes OpenEXR pictures: RGB plates, maps, layered results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mr360uw.errors import VideoError
 from mr360uw.types import Floats
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
-"""x, y of red, green, blue and white (ITU-R BT.709-6): what light is in everywhere."""
+"""x, y of red, green, blue and white (ITU-R BT.709-6): the primaries of all linear light here."""
 Compression = Literal["none", "zips", "zip", "piz", "dwaa", "dwab"]
 Part = Mapping[str, NDArray[Any]]
 """Channels by name, float16, float32 or uint32: "RGB" or "RGBA" (H, W, 3 or 4), "Z" or "N.X" (H, W); an array (H, W, 3)
@@ -72,7 +72,7 @@ def write_exr(
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
 
     parts: {part: {channel: array}}, or one linear image (H, W, 3 or 4). float16 channels are stored as half, float32
-    as float. latlong: say that it is a latitude-longitude environment map. full_size: (width, height) of the frame
+    as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
     that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
     frame. attributes: more header entries (numbers, strings).
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One frame of a plate, and what is laid over it."""
+"""A frame of a plate, and the composite of a layer over it."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class VideoFrame:
 
     def _linear(self, rectangle: tuple[int, int, int, int]) -> NDArray[np.float32]:
         if self.yuv is not None:
-            from mr360uw.video.pixels.planes import linear_from_planes
+            from mr360uw.yuv.decoding import linear_from_planes
 
             return linear_from_planes(self.yuv, rectangle, self.wrap)
         from mr360uw.video.pixels.rgb import linear_from_codes
@@ -83,7 +83,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
+        from mr360uw.video.pixels.grain_measure import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)
@@ -91,10 +91,10 @@ class VideoFrame:
         return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
 
     def over(self, layer: Layer, blend: Blend, grain: float = 0.0) -> VideoFrame:
-        """Return the frame with the layer's tiles laid over it.
+        """Return the composite of the layer's tiles over the frame.
 
-        blend: the compositing formula of one tile. grain: how much of the plate's grain is added where the layer covers
-        it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
+        blend: the compositing formula of one tile. grain: amount of the plate's grain that is added where the layer
+        covers it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
         at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
         Light above 1 is clipped to the top code (EXR plates keep it).
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the output is encoded."""
+"""Settings of the output's encoding: the `[output]` table of a scene."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _AV1_PRESETS: dict[Preset, int] = {
 
 
 class EncodeSettings(Parameters):
-    """Codec, quality and layout of a video output; what is not set follows the plate."""
+    """Codec, quality and layout of a video output; unset values follow the plate."""
 
     codec: Codec = parameter("h264", "codec of the pictures")
     quality: int = parameter(17, "constant rate factor, smaller is better (h264, h265, av1)", low=0, high=51)

@@ -9,7 +9,7 @@ import pytest
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.gl.context import gl_device, texture_array_from_array, texture_from_array
-from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.ibl.lookup import environment_lookup, environment_texel, glossy_lookup
 from mr360uw.medium.lookup import (
     ambient_ratio,
     beam_ratio,
@@ -51,6 +51,12 @@ def test_environment(rng: np.random.Generator) -> None:
     declared = "uniform sampler2DArray levels;"
     got = glsl_call("ibl/lookup.glsl", "environment_lookup(levels, 2, v.xyz)", 3, declared, textures, v=inputs)
     np.testing.assert_allclose(got, environment_lookup(levels[2], inputs[:, :3]), atol=FLOAT32_LOOKUP)
+    column, row = rng.integers(-1, 65, COUNT), rng.integers(-1, 33, COUNT)
+    got = glsl_call(
+        "ibl/lookup.glsl", "environment_texel(levels, 1, ivec2(floor(v.xy)))", 3, declared, textures,
+        v=padded(column + 0.5, row + 0.5),
+    )  # fmt: skip
+    np.testing.assert_allclose(got, environment_texel(levels[1], column, row), rtol=FLOAT32_TWIN)
     position = inputs.copy()
     position[:, 3] = np.interp(inputs[:, 3], roughness, np.arange(4))
     got = glsl_call("ibl/lookup.glsl", "glossy_lookup(levels, v.w, v.xyz)", 3, declared, textures, v=position)

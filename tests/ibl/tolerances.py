@@ -62,3 +62,6 @@ TILT_MAP = 0.03
 blurs the ripples of the sand and the edge of the window."""
 ACCELEROMETER = 3e-4
 """Direction of a reading of 4090 steps of 16 bits, rounded."""
+WINDOW_EDGE = 3e-2
+"""Ratio of two solid angles of Snell's window with a sharp edge in 256 rows: half a row, 0.35 degrees, is up to 1.5 % of
+each."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Expansion and reduction on the GPU, of a plate that is there already as a texture of linear RGB.
+"""Environment of a plate that is a texture of linear RGB: expansion and block means on the GPU.
 
-One fragment a coarse pixel walks over the plate's texels under it. The sun and the integrals are small and stay on
+One fragment for each coarse pixel sums the plate's texels under it. The sun and the integrals are small and stay on
 the CPU. On llvmpipe the pass over decoded planes (`environment_from_yuv`) is quicker: use this on a GPU.
 """
 
@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mr360uw.color import encode
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.gl.context import draw_fullscreen, gl_context, program, read_framebuffer, set_uniforms, texture_from_array
-from mr360uw.ibl.expansion import expand_samples, gain, luma_weights, region_edge
+from mr360uw.ibl.expansion import expand_samples, region_edge
 from mr360uw.ibl.level.upward import LEVEL, elevation_sine, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
+from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import Array, frame_from_direction
 from mr360uw.types import Environment, Floats
@@ -39,6 +41,7 @@ class TexturePlate:
     coarse: Floats
     brightest: Floats
     up: Array
+    refractive_index: float
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -55,7 +58,8 @@ class TexturePlate:
 
     def look_expanded(self, direction: Floats) -> Floats:
         """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
-        return expand_samples(self.look(direction), elevation_sine(direction, self.up), self.settings)
+        sine = elevation_sine(direction, self.up)
+        return expand_samples(self.look(direction), sine, self.settings, None, self.refractive_index)
 
 
 @functools.cache
@@ -73,7 +77,12 @@ def _tables(settings: LightSettings) -> tuple[moderngl.Texture, moderngl.Texture
 
 
 def reduce_texture(
-    texture: moderngl.Texture, settings: LightSettings, columns: int, rows: int, up: Array = LEVEL
+    texture: moderngl.Texture,
+    settings: LightSettings,
+    columns: int,
+    rows: int,
+    up: Array = LEVEL,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Floats:
     """Return (rows, columns, 4): mean expanded radiance over exact solid angles, and the brightest luminance.
 
@@ -84,8 +93,8 @@ def reduce_texture(
     for unit, (name, bound) in enumerate((("plate", texture), ("gains", gains), ("curve", curve))):
         bound.use(unit)
         set_uniforms(shader, **{name: unit})
-    edge, ramp = region_edge(settings)
-    if settings.operator in ("none", "closure", "kovaleski"):
+    edge, ramp = region_edge(settings, refractive_index)
+    if settings.operator not in POINTWISE:
         edge, ramp = np.pi, 0.0
     set_uniforms(
         shader, expansion__luma_weight=luma_weights(settings), expansion__edge=edge, expansion__ramp=ramp,
@@ -104,10 +113,12 @@ def environment_from_texture(
     underwater: bool = False,
     glossy: bool = False,
     up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Environment:
     """Return the light of a plate held as a texture of linear RGB; as `environment`."""
     settings = settings or LightSettings()
     seen_up = upward(up)
-    reduced = reduce_texture(texture, settings, COARSE_COLUMNS, COARSE_ROWS, seen_up)
-    plate = TexturePlate(texture, settings, np.ascontiguousarray(reduced[..., :3]), reduced[..., 3], seen_up)
+    reduced = reduce_texture(texture, settings, COARSE_COLUMNS, COARSE_ROWS, seen_up, refractive_index)
+    coarse = np.ascontiguousarray(reduced[..., :3])
+    plate = TexturePlate(texture, settings, coarse, reduced[..., 3], seen_up, refractive_index)
     return light_of(plate, settings, sun, underwater, glossy)

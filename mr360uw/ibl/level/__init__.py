@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera's level: tilt over time from keys or gravity, and the horizon estimated from a plate."""
+"""The camera's tilt: from keys, from a GoPro gravity track, or estimated from Snell's window in a plate."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GoPro's metadata track (GPMF), as far as levelling needs it: nested key-length-value records and gravity.
+"""Parses GoPro metadata (GPMF): nested key-length-value records, and the scaled samples of one stream.
 
 A record is FourCC, type character, sample size (u8), repeat (u16), data padded to 4 bytes, big-endian; type 0 holds
 records. A stream (STRM) states a divisor (SCAL) before its samples (GoPro, gpmf-parser).

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way is up, read from a plate: Snell's window is a circle of known size about the zenith.
+"""Roll and pitch of an underwater camera, estimated from Snell's window in a radiance map.
 
-From under water the whole sky lies within asin(1/n) = 48.3 degrees of the vertical; outside of that circle the surface
-mirrors the water below. The fit looks for the tilt at which a step of brightness at the circle's edge explains most:
+From under water the whole sky lies within asin(1/n) of the vertical, 48.3 degrees in sea water; outside of that circle
+the surface mirrors the water below. The estimate is the tilt at which a step of brightness at the circle's edge
+explains most of the picture:
 
     log L = a + b y + c y^2 + (d + e y) x + (f + g y) z + s tanh((elevation - edge)/width)
 
-over directions (x, y, z) in level axes, above the horizon. The smooth terms take what else differs from the top down or
-from side to side: light scattered about the sun is brighter on its side, and by brightness alone such a side looks like
-a tilt. The step cannot be taken for it; but where haze or waves hide the edge, there is nothing to find.
+over directions (x, y, z) in level axes, above the horizon; a to g and s are fitted by least squares. The smooth terms
+model other gradients: the side towards the sun is brighter, which by itself would look like a tilt. Where haze or waves
+hide the edge, the step explains little and the estimate is not reliable.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import snell_elevation
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
@@ -28,16 +30,22 @@ from mr360uw.sphere import directions, row_solid_angle, unit
 Array = NDArray[np.float64]
 
 LARGEST_TILT_RAD = np.radians(30.0)
-_WIDTH_RAD = np.radians(8.0)  # of the edge, blurred by waves
-_LOWEST_SINE = np.sin(np.radians(10.0))  # rows about the horizon show reefs rather than the surface
+"""Largest tilt that is tried [rad]. Beyond it the window would reach the horizon, where reefs are fitted instead."""
+_WIDTH_RAD = np.radians(8.0)
+"""Half width of the step [rad]: waves blur the edge about as much. Narrower, the fit follows single waves."""
+_LOWEST_SINE = np.sin(np.radians(10.0))
+"""Sine of the elevation below which pixels get no weight: there stand reefs and divers rather than the surface."""
 _LEAST_EXPLAINED, _LEAST_CONTRAST = 0.7, 1.8
+"""Smallest share of variance and brightness ratio of a reliable estimate. Lower ones accept clouds for a window."""
 _ROUNDS = 3
-_OUTLIER = 2.5  # in robust standard deviations: divers, walls and the sun lose their weight
+"""Fits, each with outliers of the one before weighted down; the first two start from the best point of a grid."""
+_OUTLIER = 2.5
+"""Distance from the fit, in robust standard deviations, at which a pixel's weight is halved: divers, walls, the sun."""
 
 
 @dataclass(frozen=True, slots=True)
 class HorizonEstimate:
-    """Roll and pitch [rad] that a plate suggests.
+    """Roll and pitch [rad] estimated from one frame.
 
     explained: share, 0 to 1, of the variance left by the smooth terms that the edge of the window explains. contrast:
     brightness inside the window over that outside.
@@ -50,20 +58,21 @@ class HorizonEstimate:
 
     @property
     def reliable(self) -> bool:
-        """Whether the edge of the window is seen well enough to be believed, within a degree or two."""
+        """Whether the edge of the window is distinct enough for an estimate within a degree or two."""
         return self.explained >= _LEAST_EXPLAINED and self.contrast >= _LEAST_CONTRAST
 
 
 class _Fit:
     """The fit's normal equations for one picture."""
 
-    def __init__(self, value: Array, direction: Array, solid_angle: Array) -> None:
+    def __init__(self, value: Array, direction: Array, solid_angle: Array, edge_rad: float) -> None:
+        self._edge_rad = edge_rad
         self._value, self._direction, self._solid_angle = value, direction, solid_angle
         self.trust: Array = np.ones_like(value)
 
     def _terms(self, tilt: Array) -> tuple[Array, Array]:
         x, y, z = (self._direction @ level_matrix(tilt[0], tilt[1]).T).T
-        edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - snell_elevation()) / _WIDTH_RAD)
+        edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - self._edge_rad) / _WIDTH_RAD)
         above = np.clip((y - _LOWEST_SINE) / 0.1 + 0.5, 0.0, 1.0)
         return np.stack([np.ones_like(y), y, y * y, x, z, x * y, z * y, edge]), self._solid_angle * above
 
@@ -81,12 +90,12 @@ class _Fit:
         return left / without, float(whole[-1])
 
     def unexplained(self, tilt: Array) -> float:
-        """Return what is left at a tilt; more than 1 beyond the largest."""
+        """Return the share of variance that a tilt leaves unexplained; more than 1 beyond the largest tilt."""
         size = float(np.hypot(*tilt))
         return 1.0 + size if size > LARGEST_TILT_RAD else self.solve(tilt)[0]
 
     def doubt_outliers(self, tilt: Array) -> None:
-        """Give each pixel the trust that its distance from the fit deserves."""
+        """Set the weight of each pixel to 1/(1 + (distance from the fit/limit)^2)."""
         terms, weight = self._terms(tilt)
         weighted = terms * (weight * self.trust)
         fit = np.linalg.solve(weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value) @ terms
@@ -95,10 +104,10 @@ class _Fit:
         self.trust = 1.0 / (1.0 + np.square(distance / (_OUTLIER * spread)))
 
 
-def estimate_horizon(radiance: ArrayLike) -> HorizonEstimate:
+def estimate_horizon(radiance: ArrayLike, refractive_index: float = REFRACTIVE_INDEX_SEA) -> HorizonEstimate:
     """Return the tilt, up to 30 degrees, at which a radiance map (H, W, 3) of an underwater plate is level.
 
-    Take the light without the sun (`Environment.residual`). Works on a map of 64 x 32.
+    Take the light without the sun (`Environment.residual`), a map of 64 x 32. refractive_index: of the water.
     """
     from scipy.optimize import minimize
 
@@ -110,6 +119,7 @@ def estimate_horizon(radiance: ArrayLike) -> HorizonEstimate:
         np.log(np.maximum(luminance(image), 1e-4)).ravel(),
         directions(width, height).reshape(-1, 3),
         np.repeat(row_solid_angle(width, height), width),
+        snell_elevation(refractive_index),
     )
     steps = np.linspace(-0.4, 0.4, 9)
     grid = [np.array([a, b]) for a in steps for b in steps if np.hypot(a, b) <= LARGEST_TILT_RAD]

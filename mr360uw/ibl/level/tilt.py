@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way is up: roll and pitch of the camera, given, keyed, or read from a GoPro track; `horizon` estimates them.
+"""Roll and pitch of the camera: conversions, and tracks over time from keys or a GoPro gravity track.
 
     pitch  + = the centre of the frame looks up        roll  + = clockwise about the view, the right side down
     world = R camera,  R = Rx(pitch) Rz(-roll);  up in camera axes = (-sin r cos p, cos r cos p, -sin p)
 
-Yaw is left alone: water looks the same all round.
+Yaw is not corrected: the heading of a plate is arbitrary.
 """
 
 from __future__ import annotations

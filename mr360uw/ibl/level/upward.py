@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way is up in a frame, and how high its directions stand above the horizon.
+"""The up direction of a frame, and the elevation of its pixels above the horizon.
 
 `up` is the direction (3,) of the world's up in the frame's axes, the second row of `world_from_camera`. In a level
 frame it is +y; then elevation is a matter of the row alone.
@@ -15,11 +15,12 @@ from mr360uw.sphere import Array, unit
 from mr360uw.types import Floats
 
 LEVEL: Array = np.array([0.0, 1.0, 0.0])
-_LEVEL_RAD = 1e-9  # rounding of a rotation: no pixel of any frame sees it
+_LEVEL_RAD = 1e-9
+"""Tilt [rad] taken as none: the rounding of a rotation matrix, a millionth of a pixel of any frame."""
 
 
 def upward(up: ArrayLike | None) -> Array:
-    """Return `up` as a unit vector (3,): exactly +y where it is None or as good as level; raise on anything else."""
+    """Return `up` as a unit vector (3,): +y where it is None or within 1e-9 rad of +y; raise on anything else."""
     if up is None:
         return LEVEL
     if np.shape(up) != (3,):

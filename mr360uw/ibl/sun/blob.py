@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One bright spot of a plate, looked at closely: where its centre is and how much it looks like a sun.
+"""Measures one bright spot of a plate: centre, radius, peak, sharpness of its edge.
 
 The spot is the set of pixels near the local maximum. Where the plate is clipped, the set is a plateau without
 structure whose outline also takes in cloud; its centre is that of the plateau *opened* by a disc of 0.7 of its
@@ -26,14 +26,24 @@ CLIPPED = 0.95
 """A spot of a display-referred plate whose peak reaches this is clipped: white, less what compression takes away."""
 
 _OPENING = 0.7
+"""Radius of the opening disc over the inscribed radius of the plateau. Nearer to 1 a ragged sun loses its rim, nearer
+to 0 cloud beside the sun stays attached and moves the centre."""
 _CLIPPED_LEVELS = (0.99, 0.95, 0.85)
+"""Thresholds of a clipped plateau over its peak, tried in turn until the set is as wide as a sun."""
 _UNCLIPPED_LEVEL = 0.5
-_LARGEST_DISC_RAD = np.radians(0.8)  # a plateau wider than any sun is a clipped one
-_SMALLEST_BLOB_RAD = np.radians(0.4)  # noise alone makes smaller sets
-_LOOKS = ((41, None), (41, 3.5), (73, 3.0))  # pixels across, radius of the patch in extents of the spot
-_NEAREST_RING_RAD = np.radians(1.0)  # a small disc lies in an aureole; how dark it is beyond tells it from a sky
-_HOLE_PIXELS = 3  # noise and quantisation leave holes in a plateau
+"""Threshold of an unclipped spot over its peak: the half width of a blurred disc is that of the disc."""
+_LARGEST_DISC_RAD = np.radians(0.8)
+"""Radius [rad] above which a plateau is a clipped one: three times the sun's 0.27 degrees."""
+_SMALLEST_BLOB_RAD = np.radians(0.4)
+"""Radius [rad] below which a plateau is taken for noise and the next threshold is tried."""
+_LOOKS = ((41, None), (41, 3.5), (73, 3.0))
+"""Patches of successive looks: pixels across, radius in extents of the spot (None: `_FIRST_RAD`)."""
+_NEAREST_RING_RAD = np.radians(1.0)
+"""Least radius [rad] about which the halo is measured: nearer to a small disc its aureole is bright in any sky."""
+_HOLE_PIXELS = 3
+"""Side [pixels] of the holes that noise and quantisation leave in a plateau, closed before it is measured."""
 _FIRST_RAD, _NARROWEST_RAD, _WIDEST_RAD = np.radians(4.0), np.radians(2.0), np.radians(50.0)
+"""Radius [rad] of the first patch, and limits of the later ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +67,7 @@ class Blob:
 def brightness(linear: Floats) -> Floats:
     """Return the value that spots are judged by, (...,): luminance and the weakest channel in equal parts.
 
-    The weakest channel is the last to clip, so it still tells the sun from a white cloud.
+    The weakest channel is the last to clip, so the sun still exceeds a white cloud in it.
     """
     red, green, blue = linear[..., 0], linear[..., 1], linear[..., 2]
     value = 0.1063 * red + 0.3576 * green + 0.0361 * blue

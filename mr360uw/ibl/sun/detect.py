@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun in a plate, clipped or not.
+"""Detects the sun in a plate, clipped or not.
 
-After Iorns & Rhee 2016 the sun is light that stands out of the map. Candidates come from the coarse map; each is
-looked at closely (`blob`) and judged by what a sun has and clouds, sand, caustics and lamps have not:
+The sun is light that stands out of the map (Iorns 2016). Candidates come from the coarse map; each is measured closely
+(`blob`) and judged by properties that clouds, sand, caustics and lamps lack:
 
     small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
-    alone      most of what is as bright as it lies in it (a sky of clipped clouds is bright all over)
+    alone      most light of such brightness lies in the spot (a sky of clipped clouds is bright all over)
     an edge    the surroundings are much darker, or the spot ends sharply; a bright sky has a smooth maximum
     above      over the horizon, or inside Snell's window for a camera under water
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
 
-The bright spot says what to take out of the sky, not how large the sun is: a clipped one is as wide as exposure, haze
-and lens make it, ten times the disc that casts the shadows. A clipped sun has the size that the sun is known to have.
+The bright spot bounds the light that is taken out of the sky, not the size of the sun: exposure, haze and lens make a
+clipped spot up to ten times as wide as the disc that casts the shadows. A clipped sun gets the sun's true radius.
 """
 
 from __future__ import annotations
@@ -34,27 +34,31 @@ from mr360uw.types import Floats, Sun
 DISPLAY_WHITE = 1.5
 """A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
 _MOST_SEEDS = 600
+"""Bright coarse pixels that are compared with each other; time grows with the square."""
 _CANDIDATES = 3
+"""Spots that are measured closely, at most; the search ends at the first one of confidence above 0.5."""
 _LONE_ANGLE_RAD = np.radians(4.0)
-_WIDEST_GLARE_RAD = np.radians(15.0)  # what is wider is a sky; the detector's confidence ends there too
+"""Radius [rad] within which bright pixels count as one spot."""
+_WIDEST_GLARE_RAD = np.radians(15.0)
+"""Radius [rad] above which a bright spot is a sky, not the glare of a sun; the detector's confidence is 0 there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """A spot taken for the sun, and how much it looks like one, 0 to 1."""
+    """A candidate for the sun, and the confidence in it, 0 to 1."""
 
     blob: Blob
     confidence: float
 
 
-def lowest_sine(underwater: bool) -> float:
-    """Return the sine of the lowest elevation at which a sun is looked for."""
-    return float(np.sin(snell_elevation())) if underwater else 0.0
+def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
+    """Return the sine of the lowest elevation of a sun: that of the horizon, or of the edge of Snell's window."""
+    return float(np.sin(snell_elevation(refractive_index))) if underwater else 0.0
 
 
 def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
-    floor = lowest_sine(underwater)
+    floor = lowest_sine(underwater, plate.refractive_index)
     allowed = plate_sines(plate) > floor
     bright = np.where(allowed, plate.brightest, 0.0)
     value = brightness(plate.coarse)
@@ -101,7 +105,7 @@ def _falling(x: float, one: float, zero: float) -> float:
 
 
 def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwater: bool) -> float:
-    """Return how much a spot looks like a sun, 0 to 1; 0.5 is the line.
+    """Return the confidence, 0 to 1, that a spot is a sun; above 0.5 it is taken for one.
 
     lone: its share of all light as bright. contrast: peak over the median value of the map.
     """
@@ -114,13 +118,13 @@ def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwate
     return size * white * _falling(lone, 0.5, 0.15) * edge
 
 
-def half_angle(underwater: bool) -> float:
+def half_angle(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
     """Return the angular radius [rad] of the sun's disc, in air or as seen from the water through the surface.
 
     Refraction divides the angles across its plane by the index of the water. Along it the disc is narrower still, but
     waves tilt by far more: the round disc is the sharpest that shadows get (`draw.sun_spread_deg` widens them).
     """
-    return SUN_HALF_ANGLE_RAD / REFRACTIVE_INDEX_SEA if underwater else SUN_HALF_ANGLE_RAD
+    return SUN_HALF_ANGLE_RAD / refractive_index if underwater else SUN_HALF_ANGLE_RAD
 
 
 def is_display_referred(plate: Plate) -> bool:
@@ -137,28 +141,34 @@ def glare_radius(plate: Plate, direction: Floats) -> float:
 
 
 def split_given(plate: Plate, direction: Floats, half_angle_rad: float, confidence: float) -> Split:
-    """Return the plate's expanded map split into the sun that is known to stand towards `direction` and the rest."""
+    """Return the plate's expanded map split into a sun given towards `direction` and the rest."""
     return split_sun(plate, direction, max(glare_radius(plate, direction), half_angle_rad), half_angle_rad, confidence)
 
 
 def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
     """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred.
 
-    Its half angle is what was measured; where it is clipped, that of the sun.
+    Its half angle is the measured one, or where it is clipped that of the sun.
     """
     blob = disc.blob
     clipped = is_display_referred(plate) and (blob.clipped or blob.peak >= CLIPPED)
-    size = half_angle(underwater) if clipped else blob.radius_rad
+    size = half_angle(underwater, plate.refractive_index) if clipped else blob.radius_rad
     return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=not blob.clipped)
 
 
-def detect_sun(plate: ArrayLike, underwater: bool = False, *, up: ArrayLike | None = None) -> Sun | None:
+def detect_sun(
+    plate: ArrayLike,
+    underwater: bool = False,
+    *,
+    up: ArrayLike | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+) -> Sun | None:
     """Return the sun of a linear plate (H, W, 3), HDR or clipped to display white = 1; None where there is none.
 
-    underwater: look inside Snell's window only; the direction is that in the water. up: as in `environment`. The
-    irradiance is that of the plate as it is: of a clipped one far too low (see `environment`). Raises
-    `ParameterError` for other arrays.
+    underwater: look inside Snell's window only; the direction is that in the water. up, refractive_index: as in
+    `environment`. The irradiance is that of the plate as it is: of a clipped one far too low (see `environment`).
+    Raises `ParameterError` for other arrays.
     """
-    seen = LinearPlate.of(checked_plate(plate), up=upward(up))
+    seen = LinearPlate.of(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
     disc = find_disc(seen, underwater=underwater)
     return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater).sun

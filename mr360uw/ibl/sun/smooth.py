@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A smoother without lag whose strength the data choose.
+"""Smooths a signal over time without lag, with a strength estimated from the data.
 
-The signal is taken for a random walk in acceleration, seen through noise:
+The model is a random walk in acceleration plus white noise:
 
     minimise  sum w_t |x_t - z_t|^2 + lambda sum |third difference of x|^2
 
-(Whittaker 1923). Its solution is that of a Kalman filter run forward and a smoother run backward (Rauch, Tung &
-Striebel 1965) for that random walk; here one banded Cholesky factorisation eliminates forward and
+(Whittaker 1923). Its solution is that of a Kalman filter run forward and a smoother run backward (Rauch 1965)
+for that random walk; here one banded Cholesky factorisation eliminates forward and
 substitutes backward. Lambda maximises the restricted likelihood, so a still camera is averaged over the whole shot
 and a turning one is followed. Samples of weight 0 are bridged; outliers lose their weight by iteration (Student's t).
 """
@@ -21,9 +21,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _ORDER = 3
-_LAMBDAS = 10.0 ** np.arange(-2.0, 11.1, 0.5)  # up to where the factorisation still holds in double precision
-_OUTLIER = 3.0  # in standard deviations
+"""Order of the differences that are penalised. With 2 curved paths would be pulled straight."""
+_LAMBDAS = 10.0 ** np.arange(-2.0, 11.1, 0.5)
+"""Strengths that are tried, up to where the factorisation still holds in double precision."""
+_OUTLIER = 3.0
+"""Residual, in standard deviations, at which a sample's weight is halved."""
 _ROUNDS = 4
+"""Iterations of the outliers' weights."""
 
 
 def _penalty(count: int) -> Array:

@@ -1,22 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the sun stands, from date, place and the camera's heading.
+"""Azimuth and elevation of the sun above the water, from date and place.
 
-Low precision coordinates of the sun (Meeus, Astronomical Algorithms, 2nd ed., chapters 12, 13 and 25), good to 0.01
-degrees from 1950 to 2050, with the refraction of the air (Saemundsson 1986). Above the water; a camera below it sees
-the sun where Snell's law puts it.
+Low precision coordinates of the sun (Meeus 1998, chapters 12, 13 and 25), good to 0.01 degrees from 1950 to 2050, with
+the refraction of the air (Saemundsson 1986). Refraction at the water surface is left to the caller.
 """
 
 from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import Array, direction_from_angles
-
-if TYPE_CHECKING:
-    from mr360uw.ibl.settings import LightSettings
 
 
 def parse_time(text: str) -> datetime:
@@ -61,7 +55,7 @@ def sun_angles(time: datetime, latitude_deg: float, longitude_deg: float) -> tup
 
 
 def refraction(elevation_rad: float) -> float:
-    """Return how much the air lifts the sun [rad] at a true elevation (Saemundsson 1986); 0 well below the horizon."""
+    """Return the refraction of the air [rad] at a true elevation (Saemundsson 1986); 0 more than 1 degree below 0."""
     degrees = math.degrees(elevation_rad)
     if degrees < -1.0:
         return 0.0
@@ -71,7 +65,7 @@ def refraction(elevation_rad: float) -> float:
 def daylight_angles(text: str, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
     """Return `sun_angles` of an ISO 8601 time; raise `ParameterError` where the sun is not up.
 
-    Whoever names a date wants its sun, so that a night is a wrong zone or place more often than a dark film.
+    A night is an error because it is mostly a wrong zone or place.
     """
     azimuth, elevation = sun_angles(parse_time(text), latitude_deg, longitude_deg)
     if elevation <= 0.0:
@@ -81,13 +75,3 @@ def daylight_angles(text: str, latitude_deg: float, longitude_deg: float) -> tup
             f'check zone and place, or take light.sun "none" for a night'
         )
     return azimuth, elevation
-
-
-def given_direction(settings: LightSettings) -> Array | None:
-    """Return the direction (3,) that the settings give: "given" as the camera sees it, "date" in the air, else None."""
-    if settings.sun == "given":
-        return direction_from_angles(math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg))
-    if settings.sun == "date":
-        azimuth, elevation = daylight_angles(settings.sun_time, settings.latitude_deg, settings.longitude_deg)
-        return direction_from_angles(azimuth - math.radians(settings.heading_deg), elevation)
-    return None

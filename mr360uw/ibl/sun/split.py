@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Taking the sun out of the map, so that beam and sky add up to it and nothing counts twice.
+"""Splits the environment map into sun and sky, so that the two add up to it.
 
     removed light of a pixel: H - H min(1, Yt/Y),   Yt = mean + 2 sigma of the map's luminance, at most half the peak
 
-(Iorns & Rhee 2016, with mean and deviation weighted by solid angle.) Where the sun is clipped its light cannot be
-measured. The closure takes it from the ratio of direct to diffuse horizontal irradiance that sky, depth and water
-lead one to expect:  E_sun sin(elevation) = ratio x E_sky.
+(Iorns 2016, with mean and deviation weighted by solid angle.) Where the sun is clipped its light cannot be measured.
+The closure solves for it from an assumed ratio of direct to diffuse horizontal irradiance, which depends on sky, depth
+and water:  E_sun sin(elevation) = ratio x E_sky.
 """
 
 from __future__ import annotations
@@ -29,14 +29,20 @@ from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 
 _PATCH = 81
-_SAMPLES_ACROSS = 4.0  # at least, of every pixel that is split
-_REACH = 2.0  # how far out, in radii of the spot, its light is gathered
-_MARGIN_RAD = np.pi / COARSE_ROWS  # and looked at, so that coarse pixels at the rim are seen as a whole
+"""Samples across the patch about the sun."""
+_SAMPLES_ACROSS = 4.0
+"""Least number of samples across a coarse pixel that is split; with fewer, slivers about a pole are missed."""
+_REACH = 2.0
+"""Radius within which the sun's light is gathered, in radii of the spot: disc and glare, but no cloud far from it."""
+_MARGIN_RAD = np.pi / COARSE_ROWS
+"""Width [rad] of the rim that is sampled beyond the reach, so that coarse pixels on it are sampled as a whole."""
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
-_LOWEST_SINE = 0.05  # below 3 degrees a horizontal irradiance says nothing about the beam
+"""Limits of the reach [rad]."""
+_LOWEST_SINE = 0.05
+"""Least sine of the elevation in the closure, 3 degrees: dividing by less would make the beam arbitrarily strong."""
 
 MIDDLE_RATIO = 1.0
-"""Direct to diffuse horizontal irradiance where nothing is known: between haze (0.2) and a clear sky (5)."""
+"""Direct to diffuse horizontal irradiance by default: between haze (0.2) and a clear sky (5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +93,7 @@ def split_sun(
 
 
 def _spans(step: float) -> NDArray[np.int64]:
-    """Return how many pixels of each row of a coarse map (rows,) are taken as one, a power of two.
+    """Return the number of pixels of each row of a coarse map (rows,) that are merged, a power of two.
 
     About a pole the pixels are slivers, narrower than samples `step` [rad] apart, which would miss some of them.
     """
@@ -119,7 +125,7 @@ def _gather(
 ) -> tuple[tuple[NDArray[np.int64], ...], list[NDArray[np.float64]]]:
     """Return the pixels (rows, columns) of a map that directions fall into, and the sums (n, 3) of each light there.
 
-    span: of each row, how many neighbours are taken as one and stand as the first of them.
+    span: of each row, the number of neighbours that are merged into the first of them.
     """
     x, y = frame_from_direction(look, width, height)
     row = np.clip(y.astype(np.int64), 0, height - 1)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A round look at the sphere about one direction, without seam and poles.
+"""Equal-area patches of the sphere about one direction (Lambert's azimuthal projection), without seam and poles.
 
-Lambert's azimuthal equal-area projection: position (x, y) of the patch is |(x, y)| = 2 sin(angle/2) away from its
-centre, y upwards. Every pixel has the same solid angle, and what is symmetrical about the centre stays so.
+A direction at an angle from the centre lies 2 sin(angle/2) from it on the patch, y upwards. Every pixel has the same
+solid angle, and discs about the centre stay round.
 """
 
 from __future__ import annotations

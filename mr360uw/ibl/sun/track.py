@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun over a clip: measured frame by frame, cut into shots, smoothed without lag, bridged where it is not seen.
+"""The sun's track over a clip: measured frame by frame, cut into shots, smoothed, interpolated where it is hidden.
 
 The track belongs to the whole clip. It is made once, kept beside the scene (`save_track`), may be edited there, and
 is looked up by frame, so that any frame range renders the same.
@@ -21,15 +21,19 @@ from mr360uw.types import Environment, Floats, Sun
 
 Array = NDArray[np.float64]
 
-_MEDIAN = 5  # frames on either side that a jump is judged by
+_MEDIAN = 5
+"""Frames on either side whose median direction a jump is judged by; shorter disturbances are no cut."""
 _JUMP_RAD = np.radians(6.0)
-_PICTURE_CHANGE = 0.25  # mean |change of log radiance|, exposure aside
-_FORGET_FRAMES = 30.0  # confidence falls by 1/e over as many frames without a sight of the sun
+"""Least change [rad] of the sun's direction that is a cut, where there are no pictures to compare."""
+_PICTURE_CHANGE = 0.25
+"""Least change of the thumbnail that is a cut: mean |change of log luminance| between frames, exposure left out."""
+_FORGET_FRAMES = 30.0
+"""Frames without a measured sun over which the confidence falls by 1/e."""
 
 
 @dataclass(frozen=True, slots=True)
 class SunMeasurement:
-    """What one frame says: its sun or None, its exposure (log-mean luminance), and a thumbnail to find cuts by.
+    """Measurement of one frame: its sun or None, its exposure (log-mean luminance), and a thumbnail to find cuts by.
 
     thumbnail: (8, 16) log luminance less its mean, or None.
     """
@@ -43,7 +47,7 @@ class SunMeasurement:
 def measure_sun(environment: Environment, time_s: float, world_from_camera: Floats | None = None) -> SunMeasurement:
     """Return the measurement of a frame from its environment.
 
-    world_from_camera: rotation (3, 3) that levels the frame; the sun of a camera that tilts stands still only then.
+    world_from_camera: rotation (3, 3) that levels the frame, so that a tilting camera does not move the sun.
     """
     sun = environment.sun
     if sun is not None and world_from_camera is not None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks on disk: one table, as JSON (columns) or CSV (a line a frame), to read, plot and edit.
+"""Reads and writes sun tracks as one table, JSON (columns) or CSV (a line a frame), to plot and edit.
 
 Angles are in degrees, in level axes: azimuth 0 = centre of the frame, + = right; elevation + = up. An empty cell (null)
 means that there is no sun. Editing `azimuth_deg`, `elevation_deg` or `irradiance_*` changes what is rendered; the
-`raw_` columns are what the frames said.
+`raw_` columns are the measurements, for comparison.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The metadata track of GoPro cameras, as it lies in the file."""
+"""Reads the raw metadata track (GPMF) of a GoPro file."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The box tree of MP4 and QuickTime files (ISO/IEC 14496-12): as much of it as editing the 'moov' box needs."""
+"""Reads and edits the 'moov' box of MP4 and QuickTime files (ISO/IEC 14496-12)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _extents(file: BinaryIO) -> Iterator[_Extent]:
 
 
 def top_level_kinds(path: Path) -> list[str]:
-    """Return the kinds of the boxes a file consists of; not a box file: some letters or nothing."""
+    """Return the kinds of the top-level boxes of a file; arbitrary or none where it is not an MP4 or QuickTime file."""
     with path.open("rb") as file:
         return [extent.kind.decode("latin-1") for extent in _extents(file)]
 

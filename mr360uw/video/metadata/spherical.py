@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spherical video metadata: what tells a player that a clip is a 360 degree panorama.
+"""Spherical video metadata, by which players recognise a 360 degree panorama.
 
 V1: XML in a 'uuid' box of the video track (Google, "Spherical Video RFC"); V2: 'st3d' and 'sv3d' boxes of the sample
-entry (Google, "Spherical Video V2 RFC"). Files are written with both, for some players know only V1; where they
-differ on reading, V2 wins and the difference is told. Other containers are read through FFmpeg.
+entry (Google, "Spherical Video V2 RFC"). Files are written with both, because some players read only V1; where they
+differ on reading, V2 is taken and the difference is noted in `problems`. Other containers are read through FFmpeg.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _PROJECTION_V2 = {b"equi": "equirectangular", b"cbmp": "cubemap", b"mshp": "mesh
 
 @dataclass(frozen=True, slots=True)
 class SphericalMetadata:
-    """What a file says about its panorama.
+    """Projection, stereo layout and bounds of a panorama, as stated in a file.
 
     projection: "equirectangular", "cubemap", "mesh" ... stereo: arrangement of the eyes. pose_deg: yaw, pitch, roll.
     bounds: fractions cut off at the top, bottom, left and right; zeros for the full sphere. source: where it was
@@ -72,7 +72,7 @@ def _is_v1(box: Box) -> bool:
 
 
 def from_xml(data: bytes) -> SphericalMetadata:
-    """Return what V1 XML says."""
+    """Return the metadata in V1 XML."""
     if b"<!" in data:  # no document types, hence no entities to expand
         return SphericalMetadata(source="V1", problems=("V1 holds XML with declarations; not read",))
     try:
@@ -133,7 +133,7 @@ def _from_entry(entry: Box) -> SphericalMetadata | None:
 
 
 def from_side_data(side_data: Any) -> SphericalMetadata | None:
-    """Return what FFmpeg found, from the side data of a decoded PyAV frame; this covers Matroska's Projection."""
+    """Return the metadata that FFmpeg puts into the side data of a decoded frame, as of Matroska's Projection."""
     from av.sidedata.sidedata import Type
 
     stereo_data, sphere = side_data.get(Type.STEREO3D), side_data.get(Type.SPHERICAL)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How FFmpeg's colour tags and pixel formats become a `ColorSpec`.
+"""Converts FFmpeg's colour tags and pixel formats to a `ColorSpec`.
 
-Untagged clips are read as the industry does: BT.709 from 720 rows up, BT.601 below; limited range unless the pixel
+Untagged clips are read by the usual convention: BT.709 from 720 rows up, BT.601 below; limited range unless the pixel
 format is one of the full-range `yuvj` kinds. A tagged transfer curve is *not* followed by default: cameras tag BT.709
-and apply their own rendering for a display, so that the inverse of the display curve (sRGB here) gives back what one
-sees; name another curve to override it. PQ and HLG are refused, they need tone mapping first.
+and apply their own rendering for a display, so the inverse of the display curve (sRGB here) gives the light that a
+display would show; name another curve to override it. PQ and HLG are refused, they need tone mapping first.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class ColorTags:
 
 
 BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc=1)
-"""What video made from stills is tagged with."""
+"""Tags of video made from stills: BT.709, limited range."""
 
 
 def color_spec(path: Path, pixel_format: str, tags: ColorTags, rows: int, transfer: Transfer | None) -> ColorSpec:
-    """Return how the codes of a clip are to be read; VideoError where this toolkit cannot."""
+    """Return matrix, range, transfer curve and depth of a clip's codes; VideoError for unsupported formats."""
     found = _PIXEL_FORMAT.match(pixel_format)
     if not found:
         raise VideoError(

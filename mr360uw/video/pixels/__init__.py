@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between code values and linear light: planes, RGB, grain."""
+"""Writes linear light as code values: Y'CbCr planes, RGB pictures, and the plate's grain."""

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixel loops of `grain`: serial, compiled, outside Python's lock.
+"""Compiled loops of `grain`: white noise and block statistics; serial, outside Python's lock.
 
 Noise is a hash of the pixel's place, its plane and the frame's index, so any rectangle of any frame can be had by
-itself (counter-based, as Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3"). The hash is the finaliser
-of SplitMix64 (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators", variant 13); four of its
+itself (counter-based, as Salmon 2011). The hash is the finaliser of SplitMix64 (Steele 2014, variant 13). Four of its
 16-bit pieces add up to a nearly normal number that is never beyond 3.5 standard deviations.
 """
 
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.video.pixels.kernels import inlined, kernel
+from mr360uw.yuv.decode_kernels import inlined, kernel
 
 _DEVIATION = np.float32(np.sqrt((2.0**32 - 1.0) / 3.0))
 """Standard deviation of the sum of four independent integers, each even over [0, 2^16)."""
@@ -28,7 +27,7 @@ def _mixed(z: Any) -> Any:
 
 @kernel
 def white_noise(frame: int, plane: int, row: int, column: int, columns: int, out: Any) -> None:
-    """Write noise of mean 0 and variance 1 into `out` (h, w); column numbers count around `columns`."""
+    """Write noise of mean 0 and variance 1 into `out` (h, w); it repeats after `columns` columns."""
     step, low = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFFFF)
     stream = _mixed(np.uint64(frame) * step + np.uint64(plane + 1))
     for r in range(out.shape[0]):

@@ -1,92 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pixel loops of `planes`: serial, compiled, outside Python's lock.
+"""Compiled loops of `planes`: encoding, dither, chroma filter; serial, outside Python's lock.
 
-k: coefficients, in this order: offset and span of luma, offset and span of chroma; R', G', B' from (Cb, Cr), six;
-Y', Cb, Cr from R'G'B', nine. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain: noise of
-variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of the span,
-times how much of it is wanted, even over Y' from 0 to 1.
+k: `yuv.coefficients.coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain:
+noise of variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of
+the span, times the amount of grain, at equal steps of Y' from 0 to 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 
-DECODE_STEPS = 8192
-DECODE_LOW, DECODE_HIGH = -1.0, 2.0
-# Encoding: the exponent and the first 7 bits of the mantissa of a float32 number the samples of its table.
+from mr360uw.yuv.decode_kernels import chroma_row, inlined, kernel, luma_from_code
+
 ENCODE_STEP_BITS = 16
+"""Bits of a float32 that lie between two samples of the encoding table: the exponent and the first 7 bits of the
+mantissa number the samples, 128 in each octave. One bit more would halve them and make the error four times as large.
+"""
 ENCODE_LOW = (127 - 32) << (23 - ENCODE_STEP_BITS)
+"""Number of the first sample, of light 2^-32, which a power law of 1/2.4 encodes as 1e-4: a tenth of a 10-bit code."""
 ENCODE_STEPS = 36 << (23 - ENCODE_STEP_BITS)
-
-
-# Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True)
-inlined: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True, inline="always")
-
-
-@kernel
-def _chroma_row(
-    plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
-) -> None:
-    """Write the chroma at the pixels (row, column...) into `out`, linearly interpolated, as C in [-.5, .5]."""
-    rows, columns = plane.shape
-    j = row >> sy
-    far = j
-    if sy:
-        far = min(j + 1, rows - 1) if row & 1 else max(j - 1, 0)
-    near_weight = np.float32(0.75 if sy else 1.0) / span
-    far_weight = np.float32(0.25 if sy else 0.0) / span
-    base = -offset / span
-    near_row, far_row = plane[j], plane[far]
-    for c in range(out.size):
-        i = np.uint32(column + c) >> np.uint32(sx)
-        out[c] = base + near_weight * np.float32(near_row[i]) + far_weight * np.float32(far_row[i])
-    if sx:
-        last = (column + out.size - 1) >> 1
-        after = last + 1
-        if after == columns:
-            after = 0 if wrap else last
-        right = base + near_weight * np.float32(near_row[after]) + far_weight * np.float32(far_row[after])
-        for c in range(1 - (column & 1), out.size, 2):
-            out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
-
-
-@inlined
-def _lookup(table: Any, position: Any) -> Any:
-    """The table at a fractional index, held at its ends."""
-    position = min(max(position, np.float32(0.0)), np.float32(DECODE_STEPS - 1.01))
-    i = np.uint32(position)
-    low = table[i]
-    return low + (position - np.float32(i)) * (table[i + np.uint32(1)] - low)
-
-
-@kernel
-def read_rectangle(
-    y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
-) -> None:
-    """Write the linear light of a rectangle of the planes into `out` (h, w, 3)."""
-    height, width = out.shape[:2]
-    scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
-    base = np.float32(-DECODE_LOW)
-    cb = np.empty(width, np.float32)
-    cr = np.empty(width, np.float32)
-    y_offset, y_scale = k[0], np.float32(1.0) / k[1]
-    red_cb, red_cr, green_cb, green_cr, blue_cb, blue_cr = k[4], k[5], k[6], k[7], k[8], k[9]
-    for r in range(height):
-        _chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
-        _chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
-        luma_row = y[row + r, column : column + width]
-        pixels = out[r]
-        for c in range(width):
-            luma = (np.float32(luma_row[c]) - y_offset) * y_scale + base
-            pixels[c, 0] = _lookup(table, (luma + red_cb * cb[c] + red_cr * cr[c]) * scale)
-            pixels[c, 1] = _lookup(table, (luma + green_cb * cb[c] + green_cr * cr[c]) * scale)
-            pixels[c, 2] = _lookup(table, (luma + blue_cb * cb[c] + blue_cr * cr[c]) * scale)
+"""Samples of the table: 36 octaves, up to 2^4. Light above 1 is clipped to the top code in any case."""
 
 
 @kernel
@@ -104,7 +39,7 @@ def _encode_row(
     first, last = np.int32(ENCODE_LOW), np.int32(ENCODE_STEPS - 1)
     zero, one = np.float32(0.0), np.float32(1.0)
     for c in range(out.size):
-        old = (np.float32(codes[c]) - offset) * scale + from_cb * cb[c] + from_cr * cr[c]
+        old = luma_from_code(codes[c], offset, scale) + from_cb * cb[c] + from_cr * cr[c]
         magnitude = light_bits[c] & ~sign_bit
         step = np.int32(magnitude >> np.uint32(ENCODE_STEP_BITS)) - first
         i = np.uint32(min(max(step, np.int32(0)), last))
@@ -117,7 +52,7 @@ def _encode_row(
 
 @inlined
 def _noise(row: int, column: int, frame: int) -> Any:
-    """Interleaved gradient noise in (0, 1), off the ends so that rounding errors change no code."""
+    """Return interleaved gradient noise (Jimenez 2014), 0.001 to 0.999: rounding errors alone change no code."""
     shift = np.float32(5.588238) * np.float32(frame & 63)
     ramp = np.float32(0.06711056) * (np.float32(column) + shift) + np.float32(0.00583715) * (np.float32(row) + shift)
     value = np.float32(52.9829189) * (ramp - np.float32(int(ramp)))
@@ -139,7 +74,7 @@ def _quantise(code: Any, noise: Any, peak: Any) -> Any:
 
 @inlined
 def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
-    """How much of a chroma code reading and filtering do not return: the code less its blur [1 6 1]/8."""
+    """Return the detail of a chroma code that interpolation and filter lose: the code less its blur [1 6 1]/8."""
     rows, columns = plane.shape
     left = i - 1 if i else (columns - 1 if wrap else 0)
     right = i + 1 if i + 1 < columns else (0 if wrap else i)
@@ -155,7 +90,7 @@ def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
 
 @inlined
 def _strength(luma: Any, strength: Any) -> Any:
-    """The strength of the grain where Y' is `luma`."""
+    """Return the strength of the grain at Y' = `luma`."""
     place = luma * np.float32(strength.size - 1) + np.float32(0.5)
     return strength[np.int32(min(max(place, np.float32(0.0)), np.float32(strength.size - 1)))]
 
@@ -185,8 +120,8 @@ def write_luma(
     steps = np.empty((3, width), np.float32)  # of R', G', B'
     grainy = grain.size > 0
     for r in range(height):
-        _chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
-        _chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+        chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
+        chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
         codes = y[row + r, column : column + width]
         codes_out = y_out[row + r, column : column + width]
         for n in range(3):
@@ -235,7 +170,7 @@ def write_chroma(
             c = (i << sx) - column + 1
             if not (touched[c] or touched[c + sx]):
                 continue
-            before = c - 1 if c > 1 else c  # what is left of the rectangle is taken to change like its first column
+            before = c - 1 if c > 1 else c  # the column left of the rectangle is taken to change like its first one
             cb_step = side * (steps[0, before] + steps[0, c + sx]) + middle * steps[0, c]
             cr_step = side * (steps[1, before] + steps[1, c + sx]) + middle * steps[1, c]
             cover = side * (steps[2, before] + steps[2, c + sx]) + middle * steps[2, c]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PyAV frames as planes and back."""
+"""Converts between PyAV frames and planes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def native_frame(image: YuvImage, name: str | None = None) -> Any:
 
 
 def has_stereo_mark(native: Any) -> bool:
-    """Return whether a decoded frame says how its eyes are arranged.
+    """Return whether a decoded frame has a mark of how its eyes are arranged.
 
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """

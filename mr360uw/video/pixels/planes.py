@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between the planes of a video frame and linear light, one rectangle at a time.
+"""Writes linear light into the planes of a video frame, one rectangle at a time.
 
-`linear_from_planes` reads a rectangle as linear Rec.709; `lay_over_planes` puts a changed rectangle back. Writing adds
-the *difference* between the new and the old light, in code values, to the old codes: what did not change keeps its
-code, and nothing is lost by a round trip through another colour space.
+`lay_over_planes` adds the *difference* between the new and the old light (`yuv.decoding`), in code values, to the old
+codes: unchanged light keeps its code, and nothing is lost by a round trip through another colour space.
 
-Chroma of 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair (H.264 and HEVC default). It is
-interpolated linearly for reading and filtered [1 2 1]/4 along, [1 1]/2 across for writing; a chroma sample is written
-only where a pixel of its own block changed. Round a panorama, the column after the last one is the first.
+Chroma is sited as the decoder has it, and filtered [1 2 1]/4 along, [1 1]/2 across; a chroma sample is written only
+where a pixel of its own block changed. Round a panorama, the column after the last one is the first.
 
     code' = code + span (E(new) - E(old)) + alpha grain + dither,    E: linear light -> R'G'B' -> Y' or C
 
 Where an object of coverage alpha covers the plate, the detail of the old chroma that linear interpolation and the
 filter do not return is scaled by 1 - alpha, so that no plate shines through an opaque object.
 
-Curves are tables, linearly interpolated: decoding over R'G'B' in [-1, 2], encoding over 128 samples in each octave of
-linear light from 2^-32 to 16, found by the leading bits of the float, which follows the steep foot of a power law
-(error below 2e-6 of full scale).
-The dither is interleaved gradient noise (Jimenez 2014, "Next generation post processing in Call of Duty"), of the
-pixel's position and the frame's index alone: no banding, no random state.
+The encoding curve is a table, linearly interpolated: 128 samples in each octave of linear light from 2^-32 to 16, found
+by the leading bits of the float, which follows the steep foot of a power law (error below 2e-6 of full scale).
+The dither is interleaved gradient noise (Jimenez 2014), of the pixel's position and the frame's index alone: no
+banding, no random state.
 """
 
 from __future__ import annotations
@@ -28,39 +25,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import (
-    ColorSpec,
-    Transfer,
-    code_range,
-    decode,
-    encode,
-    rec709_from_plate,
-    rgb_from_ycbcr,
-    ycbcr_from_rgb,
-)
+from mr360uw.color import Transfer, code_range, encode, rec709_from_plate
 from mr360uw.types import Floats, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.pixels.kernels import (
-    DECODE_HIGH,
-    DECODE_LOW,
-    DECODE_STEPS,
     ENCODE_LOW,
     ENCODE_STEP_BITS,
     ENCODE_STEPS,
     find_changes,
-    read_rectangle,
     write_chroma,
     write_luma,
 )
-
-Rectangle = tuple[int, int, int, int]
-"""row, column, height, width of a part of the frame."""
-
-
-@lru_cache(maxsize=8)
-def _decode_table(transfer: Transfer) -> NDArray[np.float32]:
-    codes = np.linspace(DECODE_LOW, DECODE_HIGH, DECODE_STEPS)
-    return np.asarray(decode(codes, transfer), np.float32)
+from mr360uw.yuv.coefficients import coefficients, subsampling
+from mr360uw.yuv.decoding import Rectangle
 
 
 @lru_cache(maxsize=8)
@@ -69,41 +46,11 @@ def _encode_table(transfer: Transfer) -> NDArray[np.float32]:
     return np.asarray(encode(bits.view(np.float32).astype(np.float64), transfer), np.float32)
 
 
-@lru_cache(maxsize=16)
-def _coefficients(spec: ColorSpec) -> NDArray[np.float32]:
-    """Offsets and spans, then R'G'B' from (Cb, Cr), then (Y', Cb, Cr) from R'G'B'."""
-    y_offset, y_span, c_offset, c_span = code_range(spec)
-    forward = rgb_from_ycbcr(spec.matrix)
-    values = [y_offset, y_span, c_offset, c_span, *forward[:, 1:].ravel(), *ycbcr_from_rgb(spec.matrix).ravel()]
-    return np.array(values, np.float32)
-
-
-def subsampling(image: YuvImage) -> tuple[int, int]:
-    """Return log2 of the horizontal and vertical chroma subsampling: 4:2:0 is (1, 1), 4:2:2 (1, 0), 4:4:4 (0, 0)."""
-    (height, width), (rows, columns) = image.y.shape, image.u.shape
-    return int(columns < width), int(rows < height)
-
-
 def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
     """Return where a tile lays anything over the plate, (h, w): coverage, light, or a ratio other than 1."""
     out = np.empty(tile.alpha.shape, np.bool_)
     alpha, ratio, radiance = (np.ascontiguousarray(a, np.float32) for a in (tile.alpha, tile.ratio, tile.radiance))
     find_changes(alpha, ratio, radiance, out)
-    return out
-
-
-def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap: bool = True) -> NDArray[np.float32]:
-    """Return a rectangle of the planes (by default all of it) as linear Rec.709, (h, w, 3) float32, not clipped.
-
-    wrap: the last column is the neighbour of the first, as in a panorama.
-    """
-    row, column, height, width = rectangle or (0, 0, *image.y.shape)
-    out = np.empty((height, width, 3), np.float32)
-    sx, sy = subsampling(image)
-    table = _decode_table(image.spec.transfer)
-    read_rectangle(image.y, image.u, image.v, row, column, sx, sy, wrap, _coefficients(image.spec), table, out)
-    if image.spec.matrix == "bt2020":
-        out = np.asarray(out @ rec709_from_plate(image.spec.matrix).T, np.float32)
     return out
 
 
@@ -130,7 +77,7 @@ def lay_over_planes(
     if old.spec.matrix == "bt2020":
         linear = linear @ np.linalg.inv(rec709_from_plate(old.spec.matrix)).T
     sx, sy = subsampling(old)
-    coefficients, peak = _coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
+    k, peak = coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
     light, cover = np.ascontiguousarray(linear, np.float32), np.ascontiguousarray(alpha, np.float32)
     chroma = np.empty((2, *alpha.shape), np.float32)
     strength = np.float32(amount) * grain.deviation
@@ -140,12 +87,12 @@ def lay_over_planes(
         noise, blotches = _noise(grain, rectangle, (row + r, column + c, h, w), old, frame_index)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        coefficients, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
+        k, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
         noise, strength[0], chroma,
     )  # fmt: skip
     write_chroma(
         old.u, old.v, new.y, new.u, new.v, row, column, sx, sy, wrap,
-        coefficients, peak, cover, changed, frame_index, blotches, strength[1:], chroma,
+        k, peak, cover, changed, frame_index, blotches, strength[1:], chroma,
     )  # fmt: skip
 
 

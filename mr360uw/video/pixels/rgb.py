@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between the code values of an RGB picture (PNG, JPEG, EXR) and linear light."""
+"""Converts between the code values of RGB pictures (PNG, JPEG, EXR) and linear light."""
 
 from __future__ import annotations
 

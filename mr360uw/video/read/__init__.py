@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Video files and pictures as readers of frames."""
+"""Reads frames of video files and pictures."""

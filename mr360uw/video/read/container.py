@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Video files as plates.
+"""Reads the frames of a video file.
 
 Every pass over the frames opens the file anew: passes do not disturb each other, and memory does not grow with the
 length of the clip. Decoding runs on all cores, outside Python's lock.
@@ -31,7 +31,7 @@ from mr360uw.video.read.reader import VideoReader, check_range
 class ContainerReader(VideoReader):
     """A video file as a plate; made by `open_video`.
 
-    A turn by 180 degrees that the file asks for is done by `frames`.
+    `frames` turns the pictures by 180 degrees where the file's metadata says so.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures as plates: a still, or a numbered sequence (PNG, JPEG, TIFF, EXR, HDR)."""
+"""Reads pictures as the frames of a plate: a still, or a numbered sequence (PNG, JPEG, TIFF, EXR, HDR)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether a name stands for many pictures: it has %04d or #### in it."""
+    """Return whether a name is the pattern of a sequence, with %04d or #### in it."""
     return _NUMBER.search(path.name) is not None
 
 
@@ -51,7 +51,7 @@ def matching_files(path: Path) -> list[tuple[int, Path]]:
 
 
 def picture_files(path: Path) -> list[Path] | None:
-    """Return the pictures that a path stands for, or None where it is not a picture, pattern or wildcard."""
+    """Return the pictures that a path, pattern or wildcard names, or None where it names no pictures."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         return None
     if path.exists():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which frame is which: the packets of a video stream in decoding order.
+"""Frame index of a video stream: its packets in decoding order, with time stamps and keyframes.
 
 Frames are numbered in order of presentation. MP4 and MOV hold an index of all packets; packets that an edit list
 cuts away are marked and do not count. Other containers are read through once (packets only, nothing is decoded).
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 class FrameIndex:
     """One entry for each packet, in decoding order.
 
-    stamp: what identifies a packet and can be sought: its decoding time stamp (MP4) or else its presentation time
-    stamp. keyframe: decoding can start here. shown: False for packets that an edit list cuts away. end_byte: first
-    byte after the packet in the file, 0 where unknown. by_dts: which stamp it is.
+    stamp: the time stamp by which a packet is found: that of decoding (MP4) or else of presentation. keyframe:
+    decoding can start here. shown: False for packets that an edit list cuts away. end_byte: first byte after the
+    packet in the file, 0 where unknown. by_dts: whether `stamp` is that of decoding.
     """
 
     stamp: NDArray[np.int64]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which part of a frame is the panorama: the whole of it, or one eye of a stereo pair."""
+"""Finds the panorama in a frame: the whole of it, or one eye of a stereo pair."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def panorama_crop(
 ) -> Crop:
     """Return the part of a frame that is one full equirectangular panorama, or raise VideoError.
 
-    Stereo is told by the metadata or, without any, by the frame's shape: 1:1 is top-bottom, 4:1 is left-right. With
-    `eye` that half is taken. equirectangular False accepts a mono frame of any shape.
+    The stereo layout is taken from the metadata or, without any, from the frame's shape: 1:1 is top-bottom, 4:1 is
+    left-right. With `eye` that half is taken. equirectangular False accepts a mono frame of any shape.
     """
     if rotation not in (0, 180):
         raise VideoError(
@@ -108,7 +108,7 @@ def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Eye) -> 
 
 
 def _squeezed(path: Path, crop: Crop, stereo: Stereo, eye: Eye) -> str:
-    """Return what to say of two eyes in one 2:1 frame, each stretched to half its width or height."""
+    """Return the error message for two eyes squeezed into one 2:1 frame, each to half its width or height."""
     height = max(crop.height, crop.width // 2)
     ffmpeg = (
         f'ffmpeg -i {path.name} -vf "crop={crop.width}:{crop.height}:{crop.column}:{crop.row},'

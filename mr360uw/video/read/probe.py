@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opening a video file, and saying what is wrong with one that does not open."""
+"""Opens video files, with a message on the cause where one does not open."""
 
 from __future__ import annotations
 

@@ -1,23 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates: videos, image sequences and stills, all read alike."""
+"""The interface of plates: videos, image sequences and stills."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from fractions import Fraction
 from pathlib import Path
 from typing import Self
 
-from mr360uw.color import Transfer
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.frame import VideoFrame
-from mr360uw.video.read.layout import Eye
 
 
 class VideoReader(Clip, ABC):
-    """A plate; made by `open_video`. What is known of it: see `Clip`."""
+    """A plate; made by `open_video`. Its metadata: see `Clip`."""
 
     @abstractmethod
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
@@ -48,32 +45,3 @@ def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[i
             f"{count} frames) - take a range within 0:{count}"
         )
     return start, end
-
-
-def open_video(
-    path: str | Path,
-    transfer: Transfer | None = None,
-    *,
-    eye: Eye | None = None,
-    frame_rate: Fraction | float = 30,
-    equirectangular: bool = True,
-    depth: bool = False,
-) -> VideoReader:
-    """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
-
-    path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
-    transfer: curve from code values to linear light; by default sRGB, and none for EXR and HDR pictures.
-    eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
-    equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
-
-    VideoError where the plate cannot be used.
-    """
-    from mr360uw.video.read.images import ImageReader, picture_files
-
-    files = picture_files(Path(path))
-    if files is not None:
-        rate = Fraction(frame_rate).limit_denominator(1001)
-        return ImageReader(Path(path), files, rate, transfer, eye, equirectangular, depth)
-    from mr360uw.video.read.container import ContainerReader
-
-    return ContainerReader(Path(path), transfer, eye, equirectangular)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writers of video files, sound and pictures."""
+"""Writes video files, sound and pictures."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sound, copied packet by packet: not decoded, not encoded again."""
+"""Copies sound packet by packet, without decoding it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _described(stream: Any) -> str:
 
 
 class AudioCopy:
-    """Moves the audio packets of one file into an output container, as far as the pictures have come.
+    """Copies the audio packets of one file into an output container, in step with the pictures.
 
     Times are in seconds on the clock of the input file. All packets of a whole clip keep their time stamps; of a part,
     those that begin within it are kept and moved with the pictures. The target must be able to hold them: see

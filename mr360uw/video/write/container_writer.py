@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Video files as output: pictures encoded, sound copied, marked as a 360 degree panorama."""
+"""Writes video files: encodes pictures, copies sound, marks the file as a 360 degree panorama."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from mr360uw.video.write.writer import VideoWriter
 
 _ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 _NO_PICTURE_TYPE = 0
-_X265_DELAY = 3  # x265 4 leaves the decoding times of shorter clips uninitialised; they have no B-frames
+_X265_DELAY = 3
+"""Frames below which x265 4 leaves decoding time stamps uninitialised; such clips have no B-frames."""
 
 
 class ContainerWriter(VideoWriter):
@@ -107,7 +108,7 @@ class ContainerWriter(VideoWriter):
         self._container.start_encoding()
 
     def _pixel_format(self, codec: Any) -> str:
-        """The format asked for, or the encoder's that is closest to the plate's."""
+        """Return the format of the settings, or the encoder's that is closest to the plate's."""
         wanted = self._settings.pixel_format or self._clip.pixel_format or "yuv420p"
         known = [format_.name for format_ in codec.video_formats]
         plain = wanted.replace("yuvj", "yuv")
@@ -161,7 +162,7 @@ class ContainerWriter(VideoWriter):
             self._container.mux(packet)
 
     def _native(self, frame: VideoFrame) -> Any:
-        """The frame as the encoder wants it; shares memory with the plate where nothing was changed."""
+        """Return the frame in the encoder's format; it shares memory with the plate where nothing was changed."""
         wanted = self._stream.codec_context.pix_fmt
         if frame.yuv is None:
             return _native_of_picture(frame, wanted)
@@ -235,6 +236,6 @@ def _end_s(frame: VideoFrame, frame_rate: Fraction) -> Fraction:
 
 
 def _title_tags(like: Clip) -> dict[str, str]:
-    """Title, date and the like of the plate's container, without what describes the container itself."""
+    """Return the plate's text tags, such as title and date, without those of the container format."""
     own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
     return {key: value for key, value in like.words.items() if key not in own}

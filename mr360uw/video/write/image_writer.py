@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures as output: one, or a numbered sequence."""
+"""Writes pictures: one, or a numbered sequence."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The brightness enhancement of Kovaleski & Oliveira 2009, the one operator that looks at a pixel's surroundings.
+"""Gain of the brightness enhancement of Kovaleski 2009, which depends on a pixel's surroundings.
 
 A mask of pixels near the clip is spread by a cross-bilateral filter that stops at edges of the luminance:
 
@@ -18,8 +18,10 @@ from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.types import Floats
 
-_SIGMA_SPACE = 150.0 / 1920.0  # of the width
+_SIGMA_SPACE = 150.0 / 1920.0
+"""Standard deviation of the filter in space, over the width of the frame, as published."""
 _SIGMA_RANGE = 25.0 / 255.0
+"""Standard deviation of the filter in code values of luma, as published."""
 
 
 def enhancement_gain(coarse: Floats, settings: LightSettings) -> NDArray[np.float32]:

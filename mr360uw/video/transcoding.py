@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding and encoding with nothing in between: what any work on the frames is measured against."""
+"""Decodes a plate and encodes it again unchanged: the time and quality that any compositing is compared with."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from mr360uw.video.read.reader import open_video
+from mr360uw.video.read.opening import open_video
 from mr360uw.video.settings import EncodeSettings
-from mr360uw.video.write.writer import create_video
+from mr360uw.video.write.creating import create_video
 
 
 def transcode(

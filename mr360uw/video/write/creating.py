@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Begins outputs of every kind: video files, sequences of pictures, single pictures."""
+
+from __future__ import annotations
+
+import os
+from fractions import Fraction
+from pathlib import Path
+
+from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.video.clip import Clip
+from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.write.image_writer import ImageWriter
+from mr360uw.video.write.writer import VideoWriter
+
+
+def create_video(
+    path: str | Path,
+    like: Clip | None = None,
+    settings: EncodeSettings | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    frame_rate: Fraction | float = 30,
+    sound: str | Path | None = None,
+    overwrite: bool = False,
+    audio: bool = True,
+    rebase: bool = True,
+) -> VideoWriter:
+    """Begin an output with the size, colours, time stamps, sound and metadata of a plate, or a new one.
+
+    path: .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"), numbered
+    by the frame's index. like: the plate; without one, width, height, frame_rate and sound (a file) say what is made,
+    in BT.709, 4:2:0, 8 bits. audio: copy the sound, unless the settings leave it out. rebase: when the first frame is
+    not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
+    time stamps.
+
+    OutputExistsError where the output is there already and `overwrite` is not set; VideoError where it cannot be made.
+    """
+    path = Path(path)
+    if like is None:
+        if width is None or height is None:
+            raise VideoError(f"{path} - the size of a new video is missing - give like, or width and height")
+        like = _new_clip(path, width, height, frame_rate, sound)
+    _check_target(path, like.path)
+    if path.suffix.lower() in PICTURE_SUFFIXES:
+        return ImageWriter(path, like, overwrite)
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path} - is already there - choose another name or allow overwriting")
+    from mr360uw.video.write.container_writer import ContainerWriter
+
+    return ContainerWriter(path, like, settings or EncodeSettings(), audio, rebase)
+
+
+def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float, sound: str | Path | None) -> Clip:
+    if width != 2 * height or height < 2 or height % 2:
+        raise VideoError(
+            f"{path} - a panorama must be 2:1 with an even height (got {width}x{height}) - take 2048x1024 or 3840x1920"
+        )
+    rate = Fraction(frame_rate).limit_denominator(1001)
+    if rate <= 0:
+        raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
+    return Clip(
+        path=Path(),
+        width=width,
+        height=height,
+        frame_rate=rate,
+        time_base=1 / rate,
+        sound=Path(sound) if sound is not None else None,
+    )
+
+
+def _check_target(path: Path, plate: Path) -> None:
+    folder = path.parent
+    if not folder.is_dir():
+        raise VideoError(f"{path} - the output folder is missing (got {folder}) - make it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise VideoError(f"{path} - the output folder may not be written to (got {folder}) - choose another one")
+    if path.is_dir():
+        raise VideoError(f"{path} - is a folder - name a file in it")
+    if path.exists() and plate.exists() and plate.name and path.samefile(plate):
+        raise VideoError(f"{path} - the output would replace the plate - choose another name")

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled functions of the Y'CbCr decoder: serial, outside Python's lock; see `coefficients` for the equations.
+
+`inlined` functions become part of the loop that calls them, in this package or another. A compiled loop is kept on
+disk until its own file changes: after a change here, delete `__pycache__` of the packages that use these functions.
+
+k: `coefficients.coefficients`; folded: `coefficients.folded_coefficients`. sx, sy: log2 of the chroma subsampling.
+wrap: left and right edges meet. Chroma of 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair
+(the default of H.264 and HEVC), and interpolated linearly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+
+from mr360uw.yuv.coefficients import DECODE_HIGH, DECODE_LOW, DECODE_STEPS, POLYNOMIAL_TOP
+
+# Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True)
+inlined: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True, inline="always")
+
+_ZERO = np.float32(0.0)
+
+
+@inlined
+def luma_from_code(code: Any, offset: Any, scale: Any) -> Any:
+    """Return Y' of a luma code; scale = 1/dy."""
+    return (np.float32(code) - offset) * scale
+
+
+@inlined
+def polynomial_light(x: Any, slope: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5: Any, c6: Any) -> Any:
+    """Return the linear light of R', G' or B' by `coefficients.decode_polynomial`; negative values count as 0."""
+    x = min(max(x, _ZERO), POLYNOMIAL_TOP)
+    return x * max(c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6)))), slope)
+
+
+@inlined
+def _table_light(table: Any, position: Any) -> Any:
+    """Return `coefficients.decode_table` at a fractional index, linearly interpolated, held at its ends."""
+    position = min(max(position, _ZERO), np.float32(DECODE_STEPS - 1.01))
+    i = np.uint32(position)
+    low = table[i]
+    return low + (position - np.float32(i)) * (table[i + np.uint32(1)] - low)
+
+
+@inlined
+def _nearest_light(table: Any, x: Any, steps: Any, last: Any) -> Any:
+    """Return `coefficients.nearest_table` at R', G' or B' = x; negative values count as 0."""
+    return table[int(min(max(x * steps + 0.5, 0.0), last))]
+
+
+@kernel
+def chroma_row(
+    plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
+) -> None:
+    """Write the chroma at the pixels (row, column...) into `out`, linearly interpolated, as C in [-.5, .5]."""
+    rows, columns = plane.shape
+    j = row >> sy
+    far = j
+    if sy:
+        far = min(j + 1, rows - 1) if row & 1 else max(j - 1, 0)
+    near_weight = np.float32(0.75 if sy else 1.0) / span
+    far_weight = np.float32(0.25 if sy else 0.0) / span
+    base = -offset / span
+    near_row, far_row = plane[j], plane[far]
+    for c in range(out.size):
+        i = np.uint32(column + c) >> np.uint32(sx)
+        out[c] = base + near_weight * np.float32(near_row[i]) + far_weight * np.float32(far_row[i])
+    if sx:
+        last = (column + out.size - 1) >> 1
+        after = last + 1
+        if after == columns:
+            after = 0 if wrap else last
+        right = base + near_weight * np.float32(near_row[after]) + far_weight * np.float32(far_row[after])
+        for c in range(1 - (column & 1), out.size, 2):
+            out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
+
+
+@kernel
+def read_rectangle(
+    y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
+) -> None:
+    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `coefficients.decode_table`."""
+    height, width = out.shape[:2]
+    scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
+    base = np.float32(-DECODE_LOW)
+    cb = np.empty(width, np.float32)
+    cr = np.empty(width, np.float32)
+    y_offset, y_scale = k[0], np.float32(1.0) / k[1]
+    red_cb, red_cr, green_cb, green_cr, blue_cb, blue_cr = k[4], k[5], k[6], k[7], k[8], k[9]
+    for r in range(height):
+        chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
+        chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+        luma_row = y[row + r, column : column + width]
+        pixels = out[r]
+        for c in range(width):
+            luma = luma_from_code(luma_row[c], y_offset, y_scale) + base
+            pixels[c, 0] = _table_light(table, (luma + red_cb * cb[c] + red_cr * cr[c]) * scale)
+            pixels[c, 1] = _table_light(table, (luma + green_cb * cb[c] + green_cr * cr[c]) * scale)
+            pixels[c, 2] = _table_light(table, (luma + blue_cb * cb[c] + blue_cr * cr[c]) * scale)
+
+
+@kernel
+def _bilinear(plane: Any, x: Any, y: Any) -> Any:
+    """Return a plane at x in [0, W], y in [0, H]: periodic across the seam, the nearest row at the poles."""
+    height, width = plane.shape
+    x, y = x - 0.5, min(max(y - 0.5, 0.0), height - 1.0)
+    left, top = math.floor(x), int(y)
+    fx, fy = x - left, y - top
+    right, bottom = left + 1 if left + 1 < width else 0, min(top + 1, height - 1)
+    left = left if left >= 0 else width - 1
+    upper = plane[top, left] * (1.0 - fx) + plane[top, right] * fx
+    lower = plane[bottom, left] * (1.0 - fx) + plane[bottom, right] * fx
+    return upper * (1.0 - fy) + lower * fy
+
+
+@kernel
+def read_directions(direction: Any, y: Any, u: Any, v: Any, folded: Any, table: Any, steps: float, out: Any) -> None:
+    """Write the light of a 4:2:0 panorama in directions (n, 3) into `out` (n, 3); table: `nearest_table`.
+
+    The planes are interpolated bilinearly, chroma at its own sites.
+    """
+    height, width = y.shape
+    last = len(table) - 1.0
+    for i in range(len(direction)):
+        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+        px = width * (math.atan2(dx, -dz) / (2.0 * math.pi) + 0.5)
+        py = height * (0.5 - math.atan2(dy, math.sqrt(dx * dx + dz * dz)) / math.pi)
+        # chroma is sited on the left luma sample of its pair, and half way between its two rows
+        cb = _bilinear(u, 0.5 * px + 0.25, 0.5 * py) - folded[2]
+        cr = _bilinear(v, 0.5 * px + 0.25, 0.5 * py) - folded[2]
+        luma = _bilinear(y, px, py) * folded[0] + folded[1]
+        out[i, 0] = _nearest_light(table, luma + cr * folded[3], steps, last)
+        out[i, 1] = _nearest_light(table, luma + cb * folded[4] + cr * folded[5], steps, last)
+        out[i, 2] = _nearest_light(table, luma + cb * folded[6], steps, last)
