@@ -12,6 +12,9 @@ TRANSFER_JOIN = 4e-5
 """Transfer curves there and back: the published break points of sRGB and BT.709 meet to about this, not exactly."""
 FLOAT32_TWIN = 2e-5
 """A pure GLSL function against its float64 twin: single precision and the driver's sin, cos, exp (4 ulp each)."""
+FRESNEL_TWIN = 1e-4
+"""Fresnel's equations in single precision: near grazing and near the edge of Snell's window the cosine on the other side is
+the root of a difference, which loses half of the digits of what is left of it."""
 FLOAT32_LOOKUP = 3e-4
 """A table lookup in GLSL against its float64 twin: a coordinate that is off by 1e-6 of the table times its slope."""
 FILTER_WEIGHTS = 8e-3
@@ -105,7 +108,7 @@ CAUSTICS_MEAN_GL = 1e-3
 FLAT_SEA_GL = 2e-5
 """A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
 COVERAGE_TWIN = 5e-4
-"""Light of a cell in single precision: coverage is rounded to 1e-7 and multiplied with intensities up to 1e3."""
+"""Intensity of a cell in single precision: flux over an area of 2e-3 pixel^2 or more, whose corners are rounded to 1e-7."""
 CAUSTICS_TRUTH = {"calm": 0.02, "choppy": 0.05}
 """RMSE over standard deviation against 1e8 photons, grid 256 and map 512. A cell's light is even inside each of its two
 triangles, which a calm sea's smooth pattern shows most."""

@@ -12,16 +12,12 @@ sign of c - K mu, and so that its zero is no special case.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
-
-if TYPE_CHECKING:
-    from mr360uw.medium.water import Water
+from mr360uw.medium.water import Water
 
 Array = NDArray[np.float64]
 

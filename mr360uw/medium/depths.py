@@ -8,14 +8,11 @@ between them: what a frame sees depends on its depth alone, and nothing jumps fr
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mr360uw.medium.medium import Medium
 from mr360uw.types import MediumTable
-
-if TYPE_CHECKING:
-    from mr360uw.medium.medium import Medium
 
 _RATIO = 1.06
 """Of a depth to the one before: linear between them, a table is off by at most a third of a per cent."""

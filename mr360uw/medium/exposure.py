@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.profile import LEVEL_RAD, PlateProfile
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+_TINY = 1e-30
 _DARK, _BRIGHT = 1e-3, 0.9
 """Between them a pixel tells the exposure: below are the last codes, above the curve bends and clips."""
 _ENOUGH = 0.25
@@ -33,6 +36,24 @@ _PASSING_S = 1.0
 """What is gone again within this time does not count."""
 _EASE_S = 1.0
 """Half the time over which the gain goes to what stays."""
+
+
+def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
+    """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
+
+    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
+    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
+    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
+    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
+    """
+    profile = PlateProfile.from_map(radiance_map)
+    up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
+    measured = profile(up)
+    model = medium.level_radiance(up)
+    gain = np.median(measured / np.maximum(model, _TINY), axis=0)
+    seen = gain > 0.0
+    deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
+    return gain, float(np.sqrt(np.mean(deviation**2))) if np.any(seen) else 0.0
 
 
 def exposure_change(before: Floats, after: Floats) -> float:

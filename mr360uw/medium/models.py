@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import INV_4PI
+from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import mean_cosine
 from mr360uw.medium.ray_field import RayField
@@ -160,45 +160,6 @@ class FieldModel:
         return result
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FormationModel:
-    """The quick model of image formation, I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant a channel.
-
-    direct: beta_D, backscatter: beta_B [1/m], veil: B, diffuse: attenuation of the irradiance with depth [1/m]; all
-    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 (CVPR, eq. 20) keep them apart.
-    """
-
-    direct: Array
-    backscatter: Array
-    veil: Array
-    diffuse: Array
-
-    @property
-    def extinction(self) -> Array:
-        """beta_D."""
-        return self.direct
-
-    @property
-    def attenuation(self) -> Array:
-        """beta_D: the model knows no other."""
-        return self.direct
-
-    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
-        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
-        return -self.veil * np.expm1(-self.backscatter * s)
-
-    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B."""
-        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
-        return np.broadcast_to(self.veil, (*shape, 3))
-
-    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return exp(-diffuse y) for every normal."""
-        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
-        return np.exp(-self.diffuse * y[..., None])
-
-
 _WINDOW_BLEND = 0.06
 """Width of the passage below the edge of Snell's window, in the y of the direction: 4 degrees."""
 _STREAMS = 16
@@ -213,20 +174,26 @@ def spectral_model(
     mode: SpectralMode,
     surface: SurfaceKind = "snell",
     sky: Sky = "uniform",
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> SpectralModel:
-    """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again."""
+    """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again.
+
+    surface, sky, refractive_index: of mode "table", see `LightField`; the closed forms have no surface.
+    """
     w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
     if mode == "table":
-        return _field_model(water, tuple(w.tolist()), surface, sky)
+        return _field_model(water, tuple(w.tolist()), surface, sky, refractive_index)
     a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
     factor = gershun_factor(a, b, kd, mean_cosine(water.phase)) if mode == "kd+" else np.ones(len(w))
     return KdModel(b, a + b, kd, factor)
 
 
 @functools.lru_cache(maxsize=16)
-def _field_model(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> FieldModel:
+def _field_model(
+    water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky, refractive_index: float
+) -> FieldModel:
     w = np.array(wavelength_nm)
     orders = 2 * _STREAMS
     phase = water.moments(w, orders + 1)
-    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, streams=_STREAMS)
+    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, refractive_index, _STREAMS)
     return FieldModel(field, field.scattered_by(water.moments(w, orders, wide_angle=True)))

@@ -4,16 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats
-
-if TYPE_CHECKING:
-    from mr360uw.medium.medium import Medium
 
 Array = NDArray[np.float64]
 
@@ -93,21 +89,3 @@ def _typical(m: Array, weight: Array) -> Array:
     inside = np.clip(end, low, high) - np.clip(end - share, low, high)
     middle = (inside * np.take_along_axis(x, order, 1)).sum(axis=1) / inside.sum(axis=1)
     return np.where(m.max(axis=1) > 0.0, np.exp(middle), 0.0)
-
-
-def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
-    """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
-
-    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
-    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
-    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
-    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
-    """
-    profile = PlateProfile.from_map(radiance_map)
-    up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
-    measured = profile(up)
-    model = medium.level_radiance(up)
-    gain = np.median(measured / np.maximum(model, _TINY), axis=0)
-    seen = gain > 0.0
-    deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
-    return gain, float(np.sqrt(np.mean(deviation**2))) if np.any(seen) else 0.0

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
+from mr360uw.medium.jerlov import JERLOV_TYPES, JerlovType
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.profile import PlateProfile
 from mr360uw.medium.spectral.sensor import Sensor
-from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
+from mr360uw.medium.water import Water
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -144,8 +145,8 @@ def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None
 def _level_light(name: JerlovType, up: Array, depth_m: float, sensor: Sensor | None) -> tuple[Array, Array]:
     """The model's radiance (r, 3) and the attenuation (3,) of its downwelling irradiance at a depth."""
     medium = Medium(Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT)
-    light = medium.display(medium.model.radiance(depth_m, up))
-    log = medium.ambient_log(np.array([0.95, 1.05]) * depth_m)
+    light = medium.light.display(medium.model.radiance(depth_m, up))
+    log = medium.light.ambient_log(np.array([0.95, 1.05]) * depth_m)
     return light, (log[0] - log[1]) / (0.1 * depth_m)
 
 

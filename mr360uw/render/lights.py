@@ -41,7 +41,7 @@ class SceneLight:
         elif settings.sun in ("given", "date"):
             self._sun = given_direction(settings)
             if self._sun is not None and settings.sun == "date" and self._underwater:
-                self._sun = refract_to_water(self._sun, scene.caustics.refractive_index)
+                self._sun = refract_to_water(self._sun, scene.water.refractive_index)
 
     def of(
         self,

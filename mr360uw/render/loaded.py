@@ -199,8 +199,10 @@ class SceneRenderer:
         """Return the caustics on planes about the objects' depths, or None where there are none."""
         if not self.plan.runs("caustics") or shot.sun is None or shot.sun.direction[1] <= 0.0:
             return None
-        sun_in_air = refract_to_air(shot.sun.direction, self.scene.caustics.refractive_index)
+        index = self.scene.water.refractive_index
+        sun_in_air = refract_to_air(shot.sun.direction, index)
         if sun_in_air[1] < _LOWEST_SUN:
             return None
         planes = self._caustic_depths.planes(shot)
-        return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, self._caustic_depths.settings)
+        settings = self._caustic_depths.settings
+        return self.backend.caustics(self.scene.sea, sun_in_air, planes, time_s, settings, index)

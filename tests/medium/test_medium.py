@@ -52,7 +52,7 @@ def test_tables_agree_with_direct_sums(rng: np.random.Generator, sensor: str, na
     assert within_table_accuracy(transmittance_lookup(medium.table, s, up), direct, np.ones(len(s)))
     # down to where a thousandth of the light is left
     depth = rng.uniform(0.0, DEPTH + 7.0 * medium.length_m, 500)
-    light = np.exp(medium.ambient_log(depth) - medium.ambient_log(np.array(DEPTH)))
+    light = np.exp(medium.light.ambient_log(depth) - medium.light.ambient_log(np.array(DEPTH)))
     ratio = ambient_ratio(medium.table, depth)
     assert within_table_accuracy(ratio / light, np.ones_like(light), np.ones(len(depth)))
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.refraction import fresnel_transmittance, refract_clamped
+from mr360uw.optics import fresnel_transmittance, refract_clamped
 from mr360uw.types import Surface
 
 Array = NDArray[np.floating[Any]]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.refraction import refract_to_water
+from mr360uw.optics import refract_to_water
 
 Array = NDArray[np.floating[Any]]
 

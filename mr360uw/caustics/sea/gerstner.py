@@ -27,7 +27,7 @@ from pydantic import model_validator
 from mr360uw.caustics.sea.base import SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
-from mr360uw.caustics.sea.surface import SurfaceFields
+from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
 
@@ -75,6 +75,12 @@ class Waves:
         columns = [-1j * amplitude, sideways * dx, sideways * dz, amplitude * k[:, 0], amplitude * k[:, 1],
                    strain * dx * dx, strain * dz * dz, strain * dx * dz]  # fmt: skip
         return np.stack(columns, axis=1) * turn[:, None]
+
+
+def gerstner(waves: Waves, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
+    """Return the fields at points (n,) [m], summed wave by wave."""
+    wave = np.exp(1j * (x_m[:, None] * waves.wave_vector[:, 0] + z_m[:, None] * waves.wave_vector[:, 1]))
+    return SurfaceFields(*(wave @ waves.coefficients(time_s)).real.T)
 
 
 class GerstnerSea(SeaParameters):
@@ -185,16 +191,13 @@ class GerstnerSea(SeaParameters):
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""
         if self.tiling == "lattice":
-            return SurfaceFields(*self._stacked(x_m, z_m, time_s))
+            return gerstner(self.waves, x_m, z_m, time_s)
         u, v = x_m - self.tile_m * np.floor(x_m / self.tile_m), z_m - self.tile_m * np.floor(z_m / self.tile_m)
         wu, wv = ((np.maximum(a / self.tile_m - _BLEND_FROM, 0.0)) / (1.0 - _BLEND_FROM) for a in (u, v))
         here = [((1.0 - wu) * (1.0 - wv), 0.0, 0.0), (wu * (1.0 - wv), self.tile_m, 0.0),
                 ((1.0 - wu) * wv, 0.0, self.tile_m), (wu * wv, self.tile_m, self.tile_m)]  # fmt: skip
-        return SurfaceFields(*np.sum([w * self._stacked(u - a, v - b, time_s) for w, a, b in here], axis=0))
-
-    def _stacked(self, x_m: Array, z_m: Array, time_s: float) -> Array:
-        wave = np.exp(1j * (x_m[:, None] * self.waves.wave_vector[:, 0] + z_m[:, None] * self.waves.wave_vector[:, 1]))
-        return (wave @ self.waves.coefficients(time_s)).real.T
+        parts = [(w, gerstner(self.waves, u - a, v - b, time_s)) for w, a, b in here]
+        return SurfaceFields(*(np.sum([w * getattr(f, name) for w, f in parts], axis=0) for name in FIELD_NAMES))
 
     def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
         """Return the fields (size, size) at x = column tile/size, z = row tile/size.
@@ -205,7 +208,7 @@ class GerstnerSea(SeaParameters):
         if self.tiling == "blend":
             x, z = np.meshgrid(*(np.arange(size) * (self.tile_m / size),) * 2)
             f = self.fields_at(x.ravel(), z.ravel(), time_s)
-            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in SurfaceFields.__slots__))
+            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in FIELD_NAMES))
         columns, along_z = _grid_phases_of(self, size)
         rows = self.waves.coefficients(time_s).T[:, None] * along_z
         fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns
