@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How shading reads a `CausticStack`: along the refracted beam, periodic, filtered by footprint.
+"""Caustic lookup: reads a `CausticStack` along the refracted beam, periodic, filtered by footprint.
 
-A point's ray of the beam is followed up to the mean surface, which gives its place in the map of every plane (the
-formula of Thompson et al. 2019 eq. 2 with the division by the sun's y that it needs); the two planes around the point
-are mixed. Twin: lookup.glsl.
+A point's ray of the beam is followed up to the mean surface, which gives its place in the map of every plane (Thompson
+et al. 2019 eq. 2, with the division by the sun's y that it lacks). The two planes around the point are interpolated.
+Twin: lookup.glsl.
 
-A pixel of the level with pixels t wide, read bilinearly, is the pattern seen through a box and a tent, of variance
-t^2/12 + t^2/6 = t^2/4. A footprint w wide averages with variance w^2/12. So t = w/sqrt(3): the level with t = w blurs
-as a footprint of 1.7 w and takes 0.1 to 0.3 of the contrast.
+Mip level: pixels t wide, read bilinearly, blur with variance t^2/12 + t^2/6 = t^2/4 (a box and a tent). A footprint w
+wide averages with variance w^2/12. The two are equal at t = w/sqrt(3), which is the level read. At t = w the blur would
+be that of a footprint 1.7 w wide, and 0.1 to 0.3 of the contrast would be lost.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mr360uw.types import CausticStack, Floats
 
 
 def mip_levels(ratio: Floats) -> list[Floats]:
-    """Return a stack (D, size, size, C) and its box-filtered halves down to one pixel; the mean stays."""
+    """Return a stack (D, size, size, C) and its box-filtered halves down to one pixel; the mean is unchanged."""
     levels = [ratio]
     while levels[-1].shape[1] > 1:
         m = levels[-1]

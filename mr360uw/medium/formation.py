@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FormationModel:
-    """The quick model of image formation, I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant a channel.
+    """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
 
     direct: beta_D, backscatter: beta_B [1/m], veil: B, diffuse: attenuation of the irradiance with depth [1/m]; all
-    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 (CVPR, eq. 20) keep them apart.
+    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 eq. 20 keep them apart.
     """
 
     direct: Array

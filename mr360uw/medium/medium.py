@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A water seen by a sensor: what it takes from an object's light and what it adds, in linear RGB.
+"""Transmittance and veil of a water as a sensor sees them, in linear RGB.
 
-Everything is per unit downwelling irradiance just below the surface, spectrally that of the illuminant; `scaled` puts
-the veil into the exposure of a plate.
+Everything is per unit downwelling irradiance just below the surface, with the spectrum of the illuminant. `scaled`
+multiplies the veil by a gain, to match the exposure of a plate.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-tr
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 RGB_NM = (650.0, 550.0, 450.0)
-"""The wavelengths of mode `rgb`, one for each channel."""
+"""Wavelengths [nm] of mode `rgb`, one for each channel."""
 DEFAULT_BANDS = 61
-"""5 nm apart; a pixel costs the same for any number."""
+"""Number of wavelengths: 5 nm apart over 400 to 700 nm. Twice as many cost nothing per pixel."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _TINY = 1e-30
 
 
 class Medium:
-    """A water, a sensor and a way to compute what lies between camera and object.
+    """A water, a sensor and a model of the light between camera and object.
 
     mode: "kd", the published closed form (Monzon et al. 2022); "kd+", the same with Gershun's factor; "table", the
     solved light field; "plate", the same with the veil's colour by direction from a radiance map of the plate; "rgb",
     the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for object
-    and veil, or one each (Akkaynak & Treibitz 2018, CVPR), read off the solved field.
+    and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
 
-    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: what white is
-    balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate". Raises
-    `ParameterError`.
+    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
+    white is balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate".
+    Raises `ParameterError`.
     """
 
     def __init__(
@@ -113,14 +113,14 @@ class Medium:
 
     @functools.cached_property
     def table(self) -> MediumTable:
-        """What shading reads for every pixel; made at first use, the veil within the gamut."""
+        """The tables that shading reads, veil within the gamut and times the gain; made at first use."""
         table = self.unit_table
         factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
         return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
 
     @functools.cached_property
     def unit_table(self) -> MediumTable:
-        """The same without gain and plate, which change with every frame."""
+        """The same tables without the gain or the plate's radiance, which change with every frame."""
         return medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -140,9 +140,9 @@ class Medium:
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the factor (..., 3) in (0, 1] on the radiance of a grey object at the end of a camera ray.
 
-        depth_m: of the camera, up: y of the view direction. The object's light is that of its own depth, so what is
-        left of the spectrum decides; for grey objects the product with its colour there is exact where no response has
-        a negative part. Of those that have, `Bands.lobes` counts.
+        depth_m: of the camera, up: y of the view direction. The factor is weighted by the spectrum of the daylight at
+        the object's depth. For grey objects it is exact if no response has a negative part; of the others `Bands.lobes`
+        is used.
         """
         check_ray(distance_m, depth_m, up)
         s = ray_in_water(distance_m, depth_m, up)
@@ -161,7 +161,7 @@ class Medium:
         return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., 3) that arrives when nothing stands in the way, times the gain."""
+        """Return the radiance (..., 3) of water and sky along unobstructed rays, times the gain."""
         if self.profile is not None:
             return self.profile(up)
         return self.gain * self.bands.rgb(self.model.radiance(depth_m, up))
@@ -173,7 +173,7 @@ class Medium:
     def level_radiance(self, up: Array) -> Array:
         """Return the radiance (r, 3) at the camera from directions (r,), without gain, within the gamut.
 
-        Kept: every frame of a film asks for the same directions.
+        Cached, because every frame of a clip asks for the same directions.
         """
         key = up.tobytes()
         if key not in self._level:
@@ -229,7 +229,7 @@ class Medium:
         return self.veil_factor(up) * self.unit_veil(distance_m, up)
 
     def veil_factor(self, up: ArrayLike) -> Array:
-        """Return what `unit_veil` is multiplied with: the gain, in mode plate the plate's radiance; (..., 3)."""
+        """Return the factor (..., 3) on `unit_veil`: the gain, or in mode plate the plate's radiance."""
         if self.profile is not None:
             return self.profile(up)
         if self.mode == "plate":
@@ -237,7 +237,7 @@ class Medium:
         return np.broadcast_to(self.gain, (*np.shape(up), 3))
 
     def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) without factor; in mode plate as a share of all the light of its direction."""
+        """Return the veil (..., 3) without factor; in mode plate as a fraction of all light from its direction."""
         depth = self.camera_depth_m
         veil = self.model.inscatter(distance_m, depth, up)
         if self.mode != "plate":

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a medium needs to know at each wavelength, by three ways of getting there.
+"""Spectral models of light in water: attenuation, in-scatter, radiance and irradiance at n wavelengths.
 
-KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n) for n
-wavelengths, per unit downwelling irradiance just below the surface.
+KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n), per unit
+downwelling irradiance just below the surface.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SpectralModel(Protocol):
         """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) that arrives from a direction when nothing stands in the way."""
+        """Return the radiance (..., n) that arrives from a direction along an unobstructed ray."""
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`."""
@@ -88,7 +88,7 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
     """Return scalar irradiance over downwelling irradiance deep down, Kd (1 - R)/a (Gershun's law).
 
     R = (1 - s)(1 - 0.139 s)/(1 + 1.17 s), s = sqrt(1 - w), w = b(1 - g)/(a + b(1 - g)): reflectance of a deep medium
-    after similarity scaling (van de Hulst 1980, Multiple Light Scattering, ch. 14).
+    after similarity scaling (van de Hulst 1980 ch. 14).
     """
     a, b, kd = (np.asarray(x, np.float64) for x in (a, b, kd))
     s = np.sqrt(1.0 - b * (1.0 - g) / (a + b * (1.0 - g)))
@@ -98,12 +98,12 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldModel:
-    """The solved light field. Light scattered by small angles counts as still in the image.
+    """The solved light field, with light scattered by small angles counted as part of the image.
 
-    Objects are dimmed by absorption and wide-angle scattering alone. What is added to a ray is what its radiance, with
-    that extinction, lacks: radiance(camera) = inscatter + exp(-extinction S) radiance(end). Looking into Snell's window
-    this would take the sharp window for what lies behind the object; there the small angles are left out of the
-    in-scatter too (`wide`), and over the last degrees below its edge one passes into the other.
+    Objects are dimmed by absorption and wide-angle scattering only. The in-scatter is the rest of the ray's radiance:
+    radiance(camera) = inscatter + exp(-extinction S) radiance(end). Inside Snell's window that difference would
+    subtract the bright window behind the object; there the in-scatter is that of wide angles alone (`wide`). The two
+    are blended over the last degrees below the window's edge.
     """
 
     field: LightField
@@ -136,7 +136,7 @@ class FieldModel:
         return self.field.irradiance(depth_m, normal_up)
 
     def _complement(self, s: Array, y: Array, mu: Array) -> Array:
-        """What a ray's radiance gains with the extinction of `wide` when the field is as solved."""
+        """Return the radiance that rays gain in the solved field when they decay with the extinction of `wide`."""
         own = self.field.rays
         result = np.zeros((len(s), len(self.extinction)))
         down = mu <= 0.0
@@ -148,7 +148,7 @@ class FieldModel:
         return result
 
     def _mixed(self, whole: Callable[..., Array], wide: Callable[..., Array], *ray: Array) -> Array:
-        """`whole` below Snell's window, `wide` inside, a smooth passage; `ray` ends in the view direction's y."""
+        """Return `whole` below Snell's window and `wide` inside it, blended; `ray` ends in the view direction's y."""
         edge = critical_cosine(self.field.refractive_index)
         x = np.clip((ray[-1] - edge) / _WINDOW_BLEND + 1.0, 0.0, 1.0) if edge > 0.0 else np.zeros(ray[-1].shape)
         share = x * x * (3.0 - 2.0 * x)
@@ -161,9 +161,12 @@ class FieldModel:
 
 
 _WINDOW_BLEND = 0.06
-"""Width of the passage below the edge of Snell's window, in the y of the direction: 4 degrees."""
+"""Width of the blend below the edge of Snell's window, in the y of the direction (4 degrees).
+
+Twice as wide, more of the water outside the window lacks the light of small angles.
+"""
 _STREAMS = 16
-"""Per hemisphere: every table entry sums over as many modes; the error of 0.2 % is far below that of a picture."""
+"""Directions per hemisphere: an error of 0.2 %, below what a picture shows. The time grows with the cube."""
 
 SpectralMode = Literal["kd", "kd+", "table"]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user can say about the water: the `[water]` table of a scene."""
+"""The `[water]` table of a scene."""
 
 from __future__ import annotations
 

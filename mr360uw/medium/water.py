@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waters: absorption, scattering and diffuse attenuation over wavelength, and how they scatter.
+"""Waters: absorption, scattering and diffuse attenuation over wavelength, and phase function.
 
     a  absorption [1/m]     b  scattering [1/m]     c = a + b  beam attenuation     Kd  diffuse attenuation of E_d
 
@@ -26,7 +26,7 @@ from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, rea
 Array = NDArray[np.float64]
 
 _KD_ROUNDING = 1.03
-"""Kd below a counts as an error from here on: the tables print two or three figures."""
+"""Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +34,8 @@ class Water:
     """Homogeneous water.
 
     a, b: absorption and scattering. kd: diffuse attenuation, or None to derive it from a and b (Lee et al. 2005).
-    phase: of the particles. molecular: the part of b that the water itself scatters, or None to let `phase` hold for
-    all of b. source: where the figures come from. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
+    phase: of the particles. molecular: the part of b due to the water itself, or None if `phase` holds for all of b.
+    source: citation of the figures. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
     """
 
     name: str

@@ -8,9 +8,9 @@ import numpy as np
 from mr360uw.types import Floats
 
 SAND_TILE_M = 6.0
-"""Side of the square after which the sand repeats: longer than what is seen of the floor at one distance."""
+"""Side [m] of the square after which the sand repeats."""
 _SAND_SIZE = 512
-"""Pixels across that square: 12 mm, about a pixel of a 1024-wide frame 3 m below the camera."""
+"""Pixels across that square, 12 mm each: finer than a frame 1024 pixels wide shows on the floor."""
 
 
 def sand_albedo(seed: int) -> Floats:

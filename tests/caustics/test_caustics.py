@@ -443,3 +443,32 @@ def test_settings_that_cannot_be():
             CausticSettings(**bad)
     with pytest.raises(ParameterError, match="ascend"):
         caustic_stack(FLAT, ZENITH, [3.0, 2.0], 0.0, CausticSettings(size=16, grid=8))
+
+
+@pytest.mark.parametrize("chromatic", [1, 3])
+def test_the_index_of_the_water_bends_every_pass(chromatic):
+    s = CausticSettings(size=64, grid=64, chromatic=chromatic)
+    stack = caustic_stack(SEAS["ripples"], SLANTED, [4.0], 0.5, s, 1.2)
+    np.testing.assert_allclose(stack.sun_direction, refract_to_water(SLANTED, 1.2), rtol=tol.FLOAT64)
+    assert pass_indices(chromatic, 1.2)[chromatic // 2] == pytest.approx(1.2, abs=tol.FLOAT64)
+    overhead = caustic_stack(SEAS["ripples"], ZENITH, [4.0], 0.5, s, 1.2).ratio
+    for channel, index in enumerate(pass_indices(chromatic, 1.2)):
+        direct = caustic_map(SEAS["ripples"], ZENITH, 4.0, 0.5, 64, 64, index)
+        np.testing.assert_allclose(overhead[0, :, :, channel], direct, rtol=tol.FLOAT64)
+    assert np.all(np.diff(pass_indices(3, 1.2)) > 0.0)  # shorter waves bend more
+
+
+@pytest.mark.usefixtures("gl")
+def test_the_index_of_the_water_bends_the_drawn_light_too():
+    arguments = (SEAS["ripples"], SLANTED, [1.0, 4.0], 0.5, CausticSettings(size=64, grid=64, chromatic=3), 1.2)
+    reference, drawn = caustic_stack(*arguments), gl_stack(*arguments).download()
+    np.testing.assert_allclose(drawn.sun_direction, reference.sun_direction)
+    assert relative_rmse(drawn.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
+
+
+def test_a_key_that_has_moved_is_told_beside_other_problems():
+    with pytest.raises(ValidationError) as caught:
+        CausticSettings(refractive_index=1.33, size=100, foo=1)
+    told = {error["loc"]: error["msg"] for error in caught.value.errors()}
+    assert told.keys() == {("refractive_index",), ("size",), ("foo",)}
+    assert told[("refractive_index",)].endswith("it is water.refractive_index now")

@@ -193,3 +193,25 @@ def test_path_traced_pictures(shared: Path, name: str, phase: tuple | str, limit
     assert error["table"] < limit
     assert error["kd"] > 3.0 * error["table"]
     assert error["kd+"] > 3.0 * error["table"]
+
+
+def test_the_index_sets_the_edge_of_the_window() -> None:
+    """The sky stops at the critical angle of the index that the settings give."""
+    for index in (1.2, 1.34, 1.5):
+        medium = WaterSettings(refractive_index=index, bands=3, sensor="CIE 1931").medium(0.05)
+        edge = np.sqrt(1.0 - 1.0 / index**2)
+        inside, outside = medium.model.radiance(0.05, np.array([edge + 0.03, edge - 0.03]))
+        assert np.all(inside > 5.0 * outside)
+
+
+def test_an_index_must_be_one() -> None:
+    with pytest.raises(ParameterError, match="refractive_index"):
+        _ = Medium(Water.jerlov("IB"), refractive_index=0.9).model
+
+
+@pytest.mark.parametrize("mode", ["koschmieder", "akkaynak-treibitz"])
+def test_a_gain_counts_once_in_the_formation_models(mode: str) -> None:
+    plain, scaled = (Medium(Water.jerlov("II"), None, mode, DEPTH) for _ in range(2))
+    np.testing.assert_allclose(
+        scaled.scaled(3.0).veil(4.0, DEPTH, 0.0), 3.0 * plain.veil(4.0, DEPTH, 0.0), rtol=FLOAT64
+    )

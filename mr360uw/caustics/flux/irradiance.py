@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics: the irradiance of the sun's refracted beam on horizontal planes, relative to that below a flat sea.
+"""Caustics: irradiance of the sun's refracted beam on horizontal planes, relative to that below a flat sea.
 
-The surface is a grid of cells. Each triangle's incoming flux, Fresnel's losses included, goes to its refracted image
-on the plane and is shared over the pixels there by exact coverage (`deposit`), sheet upon sheet, then blurred by the
-sun's disc. Light is neither lost nor made: the mean is 1, and the map converges with the grid, folds or not. Dividing
-areas (Stam 1996; Thompson et al. 2019) does neither.
+The surface is a grid of cells of two triangles. The flux into each triangle, Fresnel losses included, goes to its
+refracted image on the plane and is shared over the pixels there by exact coverage (`deposit`). Overlapping images add
+up, and the sum is blurred by the sun's disc. Flux is conserved, so the mean is 1, and the map converges as the grid
+gets finer, beyond folds too. Dividing areas instead (Stam 1996; Thompson et al. 2019; `published`) does neither.
 
-A map lies on the world's grid. The maps of a stack lie along the beam: each is shifted by the beam's travel from the
-surface, so that one place in all of them is one ray of the beam, and a point's light is the same mix of the same
-pixels wherever along its ray the point lies. Maps on the world's grid would each be read at another part of a pixel,
-which blurs filaments a pixel wide by 0.05 to 0.3 of the standard deviation, more than the mix does.
+A single map lies on the world's grid. The maps of a stack lie along the beam: each is shifted by the beam's horizontal
+travel from the surface, so that one place in all maps is one ray. All maps are then read at the same part of a pixel.
+On the world's grid they would be read at different parts, which blurs filaments one pixel wide by 0.05 to 0.3 of the
+standard deviation, more than the interpolation between planes does.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ from mr360uw.types import CausticStack, Surface
 Array = NDArray[np.floating[Any]]
 
 WAVELENGTHS_NM = (610.0, 550.0, 465.0)
-"""Where the refractive index is taken for red, green and blue: the primaries' dominant wavelengths."""
+"""Wavelengths [nm] at which the refractive index of red, green and blue is taken: the primaries' dominant ones."""
 DEEPEST_M = 11000.0
+"""Greatest depth [m] of a plane: the deepest ocean."""
 
 
 def reference_map(
@@ -171,7 +172,7 @@ class _SurfaceLight:
         return cls(rays, cell_flux(surface, rays, sun, tile_m), sun, tile_m, refractive_index)
 
     def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
-        """Return the ratio (size, size) on a plane. travel: (2,) what the map is shifted back by for each metre."""
+        """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""
         deposit = _deposit_of(method)
         hit = wrapped(self.rays.hit(depth_m) - travel * depth_m, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
         ratio = deposit(hit, self.flux, size) * (size * size / self.flux.sum())
@@ -179,7 +180,7 @@ class _SurfaceLight:
 
 
 def _deposit_of(method: Method) -> Callable[[Array, Array, int], Array]:
-    """Return what shares the flux of the cells over the pixels; the compiled kernels load at first use."""
+    """Return the function of (hit, flux, size) that makes a method's map; compiled kernels load at first use."""
     if method in DIVIDED_AREAS:
         from mr360uw.caustics.published.divided_areas import DEPOSITS
 

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The blur of caustics by the sun's disc.
+"""Blur of caustics by the sun's disc.
 
-The sun is a disc of angular radius r; every ray is a narrow cone. On a plane at depth d the cone's footprint is an
-ellipse, from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and d
-r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spectrum by 2 J1(p)/p (Goodman 2005 section
-2.1.5).
+The sun is a disc of angular radius r, so every ray is a narrow cone. On a plane at depth d its footprint is an ellipse,
+from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and
+d r/(n cos(theta_w)) across it. The map is convolved with that ellipse, evenly filled.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from mr360uw.optics import refract_to_water
 Array = NDArray[np.floating[Any]]
 
 KERNEL_STEP = 1.0 / 256.0
-"""Steps [pixel] of the disc's footprint in which kernels are made and kept: a sun that moves slowly needs few."""
+"""Footprints are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
 _WIDEST_DIRECT = 11
-"""Pixels across a kernel up to which a sum over its pixels is quicker than two transforms."""
+"""Width [pixel] of a kernel up to which a direct sum is quicker than two Fourier transforms, as measured."""
 
 
 def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from mr360uw.types import Floats
 
 _NEW_PLANES = 3
-"""Planes that a layer of the atlas adds; its first channel is the last plane of the layer before."""
+"""New planes per layer of the atlas, in channels 1 to 3; channel 0 repeats the last plane of the layer before.
+
+Two neighbouring planes then always share a texel.
+"""
 
 
 def layer_planes(count: int) -> NDArray[np.int64]:
@@ -22,7 +25,7 @@ def layer_planes(count: int) -> NDArray[np.int64]:
 
 
 def mip_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
-    """Return levels (D, size, size, C) as the twin reads them, (layers C, 2 size + 2 levels, size + 2, 1, 2 or 4).
+    """Return levels (D, size, size, C) in the texture's layout, (layers C, 2 size + 2 levels, size + 2, 1, 2 or 4).
 
     A pixel holds up to four planes, of one colour; colours follow each other as layers. The levels lie below each
     other, each with the pixels of its other side around it, so that one filtered fetch is right at its edges. They

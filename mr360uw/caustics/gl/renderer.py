@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics on OpenGL 3.3: the same cells, shared over the same pixels, as in `irradiance` and `deposit`.
+"""Caustics on OpenGL 3.3: the flux of refracted cells shared over pixels by exact coverage, as in `irradiance`.
 
-Where OpenGL is a processor, the processor makes the maps of stacks by itself (`irradiance.caustic_stack`) and OpenGL
-only reads them: it finds the light along the cells' edges in a fifth of the time it needs to draw their squares.
+Passes: surface (once for each frame); rays and cell flux (for each refractive index); then for each plane cells drawn
+into an additive target, fold, sun disc. A cell is drawn as a point whose square covers its refracted image, and each
+pixel of the square takes the exact area. Cells larger than the driver's largest point become rectangles. A cell starts
+in the tile and the target spans two tiles each way, so the grid is drawn once and the fold adds the flux beyond the
+edges. Maps are divided by the incoming flux only, so that their mean tests the method.
 
-Passes: surface (once for each frame), rays and cell flux (for each refractive index), then for each plane: cells drawn
-into an additive target, fold, sun disc. A cell is a point whose square covers its refracted image; each pixel of the
-square takes the exact area. Cells larger than the driver's points become rectangles. A cell starts in the tile, and the
-target spans two tiles each way, so the mesh is drawn once and the fold adds what lies beyond the edges. Light is only
-ever divided by what came in: that the mean is 1 is a result.
+Where OpenGL runs on the processor, stacks are made by `irradiance.caustic_stack` and uploaded: summing along the cells'
+edges takes a fifth of the time of drawing their squares.
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ from mr360uw.types import Floats
 Array = NDArray[np.floating[Any]]
 
 _NO_BLUR_PIXELS = 0.25
-"""Half width of the sun's image below which no blur can be seen (its standard deviation is an eighth of a pixel)."""
+"""Half width [pixel] of the sun's image below which maps are not blurred.
+
+The standard deviation that is left out is an eighth of a pixel; a bilinear read adds half a pixel anyway.
+"""
 
 
 @per_thread
@@ -52,7 +55,8 @@ def caustic_renderer() -> CausticRenderer:
 class CausticRenderer:
     """Makes caustic maps and stacks; keeps its programs and textures from frame to frame.
 
-    draws_stacks: whether stacks are drawn, or made by the processor and uploaded; None: drawn on graphics hardware.
+    draws_stacks: True draws stacks, False makes them on the processor and uploads them. None draws on graphics hardware
+    only.
     """
 
     def __init__(self, *, draws_stacks: bool | None = None) -> None:

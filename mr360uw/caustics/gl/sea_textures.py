@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sea as surface.frag reads it: a table of waves, or fields that the processor has summed."""
+"""Textures that surface.frag reads: a table of waves, or fields that were summed on the processor."""
 
 from __future__ import annotations
 

@@ -35,8 +35,9 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _BLEND_FROM = 0.9
-"""Where the blend of Thompson et al. 2019 towards the neighbouring tile begins."""
+"""Fraction of the tile after which the blend of Thompson et al. 2019 into the neighbouring tile begins."""
 _FOLDING = 1.0 + 1e-9
+"""Greatest sum Q |k| A that counts as not folding over: 1, and rounding."""
 
 
 class GerstnerWave(Parameters):
@@ -50,7 +51,7 @@ class GerstnerWave(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """The waves a sea is made of: wave_vector (n, 2) rad/m, the others (n,)."""
+    """The waves of a sea: wave_vector (n, 2) [rad/m], angular_frequency (n,) [rad/s], the others (n,)."""
 
     wave_vector: Array
     amplitude_m: Array
@@ -84,7 +85,7 @@ def gerstner(waves: Waves, x_m: Array, z_m: Array, time_s: float) -> SurfaceFiel
 
 
 class GerstnerSea(SeaParameters):
-    """A sea of Gerstner waves from a few knobs, or of explicit waves."""
+    """A sea of Gerstner waves, random ones that follow the wind or explicit ones."""
 
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
@@ -146,7 +147,7 @@ class GerstnerSea(SeaParameters):
 
     @property
     def waves(self) -> Waves:
-        """The waves that the knobs make."""
+        """The explicit waves, or those that the parameters make."""
         return _waves_of(self)
 
     def _make_waves(self) -> Waves:
