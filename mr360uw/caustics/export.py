@@ -48,8 +48,8 @@ def export_tiles(
 
     Names are caustic_0000.png, height_0000.png, normal_0000.png; column = +x, row = +z, all on the regular world grid
     (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
-    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json says so, with the tile's size
-    and the loop. The sea's frequencies move to multiples of 1/loop_s. refractive_index: of the water at 550 nm.
+    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json holds these scales, the tile's
+    size and the loop. The sea's frequencies move to multiples of 1/loop_s. refractive_index: of the water at 550 nm.
     backend: of `caustic_map`. progress: called with (done, frames). Every file is whole or absent. Raises
     `OutputExistsError` where files are there already, `ParameterError` for arguments outside their domain.
     """

@@ -26,11 +26,11 @@ def _sea_model(value: Any) -> str:
 Sea = Annotated[
     Annotated[GerstnerSea, Tag("gerstner")] | Annotated[SpectralSea, Tag("spectral")], Discriminator(_sea_model)
 ]
-"""A sea of either kind; `model` tells which, Gerstner where it is not given."""
+"""A sea of either kind, chosen by `model`; Gerstner by default."""
 
 
 class CausticSettings(Parameters):
-    """How caustics are computed."""
+    """Method and resolution of the caustics."""
 
     enabled: bool = parameter(True, "whether the surface focuses light")
     method: Method = parameter("exact", "exact conserves energy; ratio, fan, jacobian, scrolling: for comparison")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a spectral model in the linear RGB of a sensor: colours within the gamut, and logarithms of what fades.
+"""Light of a spectral model in the linear RGB of a sensor: colours within the gamut, and logarithms of ratios.
 
-Ratios of light (transmittance, daylight over depth, the sun's beam) are kept as logarithms of sums over wavelength with
-weights that are nowhere negative, `Bands.lobes`, so that they stay finite and positive however dark the water is.
+Ratios of light (transmittance, daylight over depth, the sun's beam) are computed as logarithms of sums over wavelength
+with the non-negative weights `Bands.lobes`, so that they stay finite and positive however dark the water is.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class BandLight:
 
     @functools.cached_property
     def deepest_m(self) -> float:
-        """The depth [m] beyond which double precision holds too little light; it stands for the bottomless."""
+        """Depth [m] at which the light is too weak for double precision; used for all greater depths."""
         depth = np.geomspace(0.1, 1e6, 300)
         light = self.model.irradiance(depth, 1.0)[:, np.argmin(self.model.extinction)]
         return float(depth[light > _LEAST_LIGHT][-1])

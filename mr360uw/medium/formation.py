@@ -33,7 +33,7 @@ class FormationModel:
 
     @property
     def attenuation(self) -> Array:
-        """beta_D: the model knows no other."""
+        """beta_D: the model has no other."""
         return self.direct
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:

@@ -30,7 +30,7 @@ _CITATION = {
 
 
 class WaterParts(TypedDict):
-    """The fields of a `Water` of one type."""
+    """Fields of the `Water` of one type."""
 
     name: str
     a: Spectrum

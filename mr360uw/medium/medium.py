@@ -108,7 +108,7 @@ class Medium:
 
     @functools.cached_property
     def length_m(self) -> float:
-        """The tables' length: over how many metres of depth the light at the camera falls to 1/e."""
+        """Length L [m] of the tables' coordinates: the distance over which the light at the camera falls to 1/e."""
         return self.light.fading_length_m(self.camera_depth_m)
 
     @functools.cached_property

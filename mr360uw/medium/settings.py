@@ -28,7 +28,7 @@ Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
 class WaterSettings(Parameters):
-    """The water between camera and objects, how it is computed, and how it is put into the plate's exposure."""
+    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
     type: WaterType = parameter("IB", "Jerlov type, pure, chlorophyll, csv, or none for a plate without water")
     chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
@@ -61,7 +61,11 @@ class WaterSettings(Parameters):
         REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
     )
     sun_share: float = parameter(
-        0.0, "share of the sun's beam in the light below the surface; 0 = uniform sky", unit="1", low=0.0, high=1.0
+        0.0,
+        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
+        unit="1",
+        low=0.0,
+        high=1.0,
     )
     sun_elevation_deg: float = parameter(
         60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
@@ -83,7 +87,7 @@ class WaterSettings(Parameters):
 
     @property
     def fits_gain(self) -> bool:
-        """Whether the gain of the veil is fitted to the plate."""
+        """True if the gain of the veil is fitted to the plate."""
         return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def water(self) -> Water | None:

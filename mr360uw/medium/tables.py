@@ -66,6 +66,7 @@ def check_wavelengths(name: str, wavelength_nm: Array) -> None:
 
 
 _UNITS = (("metres", 1e-8, 1e-5), ("micrometres", 0.1, 5.0), ("angstroms", 3001.0, 30000.0))
+"""Units that a table in other units is likely to be in, each with the range that light has in it."""
 
 
 def _rows(lines: Iterable[str]) -> Iterator[list[str]]:

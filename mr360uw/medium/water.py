@@ -80,7 +80,7 @@ class Water:
 
     @property
     def range_nm(self) -> tuple[float, float]:
-        """The wavelengths at which everything is known."""
+        """First and last wavelength [nm] at which all coefficients are known."""
         known = [s for s in (self.a, self.b, self.kd, self.molecular) if s is not None]
         return max(float(s.wavelength_nm[0]) for s in known), min(float(s.wavelength_nm[-1]) for s in known)
 

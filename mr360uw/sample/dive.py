@@ -78,7 +78,7 @@ def sample_dive(
 
 
 def _scene(settings: DiveSettings) -> dict[str, object]:
-    """The keys of a scene that belongs to the dive; everything else stays at its default."""
+    """Return the keys of a scene that differ from their defaults."""
     return {
         "plate": {"path": "dive.mp4"},
         "camera": {"depth_m": settings.camera_depth_m},

@@ -158,7 +158,7 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _SurfaceLight:
-    """The rays of one sun below one surface, and the flux of its cells."""
+    """Refracted rays of one sun below one surface, and the flux (N, N, 2) of its cells."""
 
     rays: Rays
     flux: Array

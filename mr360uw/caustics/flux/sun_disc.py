@@ -82,7 +82,7 @@ def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
 def marginal_kernel(radius_pixel: float, size: int) -> NDArray[np.float64]:
     """Return (2 m + 1,) symmetric weights, sum 1, 2 m < size, of the disc's projection on one axis.
 
-    The product of two of them stands for the disc on the GPU: along both axes its spectrum is the disc's.
+    On the GPU the product of two of them replaces the disc: along both axes its spectrum is the disc's.
     """
     points = _disc_points(radius_pixel**2)[:, :1] * radius_pixel
     cell, part = _drawn_in(np.concatenate([points, -points]))
@@ -103,10 +103,10 @@ def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
 
 
 def _drawn_in(points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the pixel (n, k) of each point's splat and its fractional part, points drawn in towards the middle.
+    """Return the pixel (n, k) of each point's splat and its fractional part, with points scaled towards the middle.
 
-    Sharing a point between the pixels around it widens the kernel, by the variance part (1 - part). Points are scaled
-    down until the whole has the variance of the disc; that matters for discs of about a pixel.
+    Sharing a point between the pixels around it widens the kernel by the variance part (1 - part). Points are scaled
+    down until the kernel has the variance of the disc; that matters for discs of about a pixel.
     """
     wanted = float(np.mean(points**2))
     low, high = 0.0, 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one caustic map is drawn from."""
+"""Parameters of one caustic map that OpenGL draws."""
 
 from __future__ import annotations
 

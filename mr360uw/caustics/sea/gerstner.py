@@ -102,7 +102,7 @@ class GerstnerSea(SeaParameters):
     tiling: Literal["lattice", "blend"] = parameter(
         "lattice", "lattice: exact; blend: into the neighbour over the last tenth (Thompson et al. 2019)"
     )
-    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of those the knobs make")
+    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of random ones")
 
     @classmethod
     def from_waves(
@@ -168,8 +168,8 @@ class GerstnerSea(SeaParameters):
     def _random_waves(self) -> tuple[Array, Array, Array]:
         """Return wave vectors, amplitudes and phases: lengths even in log k, directions about the wind.
 
-        Every octave carries the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958), and all
-        of them together their share of Cox and Munk's (1954).
+        Every octave has the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958). The sum is
+        the part of the mean square slope of Cox & Munk 1954 that lies in the band.
         """
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
         longest = self.dominant_wavelength_m or peak_wavelength(self.wind_speed)

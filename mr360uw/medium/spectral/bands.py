@@ -35,7 +35,7 @@ class Bands:
 
     @property
     def signed(self) -> bool:
-        """Whether some weight is negative, so that colours can leave the gamut."""
+        """True if some weight is negative, so that colours can leave the gamut."""
         return bool(np.any(self.weight < 0.0))
 
     @property
