@@ -435,7 +435,7 @@ def section_sheet() -> None:
                 below = np.maximum(depth - s * up[inside], 0.0)
                 light = 0.3 / np.pi * medium.model.irradiance(below, normal[:, 1]) * medium.spectral_transmittance(s)
                 picture[inside] = light + medium.model.inscatter(s, depth, up[inside])
-            linear = medium.display(picture)
+            linear = medium.light.display(picture)
             level = np.percentile(linear.max(axis=-1), 80)
             axes[i, j].imshow(np.clip(encode(0.7 * linear / level, "srgb"), 0, 1))
             axes[i, j].set(xticks=[], yticks=[])

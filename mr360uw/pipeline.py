@@ -278,13 +278,14 @@ def export_caustics(
     renderer, _ = make_backend(backend)
     return export_tiles(
         scene.sea,
-        refract_to_air(sun.direction, scene.caustics.refractive_index),
+        refract_to_air(sun.direction, scene.water.refractive_index),
         depth_m,
         folder,
         frames,
         loop_s,
         scene.caustics,
         image_format,
+        refractive_index=scene.water.refractive_index,
         overwrite=overwrite,
         backend=renderer.name,
         progress=progress,

@@ -9,6 +9,9 @@ TRANSFER_JOIN = 4e-5
 """Transfer curves there and back: the published break points of sRGB and BT.709 meet to about this, not exactly."""
 FLOAT32_TWIN = 2e-5
 """A pure GLSL function against its float64 twin: single precision and the driver's sin, cos, exp (4 ulp each)."""
+FRESNEL_TWIN = 1e-4
+"""Fresnel's equations in single precision: near grazing and near the edge of Snell's window the cosine on the other side is
+the root of a difference, which loses half of the digits of what is left of it."""
 FLOAT32_LOOKUP = 3e-4
 """A table lookup in GLSL against its float64 twin: a coordinate that is off by 1e-6 of the table times its slope."""
 PLANE_SLACK_M = 1e-5

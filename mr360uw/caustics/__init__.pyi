@@ -1,7 +1,7 @@
 from .depth_ladder import stack_depths
 from .export import export_tiles
-from .flux.irradiance import caustic_map, caustic_stack
-from .flux.refraction import (
+from .flux.irradiance import caustic_stack
+from .refraction import (
     fresnel_reflectance,
     fresnel_transmittance,
     refract_to_air,
@@ -11,6 +11,7 @@ from .flux.refraction import (
 from .sea.gerstner import GerstnerSea
 from .sea.spectral import SpectralSea
 from .settings import CausticSettings
+from .single_map import caustic_map
 
 __all__ = [
     "CausticSettings",

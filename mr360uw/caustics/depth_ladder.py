@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which depths a scene's caustics are computed at, and how finely: fixed for the scene, whatever moves in it.
+"""Depth planes of a scene's caustics and the size of their maps, fixed for the scene whatever moves in it.
 
-Planes stand on one ladder of depths from the surface down. A frame gets those that enclose its objects: a plane comes
-and goes while nothing is at its depth, so nothing jumps, and the light at a place does not depend on where an object
-reaches to. What lies between two planes is a mix of them, wrong by more where filaments move by more of their width,
-which grows with depth by the sun's disc: the ladder's intervals grow with the root of the depth.
+All planes stand on one ladder of depths from the surface down, and a frame gets those that enclose its objects. A plane
+enters or leaves only while nothing is at its depth, so the light on a body does not jump and does not depend on the
+pose of others. Between two planes light is interpolated linearly. The error grows with how far filaments move from
+plane to plane over their width. The sun's disc widens them with depth: the intervals grow with the root of the depth.
 """
 
 from __future__ import annotations
@@ -19,15 +19,19 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 
 _STEP = 0.125
-"""Interval of the ladder in sqrt(depth + `_NEAR_M`): 0.25 m at the surface, 0.56 m at 4 m, 0.9 m at 12 m."""
+"""Interval of the ladder in sqrt(depth + `_NEAR_M`) [sqrt(m)]: 0.25 m at the surface, 0.56 m at 4 m, 0.9 m at 12 m.
+
+Twice as large, frames have half the planes and two to three times the interpolation error.
+"""
 _NEAR_M = 1.0
-"""Down to about here light has not focused, and contrast grows evenly with depth: intervals are even too."""
+"""Depth [m] down to which light has not focused yet and contrast grows linearly; intervals are nearly even there."""
 _SAME = 1e-6
-"""Part of an interval by which something may reach beyond a plane."""
+"""Fraction of an interval that an object may reach beyond a plane without needing the next one: rounding."""
 _SMALLEST_MAP = 16
+"""Least pixels across a map, the least that the settings allow."""
 
 Span = tuple[float, float]
-"""Least and greatest depth [m] of something."""
+"""Least and greatest depth [m] of an object."""
 
 
 def _rung(depth_m: float) -> float:
@@ -39,7 +43,10 @@ def _depth(rung: float) -> float:
 
 
 def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]:
-    """Return `count` ascending depths from near_m to far_m, evenly on the ladder; one lies halfway."""
+    """Return `count` ascending depths [m] from near_m to far_m, evenly on the ladder; a single one lies halfway.
+
+    Raises `ParameterError` unless 0 < near_m <= far_m < infinity and count >= 1.
+    """
     if not (0.0 < near_m <= far_m < math.inf) or count < 1:
         raise ParameterError(
             f"stack - needs 0 < near <= far and a plane (got {near_m}, {far_m}, {count}) - correct the depths"
@@ -56,8 +63,8 @@ def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]
 class PlaneLadder:
     """The depths of a scene's planes.
 
-    first, step: rung of one plane, and rungs from plane to plane. fixed_m: depths of planes that are always there.
-    only_m: the depth where there is to be one plane alone.
+    first, step: rung of one plane, and rungs from plane to plane. fixed_m: depths of planes that every frame has.
+    only_m: the depth of the only plane, or None where there may be more.
     """
 
     first: float = 0.0
@@ -106,12 +113,12 @@ class PlaneLadder:
 
 
 def map_size(most: int, tile_m: float, nearest_footprint_m: float, sun_radius_m: float) -> int:
-    """Return the pixels across a map, `most` or a half, a quarter of it, that show what a picture can show.
+    """Return the pixels across a map: `most` halved while a picture would not show the difference.
 
     nearest_footprint_m: width w of a pixel at the nearest lit point. sun_radius_m: r of the sun's image at the
     shallowest one. A picture sees the pattern through both, of variances w^2/12 and r^2/4. A map of pixels t wide,
-    read bilinearly, is seen through t^2/4: nothing is lost where that is w^2/12, and up to a tenth of the contrast
-    where the sun's image is seen twice as wide, at t = sqrt(3) r. That is as far as it goes.
+    read bilinearly, blurs with variance t^2/4: nothing is lost where that is w^2/12, and up to a tenth of the contrast
+    where it makes the sun's image twice as wide, at t = sqrt(3) r. The size is halved up to there.
     """
     widest = math.sqrt(nearest_footprint_m**2 / 3.0 + 3.0 * sun_radius_m**2)
     size = most

@@ -7,33 +7,39 @@ import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.flux.irradiance import AnySea, caustic_map, check_arguments, pass_indices
-from mr360uw.caustics.settings import CausticSettings
+from mr360uw.caustics.flux.irradiance import check_arguments, pass_indices
+from mr360uw.caustics.settings import CausticSettings, Sea
+from mr360uw.caustics.single_map import caustic_map
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 
 Array = NDArray[np.floating[Any]]
+ImageFormat = Literal["png", "exr"]
 
 CAUSTIC_WHITE = 8.0
-"""Irradiance ratio that PNG's white stands for; brighter caustics are cut there, not in EXR."""
+"""Irradiance ratio of white in PNG; brighter caustics clip there, but not in EXR. Twice as large, dark codes halve."""
 _INVERSIONS = 12
+"""Fixed-point steps that undo the horizontal shift; each gains a factor of the surface's steepness, below 1."""
 _SURFACE_OVERSAMPLING = 2
+"""Surface points across a pixel of the map: the spline then resolves the shortest waves of the map."""
 
 
 def export_tiles(
-    sea: AnySea,
+    sea: Sea,
     sun_direction_in_air: ArrayLike,
     depth_m: float,
     folder: str | Path,
     frames: int = 48,
     loop_s: float = 8.0,
     settings: CausticSettings | None = None,
-    image_format: Literal["png", "exr"] = "png",
+    image_format: ImageFormat = "png",
     *,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
     overwrite: bool = False,
     backend: str = "reference",
     progress: Callable[[int, int], None] | None = None,
@@ -42,27 +48,15 @@ def export_tiles(
 
     Names are caustic_0000.png, height_0000.png, normal_0000.png; column = +x, row = +z, all on the regular world grid
     (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
-    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json says so, with the tile's size
-    and the loop. The sea's frequencies move to multiples of 1/loop_s. backend: of `caustic_map`. progress: called with
-    (done, frames). Every file is whole or absent. Raises `OutputExistsError` where files are there already,
-    `ParameterError` for arguments outside their domain.
+    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json holds these scales, the tile's
+    size and the loop. The sea's frequencies move to multiples of 1/loop_s. refractive_index: of the water at 550 nm.
+    backend: of `caustic_map`. progress: called with (done, frames). Every file is whole or absent. Raises
+    `OutputExistsError` where files are there already, `ParameterError` for arguments outside their domain.
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, s.refractive_index, s.sun_half_angle_rad)
-    if frames < 1 or not 0.0 < loop_s <= 3600.0:
-        raise ParameterError(
-            f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
-        )
-    if image_format not in ("png", "exr"):
-        raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
-    folder = Path(folder)
+    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    paths = _free_paths(Path(folder), frames, loop_s, image_format, overwrite=overwrite)
     looping = type(sea).model_validate(sea.model_dump() | {"loop_s": loop_s})
-    names = ("caustic", "height", "normal")
-    paths = {n: [folder / f"{n}_{i:04d}.{image_format}" for i in range(frames)] for n in names}
-    there = [p for group in paths.values() for p in group if p.exists()]
-    if there and not overwrite:
-        raise OutputExistsError(f"{there[0]} - is there already - choose another folder, or overwrite")
-    folder.mkdir(parents=True, exist_ok=True)
     write = _write_png if image_format == "png" else _write_exr
     height_range = _height_range(looping, loop_s)
     for i in range(frames):
@@ -70,30 +64,54 @@ def export_tiles(
         height, normal = world_grid(looping, s.size, time_s)
         maps = [
             caustic_map(looping, sun, depth_m, time_s, s.size, s.grid, index, s.sun_half_angle_rad, s.method, backend)
-            for index in pass_indices(s)
+            for index in pass_indices(s.chromatic, refractive_index)
         ]
         caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))
-        encoded = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
-        if image_format == "png":
-            encoded = {
-                "caustic": caustic / CAUSTIC_WHITE,
-                "height": 0.5 + encoded["height"] / (2.0 * height_range),
-                "normal": 0.5 + 0.5 * encoded["normal"],
-            }
-        for name in names:
-            _whole(paths[name][i], functools.partial(write, encoded[name]))
+        images = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
+        for name, image in (_codes(images, height_range) if image_format == "png" else images).items():
+            _whole(paths[name][i], functools.partial(write, image))
         if progress is not None:
             progress(i + 1, frames)
     about = {
         "tile_m": sea.tile_m, "loop_s": loop_s, "frames": frames, "depth_m": depth_m, "size": s.size,
-        "sun_direction_in_air": sun.tolist(), "caustic_white": CAUSTIC_WHITE if image_format == "png" else None,
+        "sun_direction_in_air": sun.tolist(), "refractive_index": refractive_index,
+        "caustic_white": CAUSTIC_WHITE if image_format == "png" else None,
         "height_range_m": height_range if image_format == "png" else None, "sea": looping.model_dump(mode="json"),
     }  # fmt: skip
-    _whole(folder / "tiles.json", lambda path: path.write_text(json.dumps(about, indent=2) + "\n", "utf-8"))
-    return (*(p for group in paths.values() for p in group), folder / "tiles.json")
+    page = Path(folder) / "tiles.json"
+    _whole(page, lambda path: path.write_text(json.dumps(about, indent=2) + "\n", "utf-8"))
+    return (*(p for group in paths.values() for p in group), page)
 
 
-def world_grid(sea: AnySea, size: int, time_s: float) -> tuple[Array, Array]:
+def _free_paths(
+    folder: Path, frames: int, loop_s: float, image_format: ImageFormat, *, overwrite: bool
+) -> dict[str, list[Path]]:
+    """Return the images' paths by name in a folder that is made; raise what `export_tiles` says."""
+    if frames < 1 or not 0.0 < loop_s <= 3600.0:
+        raise ParameterError(
+            f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
+        )
+    if image_format not in get_args(ImageFormat):
+        raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
+    names = ("caustic", "height", "normal")
+    paths = {n: [folder / f"{n}_{i:04d}.{image_format}" for i in range(frames)] for n in names}
+    there = [p for group in paths.values() for p in group if p.exists()]
+    if there and not overwrite:
+        raise OutputExistsError(f"{there[0]} - is there already - choose another folder, or overwrite")
+    folder.mkdir(parents=True, exist_ok=True)
+    return paths
+
+
+def _codes(images: dict[str, Array], height_range_m: float) -> dict[str, Array]:
+    """Return caustics, heights and normals as values in [0, 1], brighter caustics above."""
+    return {
+        "caustic": images["caustic"] / CAUSTIC_WHITE,
+        "height": 0.5 + images["height"] / (2.0 * height_range_m),
+        "normal": 0.5 + 0.5 * images["normal"],
+    }
+
+
+def world_grid(sea: Sea, size: int, time_s: float) -> tuple[Array, Array]:
     """Return height (size, size) [m] and normal (size, size, 3) above the pixel centres of a regular world grid.
 
     The particles' horizontal shift is undone by iteration, on a periodic cubic spline of the surface.
@@ -122,7 +140,7 @@ def world_grid(sea: AnySea, size: int, time_s: float) -> tuple[Array, Array]:
     return sample(splines[2], rest_x, rest_z), normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
-def _height_range(sea: AnySea, loop_s: float) -> float:
+def _height_range(sea: Sea, loop_s: float) -> float:
     """Return a height [m], of two digits, that the sea stays below all through its loop."""
     times = loop_s * np.arange(16) / 16
     highest = max(float(np.abs(sea.grid_fields(64, t).height).max()) for t in times)

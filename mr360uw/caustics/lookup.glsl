@@ -1,16 +1,10 @@
 // twin: lookup.py
+#include "caustics/gl/atlas_level.glsl"
 // `ratio` holds the mip_atlas of a stack and filters linearly, `plane_depth` its plane_steps
 struct CausticStack {
     float tile_m;
     vec3 sun_direction;
 };
-
-// all planes of a layer, one in each channel, in the level whose pixels are tile/side wide
-vec4 caustic_level(sampler2DArray ratio, float size, float side, float number, vec2 uv, float layer) {
-    vec2 texel = 1.0 / vec2(textureSize(ratio, 0).xy);
-    float top = 2.0 * (size - side + number);
-    return textureLod(ratio, vec3((uv * side + vec2(1.0, 1.0 + top)) * texel, layer), 0.0);
-}
 
 // point = (x, depth below the mean surface, z)
 vec3 caustic_lookup(CausticStack stack, sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {

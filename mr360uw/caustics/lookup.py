@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How shading reads a `CausticStack`: along the refracted beam, periodic, filtered by footprint.
+"""Caustic lookup: reads a `CausticStack` along the refracted beam, periodic, filtered by footprint.
 
-A point's ray of the beam is followed up to the mean surface, which gives its place in the map of every plane (the
-formula of Thompson et al. 2019 eq. 2 with the division by the sun's y that it needs); the two planes around the point
-are mixed. Twin: lookup.glsl.
+A point's ray of the beam is followed up to the mean surface, which gives its place in the map of every plane (Thompson
+et al. 2019 eq. 2, with the division by the sun's y that it lacks). The two planes around the point are interpolated.
+Twin: lookup.glsl.
 
-A pixel of the level with pixels t wide, read bilinearly, is the pattern seen through a box and a tent, of variance
-t^2/12 + t^2/6 = t^2/4. A footprint w wide averages with variance w^2/12. So t = w/sqrt(3): the level with t = w blurs
-as a footprint of 1.7 w and takes 0.1 to 0.3 of the contrast.
+Mip level: pixels t wide, read bilinearly, blur with variance t^2/12 + t^2/6 = t^2/4 (a box and a tent). A footprint w
+wide averages with variance w^2/12. The two are equal at t = w/sqrt(3), which is the level read. At t = w the blur would
+be that of a footprint 1.7 w wide, and 0.1 to 0.3 of the contrast would be lost.
 """
 
 from __future__ import annotations
@@ -20,55 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.types import CausticStack, Floats
 
-_NEW_PLANES = 3
-"""Planes that a layer of the atlas adds; its first channel is the last plane of the layer before."""
-
 
 def mip_levels(ratio: Floats) -> list[Floats]:
-    """Return a stack (D, size, size, C) and its box-filtered halves down to one pixel; the mean stays."""
+    """Return a stack (D, size, size, C) and its box-filtered halves down to one pixel; the mean is unchanged."""
     levels = [ratio]
     while levels[-1].shape[1] > 1:
         m = levels[-1]
         rows = m[:, 0::2] + m[:, 1::2]
         levels.append(0.25 * (rows[:, :, 0::2] + rows[:, :, 1::2]))
     return levels
-
-
-def layer_planes(count: int) -> NDArray[np.int64]:
-    """Return the planes (layers, 1, 2 or 4) in the channels of each layer of `count` planes; the last is repeated."""
-    first = np.arange(0, max(count - 1, 1), _NEW_PLANES)
-    channels = count if count < _NEW_PLANES else _NEW_PLANES + 1
-    return np.minimum(first[:, None] + np.arange(channels), count - 1)
-
-
-def mip_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
-    """Return levels (D, size, size, C) as the twin reads them, (layers C, 2 size + 2 levels, size + 2, 1, 2 or 4).
-
-    A pixel holds up to four planes, of one colour; colours follow each other as layers. The levels lie below each
-    other, each with the pixels of its other side around it, so that one filtered fetch is right at its edges. They
-    all lie in level 0 of the texture: drivers may take the level of a fetch from one pixel of each 2 x 2 block.
-    """
-    count, size, _, colours = levels[0].shape
-    planes = layer_planes(count)
-    shape = (len(planes), colours, 2 * size + 2 * len(levels), size + 2, planes.shape[1])
-    atlas = np.zeros(shape, np.float32)
-    top = 0
-    for level in levels:
-        side = level.shape[1]
-        square = atlas[:, :, top : top + side + 2, : side + 2]
-        for (layer, channel), plane in np.ndenumerate(planes):
-            square[layer, :, 1:-1, 1:-1, channel] = np.moveaxis(level[plane], -1, 0)
-        square[:, :, 0], square[:, :, -1] = square[:, :, side], square[:, :, 1]
-        square[:, :, :, 0], square[:, :, :, -1] = square[:, :, :, side], square[:, :, :, 1]
-        top += side + 2
-    return atlas.reshape(-1, *shape[2:])
-
-
-def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
-    """Return (1, steps, 2) of each interval between planes: its depth, and one over its width (0 for one plane)."""
-    width = np.diff(depth_m)
-    steps = np.stack([depth_m[:-1], 1.0 / width], axis=-1) if len(width) else np.array([[depth_m[0], 0.0]])
-    return steps[None].astype(np.float32)
 
 
 def _periodic_bilinear(level: Floats, plane: NDArray[np.int64], u: Floats, v: Floats) -> Floats:

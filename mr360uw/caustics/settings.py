@@ -1,20 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene sets about its sea and its caustics."""
+"""The `[sea]` and `[caustics]` tables of a scene."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Tag, field_validator
+from pydantic import Discriminator, ModelWrapValidatorHandler, Tag, ValidationError, field_validator, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.parameters import Parameters, parameter
 
 Method = Literal["exact", "ratio", "fan", "jacobian", "scrolling"]
-"""exact: flux by exact coverage. ratio: areas of each triangle. fan: areas around each vertex (Thompson et al. 2019).
-jacobian: per pixel. scrolling: the darker of two scrolling copies of one map (Stam 1996; Monzon et al. 2022)."""
+"""exact: flux by exact coverage. The others are published methods, see `published`."""
+DIVIDED_AREAS: tuple[Method, ...] = ("ratio", "fan", "jacobian")
+"""The methods of `published.divided_areas`."""
 
 
 def _sea_model(value: Any) -> str:
@@ -24,11 +26,11 @@ def _sea_model(value: Any) -> str:
 Sea = Annotated[
     Annotated[GerstnerSea, Tag("gerstner")] | Annotated[SpectralSea, Tag("spectral")], Discriminator(_sea_model)
 ]
-"""A sea of either kind; `model` tells which, Gerstner where it is not given."""
+"""A sea of either kind, chosen by `model`; Gerstner by default."""
 
 
 class CausticSettings(Parameters):
-    """How caustics are computed."""
+    """Method and resolution of the caustics."""
 
     enabled: bool = parameter(True, "whether the surface focuses light")
     method: Method = parameter("exact", "exact conserves energy; ratio, fan, jacobian, scrolling: for comparison")
@@ -39,9 +41,6 @@ class CausticSettings(Parameters):
     grid: int = parameter(128, "cells of the surface across the tile", low=4, high=2048)
     planes: int = parameter(4, "most depths that a frame's caustics are computed at", low=1, high=64)
     chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
-    refractive_index: float = parameter(
-        REFRACTIVE_INDEX_SEA, "refractive index of the water at 550 nm", above=1.0, high=2.0
-    )
     sun_half_angle_rad: float = parameter(
         SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
     )
@@ -52,3 +51,21 @@ class CausticSettings(Parameters):
         if size & (size - 1):
             raise ValueError(f"must be a power of two (got {size}): 128, 256, 512")
         return size
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _say_where_the_index_is(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Report the key that `[water]` has now with its new name, beside all other problems of the table."""
+        try:
+            return handler(data)
+        except ValidationError as error:
+            lines: list[InitErrorDetails] = []
+            for item in error.errors(include_url=False):
+                line = InitErrorDetails(
+                    type=item["type"], loc=item["loc"], input=item["input"], ctx=item.get("ctx", {})
+                )
+                if item["type"] == "extra_forbidden" and item["loc"] == ("refractive_index",):
+                    problem = f"unknown key (got {item['input']!r}) - it is water.refractive_index now"
+                    line["type"] = PydanticCustomError("value_error", "{error}", {"error": problem})
+                lines.append(line)
+            raise ValidationError.from_exception_data(cls.__name__, lines) from None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The water between things: waters, sensors, bands, scattering."""
+"""Light in water: waters, sensors, wavelength bands, and the radiance along rays."""
 
 import lazy_loader
 

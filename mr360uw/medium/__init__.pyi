@@ -1,15 +1,16 @@
 from .closed_form import multiple_scattering
-from .exposure import exposure_change, picture_change, steady_gain
+from .exposure import exposure_change, fit_gain, picture_change, steady_gain
+from .jerlov import JERLOV_TYPES
 from .medium import MODES, Medium
 from .models import spectral_model
-from .profile import PlateProfile, fit_gain
+from .profile import PlateProfile
 from .settings import WaterSettings
 from .spectral.bands import Bands, bands
 from .spectral.gamut import compress_gamut
 from .spectral.sensor import Sensor, cameras, illuminant
 from .spectral.upsampling import reflectance
 from .transfer import LightField
-from .water import JERLOV_TYPES, Water
+from .water import Water
 from .waterfit import WaterFit, fit_water
 
 __all__ = [

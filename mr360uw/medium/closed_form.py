@@ -1,34 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light scattered into a ray by water whose irradiance falls off as one exponential: closed, and stable everywhere.
+"""In-scattered radiance along a ray in water whose irradiance decays as one exponential: closed form, always stable.
 
     L = b E/(4 pi) exp(-K y) (1 - exp(-(c - K mu) S)) / (c - K mu)
 
 b, c, K: scattering, beam and diffuse attenuation [1/m]; E: irradiance just below the surface; y: depth of the camera;
-mu: y of the view direction, +1 straight up; S: length of the ray, cut where it leaves the water. Monzon et al. 2022,
-poster eq. 4 and thesis eq. 4.7, with the signs that make it hold (looking up is brighter); the same as Monzon et al.
-2024 (Computer Graphics Forum 43(2), e15009) eq. 9. The quotient is written so that nothing overflows, whatever the
-sign of c - K mu, and so that its zero is no special case.
+mu: y of the view direction, +1 straight up; S: length of the ray, cut where it leaves the water. Monzon et al. 2022
+eq. 4, with the signs that make it hold (looking up is brighter); the same as Monzon et al. 2024 eq. 9. The quotient is
+written so that nothing overflows, whatever the sign of c - K mu, and so that c = K mu is no special case.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
+from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly
-
-if TYPE_CHECKING:
-    from mr360uw.medium.water import Water
 
 Array = NDArray[np.float64]
 
 
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
-    """Return the part [m] of a ray from `depth` that runs below the mean surface, finite."""
+    """Return the length (...,) [m] of a ray from `depth` that lies below the mean surface, at most `LONGEST_RAY_M`."""
     common_shape(distance_m=distance, depth_m=depth, up=up)
     s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance, depth, up)))
     out = np.divide(np.maximum(y, 0.0), mu, out=np.full(s.shape, LONGEST_RAY_M), where=mu > 0.0)
@@ -49,7 +44,7 @@ def path_integral(c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: Ar
 
 
 def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:
-    """Return the radiance [1/sr] scattered into a ray of length s from depth y, per unit irradiance at the surface."""
+    """Return the radiance (...,) [1/sr] scattered into a ray of length s from depth y, per unit surface irradiance."""
     s = ray_in_water(s, y, mu)
     return np.asarray(b, np.float64) * INV_4PI * path_integral(c, k, s, np.maximum(y, 0.0), mu)
 

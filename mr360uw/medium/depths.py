@@ -1,29 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A medium whose camera rises and sinks.
+"""Medium tables for a camera whose depth changes.
 
-Its tables are made for fixed depths, each a few per cent deeper than the one before, and read in a straight line
-between them: what a frame sees depends on its depth alone, and nothing jumps from one frame to the next.
+Tables are made at fixed depths, each 6 % deeper than the one before, and interpolated linearly between them. A frame's
+table depends on its depth alone and changes continuously from frame to frame.
 """
 
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
+from mr360uw.medium.medium import Medium
 from mr360uw.types import MediumTable
 
-if TYPE_CHECKING:
-    from mr360uw.medium.medium import Medium
-
 _RATIO = 1.06
-"""Of a depth to the one before: linear between them, a table is off by at most a third of a per cent."""
+"""Ratio of neighbouring depths. The interpolation error is at most 0.3 %; twice the step gives four times that."""
 _KEPT = 16
+"""Tables kept, enough for a swim over a factor of 2.4 in depth without making one twice."""
 
 
 class MediumAtDepths:
-    """Gives the same water, sensor and mode at any depth of the camera."""
+    """The media of one water, sensor and mode at any depth of the camera."""
 
     def __init__(self, medium: Medium) -> None:
         self._medium = medium
@@ -39,8 +38,8 @@ class MediumAtDepths:
             name: (1.0 - share) * getattr(upper, name) + share * getattr(lower, name)
             for name in ("veil", "attenuation", "diffuse", "beam", "unscattered")
         }
-        table = MediumTable(depth_m, upper.length_m, **{k: v.astype(np.float32) for k, v in mixed.items()})
-        return self._medium.at_depth(depth_m, table)
+        floats = {name: values.astype(np.float32) for name, values in mixed.items()}
+        return self._medium.at_depth(depth_m, replace(upper, camera_depth_m=depth_m, **floats))
 
     def _made(self, step: int) -> MediumTable:
         return self._medium.at_depth(_RATIO**step).unit_table

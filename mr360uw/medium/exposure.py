@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gain of a clip's veil: with the plate's exposure at once, and otherwise slowly, whatever swims by.
+"""Gain of the veil: fitted to a plate's exposure in each frame, then smoothed over a clip.
 
-A camera that changes its exposure changes the whole picture in every channel. What only some of the picture does is no
-exposure: the gain follows it if it stays.
+A change of the camera's exposure multiplies the whole picture in all channels; the gain follows it at once. Changes in
+a part of the picture, as of animals that pass, are followed slowly and only if they last.
 """
 
 from __future__ import annotations
@@ -13,34 +13,58 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.profile import LEVEL_RAD, PlateProfile
 from mr360uw.shapes import exactly, vectors
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+_TINY = 1e-30
 _DARK, _BRIGHT = 1e-3, 0.9
-"""Between them a pixel tells the exposure: below are the last codes, above the curve bends and clips."""
+"""Linear values between which a pixel measures the exposure: the lowest codes are coarse, the highest clip."""
 _ENOUGH = 0.25
-"""Part of the picture that must tell it for a channel to count."""
+"""Least fraction of such pixels for a channel to count."""
 _AGREE = 0.5
-"""Part of the median change that three quarters of the picture must reach, which no body makes them do."""
+"""An exposure change moves three quarters of the pixels by at least this fraction of the median change.
+
+A body that enters the picture does not. At 1 nothing would count, as only half of the pixels reach the median.
+"""
 _LEAST_CHANGE = 0.02
-"""Log of an exposure's change from one frame to the next; less cannot be seen to lag, and moving water does as much."""
+"""Least log change of exposure from frame to frame: moving water alone changes the picture as much."""
 _CUT, _CUT_MEDIANS = 0.25, 6.0
-"""A picture's change that is a cut: at least, and over the median of the clip's."""
+"""A cut changes the log luminance by at least this much, and by this many medians of the clip's changes."""
 _FLASH_FRAMES = 2
-"""A change that is undone within as many frames is a flash."""
+"""Half window [frames] of the median filter of the exposure: shorter changes are ignored as flashes."""
 _PASSING_S = 1.0
-"""What is gone again within this time does not count."""
+"""Half window [s] of the median filter of the gain: deviations shorter than this are ignored."""
 _EASE_S = 1.0
-"""Half the time over which the gain goes to what stays."""
+"""Half window [s] of the weighted mean after it; twice as large, the gain takes twice as long to follow."""
+
+
+def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
+    """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
+
+    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
+    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
+    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
+    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
+    """
+    profile = PlateProfile.from_map(radiance_map)
+    up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
+    measured = profile(up)
+    model = medium.level_radiance(up)
+    gain = np.median(measured / np.maximum(model, _TINY), axis=0)
+    seen = gain > 0.0
+    deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
+    return gain, float(np.sqrt(np.mean(deviation**2))) if np.any(seen) else 0.0
 
 
 def exposure_change(before: Floats, after: Floats) -> float:
-    """Return the log of what the exposure changed by between two maps (H, W, 3) of neighbouring frames.
+    """Return the log of the exposure ratio between linear maps (H, W, 3) of two neighbouring frames, after over before.
 
-    It is the least of the channels' medians; 0 where they disagree in sign, where a quarter of the picture does not go
-    along, where nothing can be told, and within 2 %.
+    It is the least of the channels' median log ratios. It is 0 where the channels disagree in sign, where more than a
+    quarter of the pixels change by less than half of the median, where too few pixels can be used, and below 2 %.
     """
     exactly("after", vectors("after", after), np.shape(before))
     told = (np.minimum(before, after) > _DARK) & (np.maximum(before, after) < _BRIGHT)
@@ -55,9 +79,9 @@ def exposure_change(before: Floats, after: Floats) -> float:
 
 
 def picture_change(before: Floats, after: Floats) -> float:
-    """Return by how much half of the picture or more changed, as log luminance, exposure aside.
+    """Return the median absolute change of log luminance between two maps (H, W, 3), without a common factor.
 
-    Infinite where what neither is black nor clipped in one is so in the other.
+    Infinite where too few pixels are usable (neither black nor clipped) in both maps but enough are in one of them.
     """
     exactly("after", after, np.shape(before))
     x, y = luminance(before), luminance(after)
@@ -70,11 +94,11 @@ def picture_change(before: Floats, after: Floats) -> float:
 
 
 def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame_rate: float) -> Array:
-    """Return the gain (N, 3) of every frame of a clip from what `fit_gain` says of each alone, (N, 3).
+    """Return the smoothed gain (N, 3) of every frame of a clip from the gains (N, 3) that `fit_gain` finds in each.
 
-    exposure, picture: (N,) `exposure_change` and `picture_change` since the frame before; of the first, 0. Within a
-    shot: a running median of the gain over the exposure, then a weighted mean, both as wide behind as ahead, times the
-    exposure. A flash of one or two frames is no exposure; at its ends a shot keeps its gain.
+    exposure, picture: (N,) `exposure_change` and `picture_change` from the frame before; 0 for the first. Cuts divide
+    the clip into shots. In a shot the gain over the exposure passes a running median and a weighted mean, both centred,
+    and is multiplied with the exposure again. Flashes of one or two frames are left out of the exposure.
     """
     gain = vectors("gains", gains).astype(np.float64)
     change, moved = (
@@ -97,7 +121,7 @@ def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:
 
 
 def _running_median(values: Array, half: int) -> Array:
-    """The medians of values (n, k) over `half` frames on either side; near an end those of the last whole window."""
+    """Return medians of values (n, k) over `half` frames on either side; near an end that of the last whole window."""
     from scipy.ndimage import median_filter
 
     count = len(values)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How shading reads a `MediumTable`: a pixel costs the same however many wavelengths went into it.
+"""Medium lookup: veil, transmittance, daylight and sun's beam from a `MediumTable`.
 
-Twin: lookup.glsl.
+A pixel costs the same for any number of wavelengths in the table. Twin: lookup.glsl.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def linear(table: Floats, u: ArrayLike) -> Floats:
 
 
 def in_water_distance(distance_m: ArrayLike, camera_depth_m: float, up: ArrayLike) -> Floats:
-    """Return the part [m] of a camera ray that runs below the mean surface."""
+    """Return the length (...,) [m] of a camera ray that lies below the mean surface."""
     s, mu = np.broadcast_arrays(np.asarray(distance_m, np.float64), np.asarray(up, np.float64))
     return np.minimum(s, camera_depth_m / np.maximum(mu, 1e-9))
 
@@ -82,20 +82,22 @@ def beam_ratio(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
 
 
 def path_attenuation(table: MediumTable, per_metre: Floats, depth_m: ArrayLike, sun_up: float) -> Floats:
-    """Return the optical length (..., 3) of the beam's path from the surface to a depth, by `beam` or `unscattered`."""
+    """Return the optical length (..., 3) of the beam's path from the surface to a depth.
+
+    per_metre: the table's `beam` or `unscattered`.
+    """
     path = np.maximum(np.asarray(depth_m, np.float64), 0.0) / sun_up
     return linear(per_metre, table_coordinate(path, table.length_m)) * path[..., None]
 
 
 def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
-    """Return the share (..., 3) of the beam at a depth that has not been scattered, the part that bears the pattern.
+    """Return the fraction s (..., 3) of the beam at a depth that is unscattered and so carries the caustic pattern.
 
-    The beam of `beam_ratio` fades with c' = a + b (1 - f) [1/m], as the share f of the scattering, by small angles,
-    leaves light in it. Of the path p = d/sun_up [m] it has run, what carries the waves' pattern C unblurred has faded
-    with c = a + b, so the beam under waves is beam (1 + (C - 1) s) with s = exp(-(c - c') p) = exp(-f b p). Where all
-    light below the surface was beam, that is exp(-c p) (C - 1) over exp(-Kd d) of all light: the contrast
-    exp(-(c/sun_up - Kd) d) that the pattern has in the whole. A lower bound: small angles blur it, and remove only
-    what is finer than they spread.
+    The beam of `beam_ratio` decays with c' = a + b (1 - f) [1/m]: the fraction f of the scattering is by small angles
+    and leaves light in it. The caustic pattern C is carried by light that has not been scattered, which decays with
+    c = a + b. After the path p = d/sun_up [m] the irradiance under waves is beam (1 + (C - 1) s), s = exp(-(c - c') p).
+    Relative to all downwelling light, exp(-Kd d), the pattern has the contrast exp(-(c/sun_up - Kd) d). It is a lower
+    bound: small angles blur the pattern before they remove it.
     """
     lost = path_attenuation(table, table.unscattered, depth_m, sun_up)
     return np.exp(np.minimum(path_attenuation(table, table.beam, depth_m, sun_up) - lost, 0.0))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A water seen by a sensor: what it takes from an object's light and what it adds, in linear RGB.
+"""Transmittance and veil of a water as a sensor sees them, in linear RGB.
 
-Everything is per unit downwelling irradiance just below the surface, spectrally that of the illuminant; `scaled` puts
-the veil into the exposure of a plate.
+Everything is per unit downwelling irradiance just below the surface, with the spectrum of the illuminant. `scaled`
+multiplies the veil by a gain, to match the exposure of a plate.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.models import FormationModel, SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.formation import fitted_formation
+from mr360uw.medium.models import SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.profile import PlateProfile
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
-from mr360uw.medium.spectral.gamut import compress_gamut
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
@@ -34,26 +36,24 @@ Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-tr
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 RGB_NM = (650.0, 550.0, 450.0)
-"""The wavelengths of mode `rgb`, one for each channel."""
+"""Wavelengths [nm] of mode `rgb`, one for each channel."""
 DEFAULT_BANDS = 61
-"""5 nm apart; a pixel costs the same for any number."""
+"""Number of wavelengths: 5 nm apart over 400 to 700 nm. Twice as many cost nothing per pixel."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _TINY = 1e-30
-_LEAST = 1e-300
-_LEAST_LIGHT = 1e-250
 
 
 class Medium:
-    """A water, a sensor and a way to compute what lies between camera and object.
+    """A water, a sensor and a model of the light between camera and object.
 
     mode: "kd", the published closed form (Monzon et al. 2022); "kd+", the same with Gershun's factor; "table", the
     solved light field; "plate", the same with the veil's colour by direction from a radiance map of the plate; "rgb",
     the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for object
-    and veil, or one each (Akkaynak & Treibitz 2018, CVPR), read off the solved field.
+    and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
 
-    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: what white is
-    balanced for. surface, sky: see `LightField`.
-    radiance_map: (32, 64, 3) of mode "plate". Raises `ParameterError`.
+    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
+    white is balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate".
+    Raises `ParameterError`.
     """
 
     def __init__(
@@ -68,6 +68,7 @@ class Medium:
         illuminant: str = DEFAULT_ILLUMINANT,
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
         radiance_map: Floats | None = None,
     ) -> None:
         if mode not in MODES:
@@ -86,6 +87,7 @@ class Medium:
         self.illuminant = illuminant
         self._surface: SurfaceKind = surface
         self._sky: Sky = sky
+        self.refractive_index = refractive_index
         self._spectral_bands = functools.partial(bands, band_count, self.sensor, rule, illuminant)
         one_each = mode in ("rgb", "koschmieder", "akkaynak-treibitz")
         self.bands = Bands(np.array(RGB_NM), np.eye(3), "one a channel") if one_each else self._spectral_bands()
@@ -94,44 +96,35 @@ class Medium:
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
+        water = self._surface, self._sky, self.refractive_index
         if self.mode in ("koschmieder", "akkaynak-treibitz"):
-            return self._formation()
-        return spectral_model(self.water, self.bands.wavelength_nm, _SPECTRAL[self.mode], self._surface, self._sky)
+            bands = self._spectral_bands()
+            solved = BandLight(spectral_model(self.water, bands.wavelength_nm, "table", *water), bands)
+            return fitted_formation(solved, self.camera_depth_m, one_attenuation=self.mode == "koschmieder")
+        return spectral_model(self.water, self.bands.wavelength_nm, _SPECTRAL[self.mode], *water)
 
-    def _formation(self) -> FormationModel:
-        """Constants that make the quick models agree with the solved field on a level ray of one attenuation length."""
-        solved = copy.copy(self)
-        solved.__dict__.pop("model", None)
-        solved.mode, solved.bands = "table", self._spectral_bands()
-        s = solved.length_m
-        direct = -solved.transmittance_log(np.array(s), np.array(self.camera_depth_m)) / s
-        far = solved.smooth_veil(np.array(1e4 * s), np.array(0.0))
-        near = solved.smooth_veil(np.array(s), np.array(0.0))
-        backscatter = direct if self.mode == "koschmieder" else -np.log1p(-near / far) / s
-        depth = np.array([self.camera_depth_m, 0.0])
-        log = solved.ambient_log(depth)
-        return FormationModel(direct, backscatter, far, (log[1] - log[0]) / self.camera_depth_m)
+    @functools.cached_property
+    def light(self) -> BandLight:
+        """The model's light in the sensor's RGB, without gain."""
+        return BandLight(self.model, self.bands)
 
     @functools.cached_property
     def length_m(self) -> float:
-        """The tables' length: over how many metres of depth the light at the camera falls to 1/e."""
-        step = 1e-3 * self.camera_depth_m
-        here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
-            np.array([self.camera_depth_m, self.camera_depth_m + step]), 1.0
-        ).T  # fmt: skip
-        return float(step / np.log(here / below))
+        """Length L [m] of the tables' coordinates: the distance over which the light at the camera falls to 1/e."""
+        return self.light.fading_length_m(self.camera_depth_m)
 
     @functools.cached_property
     def table(self) -> MediumTable:
-        """What shading reads for every pixel; made at first use, the veil within the gamut."""
+        """The tables that shading reads, veil within the gamut and times the gain; made at first use."""
         table = self.unit_table
         factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
         return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
 
     @functools.cached_property
     def unit_table(self) -> MediumTable:
-        """The same without gain and plate, which change with every frame."""
-        return medium_table(self, self.length_m)
+        """The same tables without the gain or the plate's radiance, which change with every frame."""
+        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil)
+        return replace(table, refractive_index=self.refractive_index)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
 
@@ -150,14 +143,14 @@ class Medium:
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the factor (..., 3) in (0, 1] on the radiance of a grey object at the end of a camera ray.
 
-        depth_m: of the camera, up: y of the view direction. The object's light is that of its own depth, so what is
-        left of the spectrum decides; for grey objects the product with its colour there is exact where no response has
-        a negative part. Of those that have, `Bands.lobes` counts.
+        depth_m: of the camera, up: y of the view direction. The factor is weighted by the spectrum of the daylight at
+        the object's depth. For grey objects it is exact if no response has a negative part; of the others `Bands.lobes`
+        is used.
         """
         check_ray(distance_m, depth_m, up)
         s = ray_in_water(distance_m, depth_m, up)
         depth = np.maximum(np.asarray(depth_m, np.float64) - s * np.asarray(up, np.float64), 0.0)
-        return np.exp(self.transmittance_log(s, np.minimum(depth, self.deepest_m)))
+        return np.exp(self.light.transmittance_log(s, np.minimum(depth, self.light.deepest_m)))
 
     def veil(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., 3) that the water adds to a camera ray, times the gain.
@@ -171,7 +164,7 @@ class Medium:
         return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., 3) that arrives when nothing stands in the way, times the gain."""
+        """Return the radiance (..., 3) of water and sky along unobstructed rays, times the gain."""
         common_shape(depth_m=depth_m, up=up)
         if self.profile is not None:
             return self.profile(up)
@@ -185,11 +178,11 @@ class Medium:
     def level_radiance(self, up: Array) -> Array:
         """Return the radiance (r, 3) at the camera from directions (r,), without gain, within the gamut.
 
-        Kept: every frame of a film asks for the same directions.
+        Cached, because every frame of a clip asks for the same directions.
         """
         key = up.tobytes()
         if key not in self._level:
-            self._level[key] = self.display(self.model.radiance(self.camera_depth_m, up))
+            self._level[key] = self.light.display(self.model.radiance(self.camera_depth_m, up))
         return self._level[key]
 
     @functools.cached_property
@@ -236,17 +229,12 @@ class Medium:
 
     # --- for the tables ----------------------------------------------------------------------------------------
 
-    def display(self, spectrum: Array) -> Array:
-        """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
-        rgb = self.bands.rgb(spectrum)
-        return compress_gamut(rgb) if self.bands.signed else rgb
-
     def smooth_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) of rays from the camera, which must end below the surface, within the gamut."""
         return self.veil_factor(up) * self.unit_veil(distance_m, up)
 
     def veil_factor(self, up: ArrayLike) -> Array:
-        """Return what `unit_veil` is multiplied with: the gain, in mode plate the plate's radiance; (..., 3)."""
+        """Return the factor (..., 3) on `unit_veil`: the gain, or in mode plate the plate's radiance."""
         if self.profile is not None:
             return self.profile(up)
         if self.mode == "plate":
@@ -254,36 +242,9 @@ class Medium:
         return np.broadcast_to(self.gain, (*np.shape(up), 3))
 
     def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) without factor; in mode plate as a share of all the light of its direction."""
+        """Return the veil (..., 3) without factor; in mode plate as a fraction of all light from its direction."""
         depth = self.camera_depth_m
         veil = self.model.inscatter(distance_m, depth, up)
         if self.mode != "plate":
-            return self.display(veil)
+            return self.light.display(veil)
         return veil @ self.bands.lobes / np.maximum(self.model.radiance(depth, up) @ self.bands.lobes, _TINY)
-
-    def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
-        """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""
-        light = self._log_irradiance(depth_m)
-        s = np.asarray(distance_m, np.float64)[..., None]
-        return self.bands.log_light(light - self.model.extinction * s) - self.bands.log_light(light)
-
-    def ambient_log(self, depth_m: Array) -> Array:
-        """Return the logarithm (..., 3) of the downwelling irradiance at depths."""
-        return self.bands.log_light(self._log_irradiance(depth_m))
-
-    def beam_log(self, path_m: Array, extinction: Array) -> Array:
-        """Return the logarithm (..., 3) of what is left of a beam after a path from the surface.
-
-        extinction: (n,) [1/m] of the beam: the model's `extinction`, or `attenuation` for its unscattered part.
-        """
-        return self.bands.log_light(-extinction * np.asarray(path_m, np.float64)[..., None])
-
-    def _log_irradiance(self, depth_m: Array) -> Array:
-        return np.log(np.maximum(self.model.irradiance(depth_m, 1.0), _LEAST))
-
-    @functools.cached_property
-    def deepest_m(self) -> float:
-        """The depth [m] beyond which double precision holds too little light; it stands for the bottomless."""
-        depth = np.geomspace(0.1, 1e6, 300)
-        light = self.model.irradiance(depth, 1.0)[:, np.argmin(self.model.extinction)]
-        return float(depth[light > _LEAST_LIGHT][-1])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a medium needs to know at each wavelength, by three ways of getting there.
+"""Spectral models of light in water: attenuation, in-scatter, radiance and irradiance at n wavelengths.
 
-KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n) for n
-wavelengths, per unit downwelling irradiance just below the surface.
+KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n), per unit
+downwelling irradiance just below the surface.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import INV_4PI
+from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import mean_cosine
 from mr360uw.medium.ray_field import RayField
@@ -41,7 +41,7 @@ class SpectralModel(Protocol):
         """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) that arrives from a direction when nothing stands in the way."""
+        """Return the radiance (..., n) that arrives from a direction along an unobstructed ray."""
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`."""
@@ -88,7 +88,7 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
     """Return scalar irradiance over downwelling irradiance deep down, Kd (1 - R)/a (Gershun's law).
 
     R = (1 - s)(1 - 0.139 s)/(1 + 1.17 s), s = sqrt(1 - w), w = b(1 - g)/(a + b(1 - g)): reflectance of a deep medium
-    after similarity scaling (van de Hulst 1980, Multiple Light Scattering, ch. 14).
+    after similarity scaling (van de Hulst 1980 ch. 14).
     """
     a, b, kd = (np.asarray(x, np.float64) for x in (a, b, kd))
     s = np.sqrt(1.0 - b * (1.0 - g) / (a + b * (1.0 - g)))
@@ -98,12 +98,12 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldModel:
-    """The solved light field. Light scattered by small angles counts as still in the image.
+    """The solved light field, with light scattered by small angles counted as part of the image.
 
-    Objects are dimmed by absorption and wide-angle scattering alone. What is added to a ray is what its radiance, with
-    that extinction, lacks: radiance(camera) = inscatter + exp(-extinction S) radiance(end). Looking into Snell's window
-    this would take the sharp window for what lies behind the object; there the small angles are left out of the
-    in-scatter too (`wide`), and over the last degrees below its edge one passes into the other.
+    Objects are dimmed by absorption and wide-angle scattering only. The in-scatter is the rest of the ray's radiance:
+    radiance(camera) = inscatter + exp(-extinction S) radiance(end). Inside Snell's window that difference would
+    subtract the bright window behind the object; there the in-scatter is that of wide angles alone (`wide`). The two
+    are blended over the last degrees below the window's edge.
     """
 
     field: LightField
@@ -136,7 +136,7 @@ class FieldModel:
         return self.field.irradiance(depth_m, normal_up)
 
     def _complement(self, s: Array, y: Array, mu: Array) -> Array:
-        """What a ray's radiance gains with the extinction of `wide` when the field is as solved."""
+        """Return the radiance that rays gain in the solved field when they decay with the extinction of `wide`."""
         own = self.field.rays
         result = np.zeros((len(s), len(self.extinction)))
         down = mu <= 0.0
@@ -148,7 +148,7 @@ class FieldModel:
         return result
 
     def _mixed(self, whole: Callable[..., Array], wide: Callable[..., Array], *ray: Array) -> Array:
-        """`whole` below Snell's window, `wide` inside, a smooth passage; `ray` ends in the view direction's y."""
+        """Return `whole` below Snell's window and `wide` inside it, blended; `ray` ends in the view direction's y."""
         edge = critical_cosine(self.field.refractive_index)
         x = np.clip((ray[-1] - edge) / _WINDOW_BLEND + 1.0, 0.0, 1.0) if edge > 0.0 else np.zeros(ray[-1].shape)
         share = x * x * (3.0 - 2.0 * x)
@@ -160,49 +160,13 @@ class FieldModel:
         return result
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FormationModel:
-    """The quick model of image formation, I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant a channel.
-
-    direct: beta_D, backscatter: beta_B [1/m], veil: B, diffuse: attenuation of the irradiance with depth [1/m]; all
-    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 (CVPR, eq. 20) keep them apart.
-    """
-
-    direct: Array
-    backscatter: Array
-    veil: Array
-    diffuse: Array
-
-    @property
-    def extinction(self) -> Array:
-        """beta_D."""
-        return self.direct
-
-    @property
-    def attenuation(self) -> Array:
-        """beta_D: the model knows no other."""
-        return self.direct
-
-    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
-        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
-        return -self.veil * np.expm1(-self.backscatter * s)
-
-    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B."""
-        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
-        return np.broadcast_to(self.veil, (*shape, 3))
-
-    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return exp(-diffuse y) for every normal."""
-        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
-        return np.exp(-self.diffuse * y[..., None])
-
-
 _WINDOW_BLEND = 0.06
-"""Width of the passage below the edge of Snell's window, in the y of the direction: 4 degrees."""
+"""Width of the blend below the edge of Snell's window, in the y of the direction (4 degrees).
+
+Twice as wide, more of the water outside the window lacks the light of small angles.
+"""
 _STREAMS = 16
-"""Per hemisphere: every table entry sums over as many modes; the error of 0.2 % is far below that of a picture."""
+"""Directions per hemisphere: an error of 0.2 %, below what a picture shows. The time grows with the cube."""
 
 SpectralMode = Literal["kd", "kd+", "table"]
 
@@ -213,20 +177,26 @@ def spectral_model(
     mode: SpectralMode,
     surface: SurfaceKind = "snell",
     sky: Sky = "uniform",
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> SpectralModel:
-    """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again."""
+    """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again.
+
+    surface, sky, refractive_index: of mode "table", see `LightField`; the closed forms have no surface.
+    """
     w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
     if mode == "table":
-        return _field_model(water, tuple(w.tolist()), surface, sky)
+        return _field_model(water, tuple(w.tolist()), surface, sky, refractive_index)
     a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
     factor = gershun_factor(a, b, kd, mean_cosine(water.phase)) if mode == "kd+" else np.ones(len(w))
     return KdModel(b, a + b, kd, factor)
 
 
 @functools.lru_cache(maxsize=16)
-def _field_model(water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky) -> FieldModel:
+def _field_model(
+    water: Water, wavelength_nm: tuple[float, ...], surface: SurfaceKind, sky: Sky, refractive_index: float
+) -> FieldModel:
     w = np.array(wavelength_nm)
     orders = 2 * _STREAMS
     phase = water.moments(w, orders + 1)
-    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, streams=_STREAMS)
+    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, refractive_index, _STREAMS)
     return FieldModel(field, field.scattered_by(water.moments(w, orders, wide_angle=True)))

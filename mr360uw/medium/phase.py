@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Phase functions: how the direction of light changes in a scattering event.
+"""Phase functions: angular distribution of light after one scattering event, and their Legendre moments.
 
 p(cos) [1/sr] integrates to 1 over the sphere; cos is taken between the directions of travel before and after, forward
 = +1. Their Legendre moments chi_l = 2 pi int p P_l dcos (chi_0 = 1, chi_1 = mean cosine) feed the transfer equation.
 
-Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999 (Proc. SPIE 3761, 62); Petzold's average particle by Mobley
-et al. 1993; Zhang et al. 2009 for molecules (depolarisation 0.039).
+Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999; average particle of Petzold 1972 by Mobley et al. 1993; Zhang
+et al. 2009 for molecules.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ Phase = str | tuple[str, float] | tuple[str, float, float]
 """A name ("isotropic", "petzold", "water"), ("hg", g) or ("fournier-forand", refractive index, Junge slope)."""
 
 _DEPOLARISATION = 0.039
+"""Depolarisation ratio of sea water's molecules (Zhang et al. 2009)."""
 _PETZOLD_SLOPE = 1.3467
-"""Below 0.1 degree the measurements are continued as angle^-1.3467."""
+"""Below 0.1 degree, where there are no measurements, the phase function is continued as angle^-1.3467."""
 
 
 def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike) -> Array:
@@ -144,8 +145,8 @@ def phase_moments(phase: Phase, count: int) -> Array:
 def wide_angle_moments(phase: Phase, count: int) -> Array:
     """Return the Legendre moments (count,) of a phase function whose forward peak is cut off level; chi_0 < 1.
 
-    What is cut off, the share g^4 of the scattering (g: mean cosine), turns light by so little (below 22 degrees at
-    g = 0.92) that it blurs the image of an object rather than dimming it (Potter 1970, J. Atmos. Sci. 27, 943).
+    The fraction g^4 of the scattering (g: mean cosine) is cut off. It turns light by so little, below 22 degrees at
+    g = 0.92, that it blurs the image of an object rather than dimming it (Potter 1970).
     """
     share = max(mean_cosine(phase), 0.0) ** 4
     if share < 1e-6:
@@ -171,7 +172,7 @@ def mean_cosine(phase: Phase) -> float:
 
 @functools.lru_cache(maxsize=64)
 def backscatter_ratio(phase: Phase) -> float:
-    """Return bb/b, the share of the light that is scattered by more than 90 degrees."""
+    """Return bb/b, the fraction of scattered light that turns by more than 90 degrees."""
     check_phase(phase)
     if phase == "isotropic":
         return 0.5

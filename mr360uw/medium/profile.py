@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The water's own colour in a plate: its profile over elevation, and the gain that puts a model into its exposure."""
+"""Colour of the open water in a plate as a profile over elevation, robust against animals, divers and rocks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,18 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats
 
-if TYPE_CHECKING:
-    from mr360uw.medium.medium import Medium
-
 Array = NDArray[np.float64]
 
 _TINY = 1e-30
 _OPEN, _CLOSED = 0.3, 0.7
-"""Ranks in red between which an azimuth passes from open water to what stands in it."""
+"""Ranks in red, 0 for least, between which the weight of an azimuth falls from 1 (open water) to 0 (bodies, rocks)."""
 _MIDDLE = 0.3
-"""Part of the values about the median that is averaged; as much on either side may be something else."""
+"""Fraction of the values about the median that is averaged: 35 % on either side may be outliers."""
 LEVEL_RAD = np.radians(12.0)
-"""Rows this close to the horizon show water rather than surface or ground."""
+"""Elevation [rad] up to which rows show water rather than surface or ground; twice as large, both come into view."""
 
 
 def row_up(rows: int) -> Array:
@@ -44,7 +40,7 @@ def check_map(radiance_map: Floats) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateProfile:
-    """The colour of a plate over elevation, without its fish and rocks.
+    """Colour of a plate's water over elevation.
 
     up: (r,) ascending, radiance: (r, 3).
     """
@@ -61,9 +57,9 @@ class PlateProfile:
     def from_map(cls, radiance_map: Floats) -> PlateProfile:
         """Return the typical colour of each row where the view is open, smoothed over three rows.
 
-        Open are the azimuths with less red about the horizon than the others: water takes red first. Typical is the
-        trimmed mean of the logarithm over them: bodies that cover a third of it do not count. Nothing is chosen yes or
-        no, so that the profile of a film changes no faster than its picture.
+        Azimuths with less red about the horizon than the others count as open, because water absorbs red first. Typical
+        is the trimmed mean of the logarithm over them, which ignores bodies that cover a third. All weights are
+        continuous, so the profile of a clip changes no faster than its picture.
         """
         m = check_map(radiance_map)
         rows = _typical(m, _openness(m))[::-1]
@@ -75,7 +71,7 @@ class PlateProfile:
 
 
 def _openness(m: Array) -> Array:
-    """The weight (c,) of each column of a map by its rank in red about the horizon: 1 for the least, 0 for the most."""
+    """Return the weight (c,) of each column by its rank in red about the horizon: 1 for the least, 0 for the most."""
     level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
     red = level[:, 0] / np.maximum(level.sum(axis=1), _TINY)
     rank = (np.argsort(np.argsort(red, kind="stable")) + 0.5) / len(red)
@@ -84,7 +80,7 @@ def _openness(m: Array) -> Array:
 
 
 def _typical(m: Array, weight: Array) -> Array:
-    """The colour (r, 3) of most pixels of each row of a map (r, c, 3), its columns weighted by (c,)."""
+    """Return the trimmed mean colour (r, 3) of each row of a map (r, c, 3), its columns weighted by (c,)."""
     x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), _TINY)))
     order = np.argsort(x, axis=1, kind="stable")
     share = np.take_along_axis(np.broadcast_to((weight / weight.sum())[None, :, None], x.shape), order, 1)
@@ -93,21 +89,3 @@ def _typical(m: Array, weight: Array) -> Array:
     inside = np.clip(end, low, high) - np.clip(end - share, low, high)
     middle = (inside * np.take_along_axis(x, order, 1)).sum(axis=1) / inside.sum(axis=1)
     return np.where(m.max(axis=1) > 0.0, np.exp(middle), 0.0)
-
-
-def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
-    """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
-
-    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
-    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
-    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
-    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
-    """
-    profile = PlateProfile.from_map(radiance_map)
-    up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]
-    measured = profile(up)
-    model = medium.level_radiance(up)
-    gain = np.median(measured / np.maximum(model, _TINY), axis=0)
-    seen = gain > 0.0
-    deviation = measured[:, seen] / (gain * model)[:, seen] - 1.0
-    return gain, float(np.sqrt(np.mean(deviation**2))) if np.any(seen) else 0.0

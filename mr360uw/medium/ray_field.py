@@ -18,12 +18,12 @@ from mr360uw.optics import fresnel_from_below
 Array = NDArray[np.float64]
 
 _CHUNK = 64
-"""Rays at a time, so that their modes stay in the processor's cache."""
+"""Rays evaluated together, so that their modes stay in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayField:
-    """Light of n wavelengths in j modes, and what of it scatters into rays.
+    """Light of n wavelengths in j modes, and its scattering into rays.
 
     extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. source: (n, l, j) [1/(m sr)] Legendre coefficients over mu
     of the light scattered into a ray, at the surface. sky: (n,) radiance of the sky as it would be just below the
@@ -41,8 +41,8 @@ class RayField:
     ) -> Array:
         """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
 
-        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly. extinction: (n,) another one of
-        the rays for which it shall hold; level and downward rays only.
+        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly. extinction: (n,) [1/m] for which
+        it shall hold instead of the field's own; level and downward rays only.
         """
         check_ray(distance_m, depth_m, up)
         s, y, mu = np.broadcast_arrays(
@@ -52,7 +52,7 @@ class RayField:
         source = self._source_modes(directions)
         outer = self.extinction if extinction is None else extinction
         if extinction is not None:
-            # what is not scattered out of the ray any more is one more source, the radiance itself
+            # light that the smaller extinction leaves in the ray is one more source, proportional to the radiance
             along = self.rate * directions[:, None, None]
             source = source * (outer[:, None] - along) / (self.extinction[:, None] - along)
         rays = np.column_stack([s.ravel(), y.ravel(), mu.ravel()])
@@ -80,7 +80,7 @@ class RayField:
         return self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
 
     def _source_modes(self, mu: Array) -> Array:
-        """The source (..., n, j) of every mode in directions mu, at the surface."""
+        """Return the source (..., n, j) of every mode in directions mu, at the surface."""
         return np.asarray(np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1)))
 
 

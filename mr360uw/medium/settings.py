@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user can say about the water: the `[water]` table of a scene."""
+"""The `[water]` table of a scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mr360uw.constants import MEAN_COSINE_SEA
+from mr360uw.constants import MEAN_COSINE_SEA, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.medium.exposure import fit_gain
+from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase
-from mr360uw.medium.profile import fit_gain
 from mr360uw.medium.spectral.bands import Rule
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.transfer import SurfaceKind
-from mr360uw.medium.water import Diffuse, Inherent, JerlovType, Water
+from mr360uw.medium.water import Water
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.types import Floats
 
@@ -27,7 +28,7 @@ Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
 class WaterSettings(Parameters):
-    """The water between camera and objects, how it is computed, and how it is put into the plate's exposure."""
+    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
     type: WaterType = parameter("IB", "Jerlov type, pure, chlorophyll, csv, or none for a plate without water")
     chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
@@ -56,8 +57,15 @@ class WaterSettings(Parameters):
         DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ..."
     )
     surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
+    refractive_index: float = parameter(
+        REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
+    )
     sun_share: float = parameter(
-        0.0, "share of the sun's beam in the light below the surface; 0 = uniform sky", unit="1", low=0.0, high=1.0
+        0.0,
+        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
+        unit="1",
+        low=0.0,
+        high=1.0,
     )
     sun_elevation_deg: float = parameter(
         60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
@@ -79,7 +87,7 @@ class WaterSettings(Parameters):
 
     @property
     def fits_gain(self) -> bool:
-        """Whether the gain of the veil is fitted to the plate."""
+        """True if the gain of the veil is fitted to the plate."""
         return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def water(self) -> Water | None:
@@ -124,6 +132,7 @@ class WaterSettings(Parameters):
             illuminant=self.illuminant,
             surface=self.surface,
             sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
+            refractive_index=self.refractive_index,
             radiance_map=radiance_map if self.mode == "plate" else None,
         )
         if self.gain != "auto":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The published tables of coefficients beside this module, and spectra made of columns."""
+"""Published tables of coefficients in data/, and spectra made of their columns."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class Spectrum:
     """A quantity tabulated over wavelength, linear in between.
 
-    wavelength_nm: (w,) ascending. value: (w,) or (w, k). name: what a message calls it.
+    wavelength_nm: (w,) ascending. value: (w,) or (w, k). name: used in messages.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Spectrum:
 
 
 def check_wavelengths(name: str, wavelength_nm: Array) -> None:
-    """Raise `ParameterError` unless the wavelengths ascend and can be meant in nanometres."""
+    """Raise `ParameterError` unless the wavelengths ascend and lie in a range that nanometres have."""
     w = np.asarray(wavelength_nm, np.float64)
     if w.ndim != 1 or len(w) < 1 or not np.all(np.isfinite(w)) or np.any(np.diff(w) <= 0.0):
         raise ParameterError(f"{name} - wavelengths must be a list that ascends (got {w.tolist()!r:.60}) - sort it")
@@ -66,6 +66,7 @@ def check_wavelengths(name: str, wavelength_nm: Array) -> None:
 
 
 _UNITS = (("metres", 1e-8, 1e-5), ("micrometres", 0.1, 5.0), ("angstroms", 3001.0, 30000.0))
+"""Units that a table in other units is likely to be in, each with the range that light has in it."""
 
 
 def _rows(lines: Iterable[str]) -> Iterator[list[str]]:

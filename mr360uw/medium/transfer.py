@@ -7,11 +7,11 @@ radiance at the nodes mu_i of a quadrature on (0, 1), downwelling I+ and upwelli
     (I+ + I-)' = -P (I+ - I-)        (I+ - I-)' = -Q (I+ + I-)
 
 with symmetric, positive P and Q after scaling by sqrt(mu w); their eigenvectors are the modes exp(-k y) of the field
-(Stamnes et al. 1988, Applied Optics 27, 2502; symmetric form after Nakajima & Tanaka 1986, J. Quant. Spectrosc. Radiat.
-Transfer 35, 13). Deep water holds the decaying half; the surface fixes their amounts. The forward peak of the phase
-function is taken as unscattered (delta-M, Wiscombe 1977, J. Atmos. Sci. 34, 1408). Between the nodes the radiance is
-the integral of the modes' own source function, so every quantity is a sum of exponentials and every path integral the
-stable closed form of `closed_form.path_integral`. A beam of the sun is one more mode, of rate c'/mu_sun.
+(Stamnes et al. 1988; symmetric form after Nakajima & Tanaka 1986). Deep water has the decaying half of them, and the
+surface fixes their amounts. The forward peak of the phase function is taken as unscattered (delta-M, Wiscombe 1977).
+Between the nodes the radiance is the integral of the modes' own source function, so every quantity is a sum of
+exponentials and every path integral the stable closed form of `closed_form.path_integral`. A beam of the sun is one
+more mode, of rate c'/mu_sun.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 32
+"""Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
 
 
 @functools.cache
@@ -48,16 +49,17 @@ def _nodes(streams: int, split: float) -> tuple[Array, Array]:
 
 
 Sky = Literal["uniform"] | tuple[Literal["sun"], float, float]
-"""What shines on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, share of its beam
-in the downwelling irradiance that passes the surface), the rest being uniform sky."""
+"""Light on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, fraction of the
+downwelling irradiance below the surface that is its beam), the rest being uniform sky."""
 
 
 class LightField:
-    """The light in deep water of n sets of coefficients, solved once; see the module's docstring.
+    """The light in deep water for n sets of coefficients, solved once; see the module's docstring.
 
     absorption (> 0), scattering: (n,) or scalar [1/m]. phase: one for all, see `phase.Phase`, or Legendre moments (m,)
-    or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of refractive index. sky: see
-    `Sky`. All results are per unit downwelling irradiance just below the surface. Raises `ParameterError`.
+    or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of refractive index.
+    refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions per hemisphere. All
+    results are per unit downwelling irradiance just below the surface. Raises `ParameterError`.
     """
 
     def __init__(
@@ -86,6 +88,8 @@ class LightField:
             )
         if surface not in ("snell", "none"):
             raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
+        if not 1.0 <= refractive_index <= 4.0:
+            raise ParameterError(f"refractive_index - must lie in [1, 4] (got {refractive_index}) - sea water has 1.34")
         self.refractive_index = refractive_index if surface == "snell" else 1.0
         moments = _moments(phase, len(self.absorption), 2 * streams + 1)
         peak = moments[:, -1]
@@ -159,8 +163,8 @@ class LightField:
     def scattered_by(self, moments: Array) -> RayField:
         """Return the light along rays that a part of the phase function scatters into them.
 
-        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its share of b, l <= 2 streams.
-        What it leaves out counts as unscattered.
+        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its fraction of b, l <= 2
+        streams. The rest counts as unscattered.
         """
         order = np.arange(moments.shape[1])
         factor = 0.5 * (2 * order + 1) * moments * self.scattering[:, None]
@@ -235,7 +239,7 @@ def _moments(phase: Phase | Array, count: int, orders: int) -> Array:
 
 
 def _particular(p: Array, q: Array, rate: Array, odd: Array, even: Array) -> tuple[Array, Array]:
-    """Sum and difference (n, i) of the scaled radiance that a source exp(-rate y) holds up."""
+    """Return sum and difference (n, i) of the scaled radiance that is driven by a source exp(-rate y)."""
     size = p.shape[1]
     eye = np.eye(size) * rate[:, None, None]
     system = np.concatenate([np.concatenate([-eye, p], axis=2), np.concatenate([q, -eye], axis=2)], axis=1)

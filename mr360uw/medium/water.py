@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waters: absorption, scattering and diffuse attenuation over wavelength, and how they scatter.
+"""Waters: absorption, scattering and diffuse attenuation over wavelength, and phase function.
 
     a  absorption [1/m]     b  scattering [1/m]     c = a + b  beam attenuation     Kd  diffuse attenuation of E_d
 
@@ -13,34 +13,21 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType, jerlov_parts
 from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments, wide_angle_moments
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.shapes import exactly
 
 Array = NDArray[np.float64]
 
-JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
-JERLOV_TYPES: tuple[JerlovType, ...] = get_args(JerlovType)
-Inherent = Literal["solonenko2015", "williamson2022"]
-Diffuse = Literal["solonenko2015", "jerlov1976", "austin_petzold1986", "lee2005"]
-
 _KD_ROUNDING = 1.03
-"""Kd below a counts as an error from here on: the tables print two or three figures."""
-
-_CITATION = {
-    "solonenko2015": "Solonenko & Mobley 2015, Appl. Opt. 54, 5392",
-    "williamson2022": "Williamson & Hollins 2022, Appl. Opt. 61, 9951",
-    "jerlov1976": "Jerlov 1976, Marine Optics, Table XXVII",
-    "austin_petzold1986": "Austin & Petzold 1986, Opt. Eng. 25, 471",
-    "lee2005": "Lee et al. 2005, J. Geophys. Res. 110, C02016",
-}
+"""Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +35,8 @@ class Water:
     """Homogeneous water.
 
     a, b: absorption and scattering. kd: diffuse attenuation, or None to derive it from a and b (Lee et al. 2005).
-    phase: of the particles. molecular: the part of b that the water itself scatters, or None to let `phase` hold for
-    all of b. source: where the figures come from. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
+    phase: of the particles. molecular: the part of b due to the water itself, or None if `phase` holds for all of b.
+    source: citation of the figures. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
     """
 
     name: str
@@ -94,7 +81,7 @@ class Water:
 
     @property
     def range_nm(self) -> tuple[float, float]:
-        """The wavelengths at which everything is known."""
+        """First and last wavelength [nm] at which all coefficients are known."""
         known = [s for s in (self.a, self.b, self.kd, self.molecular) if s is not None]
         return max(float(s.wavelength_nm[0]) for s in known), min(float(s.wavelength_nm[-1]) for s in known)
 
@@ -244,35 +231,5 @@ _COLUMN = {"wavelength": "wavelength_nm", "wl_nm": "wavelength_nm", "a": "absorp
 
 @functools.lru_cache(maxsize=64)
 def _jerlov(water_type: JerlovType, inherent: Inherent, kd: Diffuse | None, phase: Phase | None) -> Water:
-    # one object for each type, so that what is solved for it is found again
-    if inherent not in get_args(Inherent):
-        raise ParameterError(f"inherent - unknown source (got {inherent!r}) - take one of {get_args(Inherent)}")
-    types = [name for name in builtin_table(f"{inherent}_absorption.csv") if name != "wavelength_nm"]
-    if water_type not in types:
-        raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")
-    chosen = kd or ("solonenko2015" if inherent == "solonenko2015" else "lee2005")
-    name = f"Jerlov {water_type}"
-    return Water(
-        name=name,
-        a=builtin_spectrum(f"{inherent}_absorption.csv", water_type, f"{name}, absorption"),
-        b=builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering"),
-        kd=_kd_table(water_type, chosen),
-        phase=phase or ("petzold" if inherent == "solonenko2015" else ("hg", MEAN_COSINE_SEA)),
-        source=f"a, b: {_CITATION[inherent]}; Kd: {_CITATION[chosen]}",
-    )
-
-
-def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
-    if source == "lee2005":
-        return None
-    if source not in get_args(Diffuse):
-        raise ParameterError(f"kd - unknown source (got {source!r}) - take one of {get_args(Diffuse)}")
-    table = f"{source}_kd.csv"
-    if water_type not in builtin_table(table):
-        raise ParameterError(f"kd - {source} has no type {water_type} - take another source or type")
-    spectrum = builtin_spectrum(table, water_type, f"Jerlov {water_type}, Kd")
-    if source == "solonenko2015":
-        return spectrum
-    # the sources disagree in the ultraviolet, which no camera sees
-    visible = spectrum.wavelength_nm >= 400.0
-    return replace(spectrum, wavelength_nm=spectrum.wavelength_nm[visible], value=spectrum.value[visible])
+    # one object for each type, so that the field solved for it is found again
+    return Water(**jerlov_parts(water_type, inherent, kd, phase))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which water a plate was shot in, from the colour of the water over elevation.
+"""Estimates the Jerlov type of a plate from the colour of its water over elevation.
 
-One camera position sees how the water's radiance changes with direction, not with depth, so attenuation is not
-measured directly: the solved light field of every Jerlov type at the camera's depth is compared with the plate's
-profile about the horizon. One exposure is free; a white balance is allowed but costs. Kd is that of the type found.
+A plate shows how the water's radiance changes with direction, not with depth, so attenuation cannot be measured
+directly. Instead the solved light field of every Jerlov type at the camera's depth is compared with the plate's profile
+about the horizon. The exposure is free; a white balance is allowed at a cost in likelihood. Kd is that of the type that
+is found.
 """
 
 from __future__ import annotations
@@ -15,36 +16,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import encode
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.medium.jerlov import JERLOV_TYPES, JerlovType
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.profile import PlateProfile
 from mr360uw.medium.spectral.sensor import Sensor
-from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
+from mr360uw.medium.water import Water
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
 _REACH_RAD = np.radians(30.0)
-"""Rows this close to the horizon enter: above lies the surface, below the ground."""
+"""Greatest elevation [rad] of the rows that are compared: above lies the surface, below the ground."""
 _ROW_SIGMA = 0.30
-"""Relative deviation expected of a row: marine snow, rays of light, ground shining through."""
+"""Expected relative deviation of a row from the model: marine snow, shafts of light, ground."""
 _BALANCE_SIGMA = 0.30
-"""Relative deviation of a channel by the camera's white balance."""
+"""Expected relative deviation of a channel due to the camera's white balance."""
 _INDEPENDENT_ROWS = 3.0
-"""Neighbouring rows err together: they count as this many."""
+"""Number of independent measurements in all rows together, because neighbouring rows deviate alike."""
 _MISFIT_SCALE = 0.2
-"""A residual this large says that no type fits. With these four figures the confidence is the rate at which the type is
-found again in waters of both sources of coefficients under a sun, with a white balance that is off by 20 %."""
+"""Rms residual at which the confidence has fallen by a factor of exp(-1/2).
+
+The four figures are calibrated together: the confidence is then the rate at which the type is found again in waters of
+both sources of coefficients under a sun, with a white balance that is off by 20 %.
+"""
 _BAND_COUNT = 31
+"""Wavelengths of the light field: 10 nm apart, far finer than the types differ."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaterFit:
     """The Jerlov type whose light field is nearest to a plate.
 
-    water_type: nearest of all. confidence: 0 (no idea) to 1: how much likelier it is than the others, times how well
-    it fits at all. residual: {type: rms of the logarithm of plate over model}, by which 0.1 = 10 %. kd: (3,)
-    attenuation of the downwelling light at the camera's depth [1/m], of that type. gain: (3,) plate over model.
+    water_type: nearest of all. confidence: 0 to 1, its likelihood among the types times how well it fits.
+    residual: {type: rms of the logarithm of plate over model}, 0.1 = 10 %. kd: (3,) attenuation [1/m] of the
+    downwelling light at the camera's depth, of that type. gain: (3,) plate over model.
     up: (r,) y of the rows' directions; measured, fitted: (r, 3) radiance in the plate's exposure.
     """
 
@@ -80,7 +87,7 @@ class WaterFit:
         )
 
     def _plot(self) -> str:
-        """The profile as inline SVG: dots measured, lines fitted, over elevation."""
+        """Return the profile over elevation as inline SVG: dots measured, lines fitted."""
         width, height = 360, 160
         top = 1.05 * float(max(self.measured.max(), self.fitted.max()))
         elevation = np.degrees(np.arcsin(self.up))
@@ -103,10 +110,15 @@ class WaterFit:
         return "".join(parts) + "</svg>"
 
 
-def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None = None) -> WaterFit:
+def fit_water(
+    radiance_map: Floats,
+    camera_depth_m: float,
+    sensor: Sensor | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+) -> WaterFit:
     """Return the nearest Jerlov type of a plate's radiance map (32, 64, 3), linear, at a camera depth [m].
 
-    sensor: what filmed it, the default camera unless given. Raises `ParameterError` where the plate is black about the
+    sensor: of the camera, the default one unless given. Raises `ParameterError` where the plate is black about the
     horizon.
     """
     profile = PlateProfile.from_map(radiance_map)
@@ -117,7 +129,7 @@ def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None
             f"water - the plate is black about the horizon (got {measured.max(axis=0).tolist()}) - brighten it"
         )
     log_measured = np.log(np.maximum(measured, 1e-4 * measured.max()))
-    models = {name: _level_light(name, up, camera_depth_m, sensor) for name in JERLOV_TYPES}
+    models = {name: _level_light(name, up, camera_depth_m, sensor, refractive_index) for name in JERLOV_TYPES}
     results = {name: _compare(log_measured - np.log(light)) for name, (light, _) in models.items()}
     misfit = {name: result[0] for name, result in results.items()}
     lowest = min(misfit.values())
@@ -141,18 +153,23 @@ def fit_water(radiance_map: Floats, camera_depth_m: float, sensor: Sensor | None
     )
 
 
-def _level_light(name: JerlovType, up: Array, depth_m: float, sensor: Sensor | None) -> tuple[Array, Array]:
-    """The model's radiance (r, 3) and the attenuation (3,) of its downwelling irradiance at a depth."""
-    medium = Medium(Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT)
-    light = medium.display(medium.model.radiance(depth_m, up))
-    log = medium.ambient_log(np.array([0.95, 1.05]) * depth_m)
+def _level_light(
+    name: JerlovType, up: Array, depth_m: float, sensor: Sensor | None, refractive_index: float
+) -> tuple[Array, Array]:
+    """Return a type's radiance (r, 3) and the attenuation (3,) [1/m] of its downwelling irradiance at a depth."""
+    medium = Medium(
+        Water.jerlov(name), sensor, "table", depth_m, band_count=_BAND_COUNT, refractive_index=refractive_index
+    )
+    light = medium.light.display(medium.model.radiance(depth_m, up))
+    log = medium.light.ambient_log(np.array([0.95, 1.05]) * depth_m)
     return light, (log[0] - log[1]) / (0.1 * depth_m)
 
 
 def _compare(difference: Array) -> tuple[float, Array, float]:
-    """Misfit (twice the negative log likelihood), log gain (3,) and rms of a logarithmic difference (r, 3).
+    """Return misfit (twice the negative log likelihood), log gain (3,) and rms of a logarithmic difference (r, 3).
 
-    The mean over channels is exposure and free; what a channel departs from it is white balance and costs.
+    The mean over channels is the exposure, which is free. The deviation of a channel from it is the white balance,
+    which adds to the misfit.
     """
     rows = len(difference)
     share = _INDEPENDENT_ROWS / rows / _ROW_SIGMA**2

@@ -25,7 +25,15 @@ class Backend(Protocol):
     name: str
     device: str
 
-    def caustics(self, sea: Sea, sun_in_air: Floats, depths_m: Floats, time_s: float, settings: CausticSettings) -> Any:
+    def caustics(
+        self,
+        sea: Sea,
+        sun_in_air: Floats,
+        depths_m: Floats,
+        time_s: float,
+        settings: CausticSettings,
+        refractive_index: float,
+    ) -> Any:
         """Return the caustics on planes, in the form that this backend's `layer` reads."""
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
@@ -42,12 +50,18 @@ class Reference:
     device = "processor, float64"
 
     def caustics(
-        self, sea: Sea, sun_in_air: Floats, depths_m: Floats, time_s: float, settings: CausticSettings
+        self,
+        sea: Sea,
+        sun_in_air: Floats,
+        depths_m: Floats,
+        time_s: float,
+        settings: CausticSettings,
+        refractive_index: float,
     ) -> CausticStack:
         """Return the caustics of `mr360uw.caustics.caustic_stack`."""
         from mr360uw.caustics import caustic_stack
 
-        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings)
+        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
@@ -75,9 +89,17 @@ class Gl:
         self._caustics = CausticRenderer()
         self._layers = LayerRenderer(self.cache)
 
-    def caustics(self, sea: Sea, sun_in_air: Floats, depths_m: Floats, time_s: float, settings: CausticSettings) -> Any:
+    def caustics(
+        self,
+        sea: Sea,
+        sun_in_air: Floats,
+        depths_m: Floats,
+        time_s: float,
+        settings: CausticSettings,
+        refractive_index: float,
+    ) -> Any:
         """Return the caustics as textures of the device."""
-        return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings)
+        return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer, and its output variables if asked for, drawn in tiles and read back."""

@@ -58,7 +58,7 @@ class CausticDepths:
         shallowest = max(min([*(reach[0] for reach in reaches), *flat], default=0.0), 0.0)
         size = map_size(
             settings.size, scene.sea.tile_m, max(min(nearest, default=0.0), 0.0) * np.pi / frame_height,
-            shallowest * settings.sun_half_angle_rad / settings.refractive_index,
+            shallowest * settings.sun_half_angle_rad / scene.water.refractive_index,
         )  # fmt: skip
         ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
         return cls(ladder, ground, settings.model_copy(update={"size": size}))

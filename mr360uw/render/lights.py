@@ -31,6 +31,7 @@ class LightReader:
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
         self._underwater, self._camera = table is not None, camera
+        self._refractive_index = scene.water.refractive_index
         settings = scene.light
         if settings.direct_to_diffuse is None and table is not None:
             settings = settings.model_copy(update={"direct_to_diffuse": direct_to_diffuse(table)})
@@ -41,7 +42,7 @@ class LightReader:
         elif settings.sun in ("given", "date"):
             self._sun = given_direction(settings)
             if self._sun is not None and settings.sun == "date" and self._underwater:
-                self._sun = refract_to_water(self._sun, scene.caustics.refractive_index)
+                self._sun = refract_to_water(self._sun, scene.water.refractive_index)
 
     def of(
         self,
@@ -62,7 +63,10 @@ class LightReader:
             chosen = replace(chosen, direction=chosen.direction @ world_from_camera)
         elif isinstance(chosen, np.ndarray):
             chosen = chosen @ world_from_camera
-        options: Any = {"underwater": self._underwater, "glossy": glossy, "up": world_from_camera[1]}
+        options: Any = {
+            "underwater": self._underwater, "refractive_index": self._refractive_index, "glossy": glossy,
+            "up": world_from_camera[1],
+        }  # fmt: skip
         if isinstance(plate, YuvImage):
             return environment_from_yuv(plate, self._settings, sun=chosen, **options)
         return environment(plate, self._settings, sun=chosen, **options)

@@ -52,9 +52,10 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -
     sun = sun_of(shot) if loaded.plan.caustics.runs else None
     if sun is None:
         return shot
-    sun_in_air = refract_to_air(sun.direction, loaded.scene.caustics.refractive_index)
+    index = loaded.scene.water.refractive_index
+    sun_in_air = refract_to_air(sun.direction, index)
     if sun_in_air[1] < _LOWEST_SUN:
         return shot
     depths = loaded.caustic_depths
-    stack = backend.caustics(loaded.scene.sea, sun_in_air, depths.planes(shot), time_s, depths.settings)
+    stack = backend.caustics(loaded.scene.sea, sun_in_air, depths.planes(shot), time_s, depths.settings, index)
     return dataclasses.replace(shot, caustics=stack)

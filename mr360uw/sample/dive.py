@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A synthetic 360 dive whose sun, sea, water and depth are known.
-
-Above: the sky through Snell's window of a moving surface, with the sun's glitter, and total reflection around it.
-Below: sand under caustics. In between: the water. Units: the irradiance just below the surface.
-"""
+"""A synthetic 360 dive as files: clip, mesh, scene file, and the sun, sea, water and depths that made it."""
 
 from __future__ import annotations
 
@@ -13,42 +9,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mr360uw.caustics import GerstnerSea, caustic_stack, fresnel_reflectance, refract_to_water
-from mr360uw.caustics.lookup import mip_level, mip_levels
-from mr360uw.caustics.settings import CausticSettings
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
-from mr360uw.medium import Medium, Water
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share, veil_lookup
-from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.medium.water import JerlovType
+from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
+from mr360uw.sample.dive_plate import SENSOR, SUN_SHARE, DivePlate, DiveSettings
 from mr360uw.sample.whale import write_whale
-from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
-
-_SUN_SHARE = 0.7
-"""Part of the downwelling irradiance that is the sun's beam, a clear sky with the sun high."""
-_SKY_SHARE = (1.0 - _SUN_SHARE) * np.array([0.82, 1.03, 1.25])
-"""What the blue sky gives (3,) of it; the sun, a little yellow, gives the rest."""
-_GLOW_RAD = 0.035
-"""Angular radius over which forward scattering spreads the sun's disc in a few metres of water."""
-_SENSOR = "CIE 1931"
-"""Who looks at the plate: its code values are colours, not a raw picture."""
-_LEVEL_BRIGHTNESS = 0.035
-"""Luminance the exposure gives the level water."""
-_CAUSTICS = CausticSettings(size=512, grid=192)
-_SAND_TILE_M = 6.0
-_SAND_SIZE = 512
-_LEAST_SEA_SIZE = 512
-"""Pixels across the sea's tile at which its normals are known; as many as the frame has rows, about a pixel of it."""
-_SMALLEST_WAVE_M = 0.25
-"""Pixels that are wider see less of the waves' slopes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,150 +27,6 @@ class SampleDive:
     mesh: Path
     scene: Path
     truth: Path
-
-
-@dataclass(frozen=True, slots=True)
-class DiveSettings:
-    """What the dive looks like; depths below the mean surface [m], angles of the sun above the surface [rad]."""
-
-    camera_depth_m: float = 4.0
-    floor_depth_m: float = 7.5
-    water: JerlovType = "IB"
-    sun_azimuth_rad: float = 0.6
-    sun_elevation_rad: float = 1.0
-    seed: int = 1
-
-    @property
-    def sun_in_air(self) -> Floats:
-        """Unit direction towards the sun, above the surface."""
-        return direction_from_angles(self.sun_azimuth_rad, self.sun_elevation_rad)
-
-    @property
-    def sea(self) -> GerstnerSea:
-        """The surface of the dive."""
-        return GerstnerSea(wind_speed=3.0, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
-
-
-class DivePlate:
-    """Renders the plate's frames; what does not move is computed once.
-
-    The camera is level, so the water between it and what it sees is the same all along a row.
-    """
-
-    def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
-        self._settings = settings
-        camera, floor, sea = settings.camera_depth_m, settings.floor_depth_m, settings.sea
-        self._table = Medium(Water.jerlov(settings.water), named_sensor(_SENSOR), camera_depth_m=camera).table
-        self._sun_in_water = refract_to_water(settings.sun_in_air)
-        # radiances in air that bring these shares through a flat surface
-        cosine, high = (np.arange(64) + 0.5) / 64, settings.sun_in_air[1]
-        self._sky = _SKY_SHARE / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * _transmitted(cosine)))
-        self._glow = (1.0 - _SKY_SHARE) / (2.0 * np.pi * _GLOW_RAD**2 * high * _transmitted(high))
-        view = directions(width, height)
-        up = view[:, :1, 1]
-        distance = np.where(up > 0.0, camera, camera - floor) / up
-        footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
-        veil = veil_lookup(self._table, distance, up)
-        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(veil[np.abs(up) < 0.05]))
-        self._veil = (self._exposure * veil).astype(np.float32)
-        self._transmittance = (self._exposure * transmittance_lookup(self._table, distance, up)).astype(np.float32)
-
-        above, below = slice(height // 2), slice(height // 2, height)
-        x, z = distance * view[..., 0], distance * view[..., 2]
-        self._view = view[above].astype(np.float32)
-        self._sea_size = max(height, _LEAST_SEA_SIZE)
-        self._sea_at = np.stack([x[above], z[above]]) / sea.tile_m
-        # far away a pixel holds many waves, whose slopes average out
-        self._fade = np.clip(_SMALLEST_WAVE_M / footprint[above, :, None], 0.0, 1.0).astype(np.float32)
-
-        self._floor_footprint = footprint[below, 0]
-        along_beam = floor / self._sun_in_water[1] * self._sun_in_water
-        self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
-        sand = [level[0].astype(np.float32) for level in mip_levels(_sand(settings.seed)[None])]
-        self._albedo = _read(sand, np.stack([x[below], z[below]]) / _SAND_TILE_M, self._floor_footprint / _SAND_TILE_M)
-        self._mirrored_up = np.linspace(-1.0, 0.0, 4 * len(self._table.veil))
-        self._mirrored = veil_lookup(self._table, np.full(self._mirrored_up.shape, 1e6), self._mirrored_up)
-
-    def radiance(self, time_s: float) -> NDArray[np.float32]:
-        """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording."""
-        image = np.concatenate([self._surface(time_s), self._floor(time_s)])
-        return self._transmittance * image + self._veil
-
-    def _beam(self, depth_m: float) -> Floats:
-        """Sun's irradiance (3,) perpendicular to its beam in the water."""
-        up = float(self._sun_in_water[1])
-        at = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
-        return at * (1.0 - _SKY_SHARE) / up
-
-    def _floor(self, time_s: float) -> NDArray[np.float32]:
-        depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
-        stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
-        levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
-        pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
-        contrast = unscattered_share(self._table, depth, up)
-        ambient = _SKY_SHARE * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
-        steady, moving = ambient + self._beam(depth) * up * (1.0 - contrast), self._beam(depth) * up * contrast
-        irradiance = steady.astype(np.float32) + moving.astype(np.float32) * pattern
-        return self._albedo / np.float32(np.pi) * irradiance
-
-    def _surface(self, time_s: float) -> NDArray[np.float32]:
-        """Radiance that comes down from the surface: refracted sky and sun, or the deep water it mirrors."""
-        view, eta = self._view, REFRACTIVE_INDEX_SEA
-        waves = self._settings.sea.grid_surface(self._sea_size, time_s).normal.astype(np.float32)
-        normal = _wrapped(waves, self._sea_at * self._sea_size) * self._fade
-        normal[..., 1:2] += 1.0 - self._fade
-        normal /= np.sqrt(_dot(normal, normal))[..., None]
-        cosine = np.maximum(_dot(view, normal), 1e-6)
-        root = 1.0 - eta**2 * (1.0 - cosine**2)
-        air_cosine = np.sqrt(np.maximum(root, 0.0))
-        air = eta * view + (air_cosine - eta * cosine)[..., None] * normal
-        transmitted = np.where(root > 0.0, _transmitted(air_cosine), 0.0)
-        sky = _sky_shape(np.clip(air[..., 1], 0.0, 1.0))
-        angle = np.arccos(np.clip(air @ self._settings.sun_in_air.astype(np.float32), -1.0, 1.0))
-        glow = np.exp(-angle / _GLOW_RAD)
-        mirrored_up = view[..., 1] - 2.0 * cosine * normal[..., 1]
-        image = np.empty_like(view)
-        for k in range(3):
-            mirrored = np.interp(mirrored_up, self._mirrored_up, self._mirrored[:, k])
-            image[..., k] = eta**2 * (self._sky[k] * sky + self._glow[k] * glow) * transmitted + mirrored * (
-                1.0 - transmitted
-            )
-        return image
-
-
-def _sky_shape(up: Floats) -> Floats:
-    """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
-    return 3.0 + 4.0 * up
-
-
-def _transmitted(cos_air: Floats) -> Floats:
-    return 1.0 - fresnel_reflectance(cos_air)
-
-
-def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the scalar products (...,) of vectors (..., 3)."""
-    return np.einsum("...k,...k", a, b)
-
-
-def _wrapped(image: NDArray[np.float32], at: Floats) -> NDArray[np.float32]:
-    """Return a periodic image (size, size, ...) at (column, row) coordinates (2, H, W), bilinear between its pixels."""
-    import cv2
-
-    column, row = np.remainder(at, len(image)).astype(np.float32)
-    return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-
-
-def _read(levels: list[NDArray[np.float32]], at: Floats, footprint: Floats) -> NDArray[np.float32]:
-    """Return mip levels (size, size, ...) of a tile at places (2, H, W) with a footprint of each row (H,), in tiles."""
-    level = mip_level(footprint, 1.0 / len(levels[0]), len(levels) - 1.0)
-    image = np.zeros((*at.shape[1:], *levels[0].shape[2:]), np.float32)
-    for k, texels in enumerate(levels):
-        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
-        rows = np.flatnonzero(weight)
-        if len(rows):
-            value = _wrapped(texels, at[:, rows] * len(texels) - 0.5)
-            image[rows] += value * weight[rows].reshape(-1, *[1] * (value.ndim - 1))
-    return image
 
 
 def sample_dive(
@@ -254,11 +78,11 @@ def sample_dive(
 
 
 def _scene(settings: DiveSettings) -> dict[str, object]:
-    """The keys of a scene that belongs to the dive; everything else stays at its default."""
+    """Return the keys of a scene that differ from their defaults."""
     return {
         "plate": {"path": "dive.mp4"},
         "camera": {"depth_m": settings.camera_depth_m},
-        "water": {"type": settings.water, "sensor": _SENSOR},
+        "water": {"type": settings.water, "sensor": SENSOR},
         "sea": settings.sea.model_dump(exclude_unset=True),
         "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "rotation_deg": [-60.0, 4.0, 0.0]}],
         "receiver": {"height_m": settings.camera_depth_m - settings.floor_depth_m},
@@ -269,26 +93,9 @@ def _truth(settings: DiveSettings) -> dict[str, object]:
     return {
         "sun_direction_in_air": settings.sun_in_air.tolist(),
         "sun_direction_in_water": refract_to_water(settings.sun_in_air).tolist(),
-        "sun_share_of_surface_irradiance": _SUN_SHARE,
+        "sun_share_of_surface_irradiance": SUN_SHARE,
         "camera_depth_m": settings.camera_depth_m,
         "floor_depth_m": settings.floor_depth_m,
         "water": settings.water,
         "sea": settings.sea.model_dump(mode="json"),
     }
-
-
-def _sand(seed: int) -> Floats:
-    """Return a periodic albedo map (size, size, 3) of rippled sand: filtered noise and bent crests."""
-    rng = np.random.default_rng((seed, 0x5A4D))
-    frequency = np.fft.fftfreq(_SAND_SIZE, 1.0 / _SAND_SIZE)
-    radius = np.hypot(frequency[:, None], frequency[None, :])
-
-    def noise(exponent: float, cutoff: float) -> Floats:
-        spectrum = np.fft.fft2(rng.normal(size=(_SAND_SIZE, _SAND_SIZE)))
-        field = np.fft.ifft2(spectrum * np.exp(-((radius / cutoff) ** 2)) / np.maximum(radius, 1.0) ** exponent).real
-        return (field - field.mean()) / field.std()
-
-    across = 2.0 * np.pi * 24.0 * np.arange(_SAND_SIZE) / _SAND_SIZE
-    ripples = np.sin(across[:, None] + 1.6 * noise(2.0, 40.0))
-    grey = 0.34 + 0.035 * ripples + 0.03 * noise(1.0, 120.0) + 0.035 * noise(1.6, 12.0)
-    return np.clip(grey, 0.03, 0.9)[..., None] * np.array([1.06, 1.0, 0.86])

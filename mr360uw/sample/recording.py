@@ -15,7 +15,9 @@ from mr360uw.types import Floats
 _SOUND_RATE_HZ = 48_000
 _TONE_HZ = 110.0
 _BT709 = 1
+"""FFmpeg's number of BT.709 among matrices, primaries and transfer curves."""
 _LIMITED = 1
+"""FFmpeg's number of limited range (16 to 235)."""
 
 
 def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small whale, lofted from a few profiles: something to put into a plate where no mesh is at hand."""
+"""A small whale mesh, lofted from a few profiles."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from mr360uw.files import write_whole
 from mr360uw.types import Floats
 
 _STATIONS, _SIDES = 64, 40
+"""Cross sections along the body, and vertices around each."""
 
 # Half height, half width and height of the axis along the body from nose (0) to the root of the fluke (1), in lengths.
 _ALONG = np.array([0.0, 0.04, 0.12, 0.25, 0.40, 0.55, 0.70, 0.85, 0.95, 1.0])

@@ -8,17 +8,10 @@ import pytest
 
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
-from mr360uw.gl.context import gl_device, texture_array_from_array, texture_from_array
+from mr360uw.gl.context import gl_device, texture_array_from_array
 from mr360uw.ibl.lookup import environment_lookup, environment_texel, glossy_lookup
-from mr360uw.medium.lookup import (
-    ambient_ratio,
-    beam_ratio,
-    transmittance_lookup,
-    unscattered_share,
-    veil_lookup,
-)
-from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
-from mr360uw.types import CausticStack, MediumTable
+from mr360uw.sphere import unit
+from mr360uw.types import CausticStack
 from tests.agreement.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP, FLOAT32_TWIN
 from tests.glsl import glsl_call
 
@@ -30,16 +23,6 @@ def padded(*columns: np.ndarray) -> np.ndarray:
     values = np.column_stack(columns)
     inputs[:, : values.shape[1]] = values
     return inputs.astype(np.float32).astype(np.float64)
-
-
-@pytest.mark.usefixtures("gl")
-def test_sphere(rng: np.random.Generator) -> None:
-    position = padded(rng.uniform(0, 64, COUNT), rng.uniform(0.1, 31.9, COUNT))[:, :2]
-    direction = direction_from_frame(position[:, 0], position[:, 1], 64, 32)
-    got = glsl_call("sphere.glsl", "direction_from_frame(p, vec2(64.0, 32.0))", 3, p=position)
-    np.testing.assert_allclose(got, direction, atol=FLOAT32_TWIN)
-    back = glsl_call("sphere.glsl", "frame_from_direction(d, vec2(64.0, 32.0))", 2, d=direction)
-    np.testing.assert_allclose(back, np.column_stack(frame_from_direction(direction, 64, 32)), atol=FLOAT32_LOOKUP)
 
 
 @pytest.mark.usefixtures("gl")
@@ -61,36 +44,6 @@ def test_environment(rng: np.random.Generator) -> None:
     position[:, 3] = np.interp(inputs[:, 3], roughness, np.arange(4))
     got = glsl_call("ibl/lookup.glsl", "glossy_lookup(levels, v.w, v.xyz)", 3, declared, textures, v=position)
     np.testing.assert_allclose(got, glossy_lookup(levels, roughness, inputs[:, :3], inputs[:, 3]), atol=FLOAT32_LOOKUP)
-
-
-@pytest.mark.usefixtures("gl")
-def test_medium(rng: np.random.Generator) -> None:
-    table = MediumTable(
-        5.0, 8.0, rng.uniform(0, 1, (17, 32, 3)), rng.uniform(0.05, 0.5, (9, 8, 3)),
-        rng.uniform(0.02, 0.3, (16, 3)), rng.uniform(0.05, 0.5, (16, 3)), rng.uniform(0.2, 0.8, (16, 3)),
-    )  # fmt: skip
-    distance, up = rng.exponential(10.0, COUNT), rng.uniform(-1, 1, COUNT)
-    depth = rng.exponential(6.0, COUNT)
-    inputs = padded(distance, up, depth)
-    distance, up, depth = inputs[:, 0], inputs[:, 1], inputs[:, 2]
-    textures = {
-        "veil": texture_from_array(table.veil),
-        "attenuation": texture_from_array(table.attenuation),
-        "diffuse": texture_from_array(table.diffuse[None]),
-        "beam": texture_from_array(np.stack([table.beam, table.unscattered])),
-    }
-    declarations = "uniform MediumTable medium; uniform sampler2D veil, attenuation, diffuse, beam;"
-    uniforms = {"medium__camera_depth_m": table.camera_depth_m, "medium__length_m": table.length_m}
-    cases = {
-        "veil_lookup(medium, veil, v.x, v.y)": veil_lookup(table, distance, up),
-        "transmittance_lookup(medium, attenuation, v.x, v.y)": transmittance_lookup(table, distance, up),
-        "ambient_ratio(medium, diffuse, v.z)": ambient_ratio(table, depth),
-        "beam_ratio(medium, beam, v.z, 0.8)": beam_ratio(table, depth, 0.8),
-        "unscattered_share(medium, beam, v.z, 0.8)": unscattered_share(table, depth, 0.8),
-    }
-    for expression, expected in cases.items():
-        got = glsl_call("medium/lookup.glsl", expression, 3, declarations, textures, uniforms, v=inputs)
-        np.testing.assert_allclose(got, expected, atol=FLOAT32_LOOKUP, rtol=FLOAT32_LOOKUP, err_msg=expression)
 
 
 @pytest.mark.usefixtures("gl")

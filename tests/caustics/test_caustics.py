@@ -20,16 +20,16 @@ from mr360uw.caustics import (
     stack_depths,
 )
 from mr360uw.caustics.flux.cell import cell_light, intensities, opened
-from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
+from mr360uw.caustics.flux.coverage import edge_coverage
 from mr360uw.caustics.flux.deposit import deposit_exact
 from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
-from mr360uw.caustics.lookup import caustic_lookup, mip_atlas, mip_levels
+from mr360uw.caustics.gl.atlas import mip_atlas
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS, lattice_sea, photon_sea
-from tests.glsl import glsl_call
 from tests.reference import reference_arrays
 
 ZENITH = (0.0, 1.0, 0.0)
@@ -239,29 +239,6 @@ def test_edges_share_light_as_pixels_do(rng, size, cells, reach):
     np.testing.assert_allclose(deposit_exact(hit, flux, size), expected + evenly / size**2, atol=tol.EDGE_SUM)
 
 
-@pytest.mark.usefixtures("gl")
-def test_cell_twins(rng):
-    corners = rng.uniform(-1.0, 2.0, (400, 8))
-    corners[:40] = np.repeat(corners[:40, :2], 4, axis=0).reshape(40, 8)
-    edge = corners[40:80, 2:4]
-    corners[40:80, 2:] = np.concatenate([corners[40:80, :2] + f * edge for f in (0.3, 1.0, 0.8)], axis=1)
-    columns = {n: corners[:, 2 * i : 2 * i + 2] for i, n in enumerate("abcd")}
-    expected = []
-    for row in corners.astype(np.float32).astype(float):
-        cell = opened(*row)
-        expected.append(
-            [cell_light(*cell, *intensities(*cell, 0.3, 0.7)), edge_coverage(*row[:4]), twice_area(*row[:6])]
-        )
-    expected = np.array(expected)
-    call = "cell_light(opened(Cell(a, b, c, d)), intensities(opened(Cell(a, b, c, d)), 0.3, 0.7))"
-    got = glsl_call("caustics/flux/cell.glsl", call, **columns)
-    np.testing.assert_allclose(got, expected[:, 0], atol=tol.COVERAGE_TWIN, rtol=tol.COVERAGE_TWIN)
-    got = glsl_call("caustics/flux/cell.glsl", "edge_coverage(a, b)", **columns)
-    np.testing.assert_allclose(got, expected[:, 1], atol=tol.FLOAT32_TWIN)
-    got = glsl_call("caustics/flux/cell.glsl", "twice_area(a, b, c)", **columns)
-    np.testing.assert_allclose(got, expected[:, 2], atol=tol.FLOAT32_TWIN)
-
-
 def test_the_suns_disc_keeps_energy_and_has_its_width():
     image = np.zeros((64, 64))
     image[0, 0] = 64.0 * 64.0
@@ -328,7 +305,7 @@ def test_stacks_are_maps_below_an_overhead_sun(method):
     s = CausticSettings(size=64, grid=64, chromatic=3, method=method)
     depths = stack_depths(1.0, 9.0, 3)
     stack = caustic_stack(SEAS["ripples"], ZENITH, depths, 0.5, s)
-    for channel, index in enumerate(pass_indices(s)):
+    for channel, index in enumerate(pass_indices(3, 1.34)):
         direct = caustic_map(SEAS["ripples"], ZENITH, depths[1], 0.5, 64, 64, index, method=method)
         np.testing.assert_allclose(stack.ratio[1, :, :, channel], direct, rtol=tol.FLOAT64)
 
@@ -466,3 +443,32 @@ def test_settings_that_cannot_be():
             CausticSettings(**bad)
     with pytest.raises(ParameterError, match="ascend"):
         caustic_stack(FLAT, ZENITH, [3.0, 2.0], 0.0, CausticSettings(size=16, grid=8))
+
+
+@pytest.mark.parametrize("chromatic", [1, 3])
+def test_the_index_of_the_water_bends_every_pass(chromatic):
+    s = CausticSettings(size=64, grid=64, chromatic=chromatic)
+    stack = caustic_stack(SEAS["ripples"], SLANTED, [4.0], 0.5, s, 1.2)
+    np.testing.assert_allclose(stack.sun_direction, refract_to_water(SLANTED, 1.2), rtol=tol.FLOAT64)
+    assert pass_indices(chromatic, 1.2)[chromatic // 2] == pytest.approx(1.2, abs=tol.FLOAT64)
+    overhead = caustic_stack(SEAS["ripples"], ZENITH, [4.0], 0.5, s, 1.2).ratio
+    for channel, index in enumerate(pass_indices(chromatic, 1.2)):
+        direct = caustic_map(SEAS["ripples"], ZENITH, 4.0, 0.5, 64, 64, index)
+        np.testing.assert_allclose(overhead[0, :, :, channel], direct, rtol=tol.FLOAT64)
+    assert np.all(np.diff(pass_indices(3, 1.2)) > 0.0)  # shorter waves bend more
+
+
+@pytest.mark.usefixtures("gl")
+def test_the_index_of_the_water_bends_the_drawn_light_too():
+    arguments = (SEAS["ripples"], SLANTED, [1.0, 4.0], 0.5, CausticSettings(size=64, grid=64, chromatic=3), 1.2)
+    reference, drawn = caustic_stack(*arguments), gl_stack(*arguments).download()
+    np.testing.assert_allclose(drawn.sun_direction, reference.sun_direction)
+    assert relative_rmse(drawn.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
+
+
+def test_a_key_that_has_moved_is_told_beside_other_problems():
+    with pytest.raises(ValidationError) as caught:
+        CausticSettings(refractive_index=1.33, size=100, foo=1)
+    told = {error["loc"]: error["msg"] for error in caught.value.errors()}
+    assert told.keys() == {("refractive_index",), ("size",), ("foo",)}
+    assert told[("refractive_index",)].endswith("it is water.refractive_index now")

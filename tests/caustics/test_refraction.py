@@ -11,12 +11,10 @@ from mr360uw.caustics import (
     refract_to_water,
     sea_water_index,
 )
-from mr360uw.caustics.flux.refracted_rays import facet_flux, ray_slope, ray_transmittance
-from mr360uw.caustics.flux.refraction import refract_clamped
 from mr360uw.errors import ParameterError
+from mr360uw.optics import refract_clamped
 from mr360uw.sphere import unit
 from tests.caustics import tolerances as tol
-from tests.glsl import glsl_call
 
 
 def upward(rng: np.random.Generator, count: int = 500) -> np.ndarray:
@@ -91,27 +89,3 @@ def test_directions_that_are_none(bad):
 def test_indices_that_are_none(index):
     with pytest.raises(ParameterError, match="refractive_index"):
         refract_to_air((0.0, 1.0, 0.0), index)
-
-
-@pytest.mark.usefixtures("gl")
-def test_twins(rng):
-    normal, sun = upward(rng), upward(rng)
-    normal = unit(normal + np.array([0.0, 2.0, 0.0]))
-    index = rng.uniform(1.2, 1.5, len(sun))
-    columns = {"n": normal, "s": sun, "i": index}
-    travel = np.array([refract_clamped(-s, n, 1.0 / i) for s, n, i in zip(sun, normal, index, strict=True)])
-    got = glsl_call("caustics/flux/refracted_rays.glsl", "refract_clamped(-s, n, 1.0 / i)", 3, **columns)
-    np.testing.assert_allclose(got, travel, atol=tol.FLOAT32_TWIN)
-    got = glsl_call("caustics/flux/refracted_rays.glsl", "fresnel_transmittance(s.y, i)", **columns)
-    np.testing.assert_allclose(got, [fresnel_transmittance(c, i) for c, i in zip(sun[:, 1], index, strict=True)],
-                               atol=tol.FLOAT32_TWIN)  # fmt: skip
-    got = glsl_call("caustics/flux/refracted_rays.glsl", "ray_transmittance(n, s, i)", **columns)
-    expected = [ray_transmittance(n, s, i) for n, s, i in zip(normal, sun, index, strict=True)]
-    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_TWIN)
-    got = glsl_call("caustics/flux/refracted_rays.glsl", "ray_slope(n, s, i)", 2, **columns)
-    expected = np.array([ray_slope(n, s, i) for n, s, i in zip(normal, sun, index, strict=True)])
-    np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_TWIN, atol=tol.FLOAT32_TWIN)
-    corners = {k: rng.uniform(-1.0, 1.0, (len(sun), 3)) for k in "abc"}
-    got = glsl_call("caustics/flux/refracted_rays.glsl", "facet_flux(a, b, c, i, s)", **columns, **corners)
-    expected = facet_flux(corners["a"], corners["b"], corners["c"], index, sun)
-    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_TWIN)

@@ -6,17 +6,16 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
-from mr360uw.caustics.sea.detail import DETAIL_SIZE, detail_slope, make_detail
+from mr360uw.caustics.sea.detail import detail_slope, make_detail
 from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.caustics.sea.spectrum import cosine_spread, jonswap, peak_frequency, tma_factor
-from mr360uw.caustics.sea.surface import FIELD_NAMES, surface_jacobian, surface_normal
+from mr360uw.caustics.sea.surface import surface_jacobian
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
 from mr360uw.errors import ParameterError
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS, lattice_sea
-from tests.glsl import glsl_call
 
 STEP_M = 1e-5
 
@@ -222,58 +221,3 @@ def test_times_and_places_that_are_none():
         GerstnerSea().surface(0.0, 0.0, np.inf)
     with pytest.raises(ParameterError, match="x_m"):
         GerstnerSea().surface(np.nan, 0.0, 0.0)
-
-
-@pytest.mark.usefixtures("gl")
-def test_gerstner_twin(rng):
-    from mr360uw.caustics.gl.sea_textures import wave_table
-    from mr360uw.gl.context import texture_from_array
-
-    sea, tile = lattice_sea(rng), 8.0
-    uv = rng.uniform(0.0, 1.0, (500, 2))
-    fields = sea.fields_at(*(uv.T * tile), 0.7)
-    scale = dict.fromkeys(FIELD_NAMES, 1.0) | dict.fromkeys(("height", "shift_x", "shift_z"), 1.0 / tile)
-    expected = np.stack([getattr(fields, n) * scale[n] for n in FIELD_NAMES], axis=1)
-    waves = texture_from_array(wave_table(sea.waves, tile, 0.7))
-    for part, names in enumerate(("f.height, f.shift, f.slope.x", "f.slope.y, f.strain")):
-        got = glsl_call(
-            "caustics/sea/gerstner.glsl",
-            "four(uv)",
-            4,
-            "uniform sampler2D waves;\nvec4 four(vec2 uv) {\n"
-            f"SurfaceFields f = gerstner(waves, {len(sea.waves.amplitude_m)}, uv);\nreturn vec4({names});\n}}",
-            {"waves": waves},
-            uv=uv,
-        )
-        np.testing.assert_allclose(got, expected[:, 4 * part : 4 * part + 4], atol=tol.FLOAT32_TWIN)
-
-
-@pytest.mark.usefixtures("gl")
-def test_surface_twin(rng):
-    f = rng.uniform(-0.3, 0.3, (300, 7)).T
-    expected = surface_normal(f[0], f[1], f[2], f[3], f[4], f[5:7].T)
-    columns = {"slope": f[0:2].T, "strain": f[2:5].T, "detail": f[5:7].T}
-    fields = "SurfaceFields(0.0, vec2(0.0), slope, strain)"
-    got = glsl_call("caustics/sea/surface.glsl", f"surface_normal({fields}, detail)", 3, **columns)
-    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_TWIN)
-    got = glsl_call("caustics/sea/surface.glsl", f"surface_jacobian({fields})", **columns)
-    np.testing.assert_allclose(got, surface_jacobian(f[2], f[3], f[4]), atol=tol.FLOAT32_TWIN)
-
-
-@pytest.mark.usefixtures("gl")
-def test_detail_twin(rng):
-    from mr360uw.gl.context import texture_from_array
-
-    detail = make_detail(8.0, 0.05, 0.5, np.array([0.2, 0.1]), None, 4, 1.2)
-    uv = rng.uniform(-1.0, 2.0, (500, 2))
-    got = glsl_call(
-        "caustics/sea/detail.glsl",
-        "detail_slope(detail, slopes, uv)",
-        2,
-        "uniform sampler2D slopes;\nuniform Detail detail;",
-        {"slopes": texture_from_array(detail.slopes)},
-        {"detail__repeats": detail.repeats, "detail__offset": detail.offset.ravel()},
-        uv=uv,
-    )
-    assert detail.slopes.shape == (DETAIL_SIZE, DETAIL_SIZE, 2)
-    np.testing.assert_allclose(got, detail_slope(detail, *(uv.T * 8.0)), atol=tol.FLOAT32_LOOKUP)

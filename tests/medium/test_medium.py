@@ -51,7 +51,7 @@ def test_tables_agree_with_direct_sums(rng: np.random.Generator, sensor: str, na
     assert within_table_accuracy(transmittance_lookup(medium.table, s, up), direct, np.ones(len(s)))
     # down to where a thousandth of the light is left
     depth = rng.uniform(0.0, DEPTH + 7.0 * medium.length_m, 500)
-    light = np.exp(medium.ambient_log(depth) - medium.ambient_log(np.array(DEPTH)))
+    light = np.exp(medium.light.ambient_log(depth) - medium.light.ambient_log(np.array(DEPTH)))
     ratio = ambient_ratio(medium.table, depth)
     assert within_table_accuracy(ratio / light, np.ones_like(light), np.ones(len(depth)))
 
@@ -191,3 +191,25 @@ def test_path_traced_pictures(name: str, phase: tuple | str, limit: float) -> No
     assert error["table"] < limit
     assert error["kd"] > 3.0 * error["table"]
     assert error["kd+"] > 3.0 * error["table"]
+
+
+def test_the_index_sets_the_edge_of_the_window() -> None:
+    """The sky stops at the critical angle of the index that the settings give."""
+    for index in (1.2, 1.34, 1.5):
+        medium = WaterSettings(refractive_index=index, bands=3, sensor="CIE 1931").medium(0.05)
+        edge = np.sqrt(1.0 - 1.0 / index**2)
+        inside, outside = medium.model.radiance(0.05, np.array([edge + 0.03, edge - 0.03]))
+        assert np.all(inside > 5.0 * outside)
+
+
+def test_an_index_must_be_one() -> None:
+    with pytest.raises(ParameterError, match="refractive_index"):
+        _ = Medium(Water.jerlov("IB"), refractive_index=0.9).model
+
+
+@pytest.mark.parametrize("mode", ["koschmieder", "akkaynak-treibitz"])
+def test_a_gain_counts_once_in_the_formation_models(mode: str) -> None:
+    plain, scaled = (Medium(Water.jerlov("II"), None, mode, DEPTH) for _ in range(2))
+    np.testing.assert_allclose(
+        scaled.scaled(3.0).veil(4.0, DEPTH, 0.0), 3.0 * plain.veil(4.0, DEPTH, 0.0), rtol=FLOAT64
+    )

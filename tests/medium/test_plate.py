@@ -27,7 +27,7 @@ def water_map(
 ) -> np.ndarray:
     """A plate (32, 64, 3) of open water."""
     medium = Medium(Water.jerlov(name), sensor, camera_depth_m=depth_m)
-    rows = medium.display(medium.model.radiance(depth_m, row_up(32)))
+    rows = medium.light.display(medium.model.radiance(depth_m, row_up(32)))
     return exposure * rows[:, None, :] * np.exp(rng.normal(0.0, noise, (32, 64, 1)))
 
 

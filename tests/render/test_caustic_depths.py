@@ -9,13 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.composite import Shot, load_object, load_receiver
+from mr360uw.render.backends import make_backend
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import load
 from mr360uw.types import Floats, View
-from tests import tolerances as tol
+from mr360uw.video import VideoFrame
+from tests.caustics import tolerances as tol
 from tests.composite.scenes import environment
-from tests.scenes import scene_with
+from tests.scenes import BACKENDS, gradient_plate, scene_with
 
 RISING = {
     "position_m": [0.0, -3.0, -3.0],
@@ -95,3 +101,32 @@ def test_a_camera_that_comes_near_sees_fine_maps(tmp_path: Path, whale: Path) ->
     far = [{"position_m": [0.0, 1.0, -25.0]}]
     moving = Moving(tmp_path, whale, far, 540, camera=CAMERA | {"track": str(track)})
     assert moving.depths.settings.size > Moving(tmp_path, whale, far, 540).depths.settings.size
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_light_bends_by_the_index_of_the_scenes_water(
+    tmp_path: Path, whale: Path, backend: str, request: pytest.FixtureRequest
+) -> None:
+    if backend == "gl":
+        request.getfixturevalue("gl")
+    tables: dict[str, Any] = {
+        "light": {"sun": "given", "sun_azimuth_deg": 30.0, "sun_elevation_deg": 60.0},
+        "caustics": {"size": 64, "grid": 32, "planes": 2},
+    }
+    scene = scene_with(tmp_path, whale, water={"refractive_index": 1.5}, **tables)
+    loaded, (renderer, _) = load(scene, 64, 32, clip=False), make_backend(backend)
+    plate = VideoFrame.of_linear(gradient_plate(64, 32), time_s=0.3)
+    frame = finished(frame_stages(loaded, ClipFacts(), renderer, plate, 0.0))
+    got = renderer.download(frame.caustics)
+    assert frame.light is not None
+    sun = frame.light.environment.sun
+    assert sun is not None
+    np.testing.assert_allclose(got.sun_direction, sun.direction, atol=tol.SNELL_ROUND_TRIP)
+    assert frame.medium is not None
+    assert frame.medium.refractive_index == 1.5
+    assert loaded.dive.medium is not None
+    assert loaded.dive.medium.model.field.refractive_index == 1.5
+    settings = scene.caustics.model_copy(update={"size": got.ratio.shape[1]})
+    expected = caustic_stack(scene.sea, refract_to_air(sun.direction, 1.5), got.depth_m, 0.3, settings, 1.5)
+    error = np.sqrt(np.mean((got.ratio - expected.ratio) ** 2)) / expected.ratio.std()
+    assert error < tol.CAUSTICS_AGREEMENT_DISC

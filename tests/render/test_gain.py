@@ -32,7 +32,7 @@ SIZE = (64, 32)
 def water(exposure: np.ndarray = EXPOSURE) -> np.ndarray:
     """A plate (32, 64, 3) of the default water."""
     medium = Medium(Water.jerlov("IB"), camera_depth_m=DEPTH)
-    rows = medium.display(medium.model.radiance(DEPTH, row_up(SIZE[1])))
+    rows = medium.light.display(medium.model.radiance(DEPTH, row_up(SIZE[1])))
     return np.broadcast_to(exposure * rows[:, None, :], (SIZE[1], SIZE[0], 3)).copy()
 
 

@@ -9,7 +9,7 @@ import pytest
 from mr360uw.caustics import GerstnerSea
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.color import luminance
-from mr360uw.sample.dive import _SUN_SHARE, DivePlate, DiveSettings
+from mr360uw.sample.dive_plate import SUN_SHARE, DivePlate, DiveSettings
 from mr360uw.sphere import directions, row_solid_angle
 from tests.tolerances import DIVE_SUN_SHARE, DIVE_WHITE
 
@@ -37,7 +37,7 @@ def test_the_picture_holds_the_suns_share(flux: np.ndarray) -> None:
     # the sky is as bright ahead as behind
     ahead = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2) < WIDTH / 4
     total, behind = luminance(down.sum(axis=0)), luminance(down[~ahead].sum(axis=0))
-    assert 1.0 - 2.0 * behind / total == pytest.approx(_SUN_SHARE, abs=DIVE_SUN_SHARE)
+    assert 1.0 - 2.0 * behind / total == pytest.approx(SUN_SHARE, abs=DIVE_SUN_SHARE)
 
 
 def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:

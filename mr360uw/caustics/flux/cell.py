@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cell of the surface grid as its refracted image on the plane: two triangles that share their flux over pixels.
+"""Refracted image of one cell of the surface grid: two triangles whose flux is shared over pixels.
 
-Corners a, b, c, d run around the cell; the triangles are (a, b, c) and (a, c, d). Each carries an intensity (flux over
-signed area), so that intensity times signed coverage is the light it leaves in a pixel, whichever way it has folded.
-Compiled; a cell is eight coordinates in pixels. Twin: cell.glsl.
+Corners a, b, c, d run around the cell; the triangles are (a, b, c) and (a, c, d). Each has an intensity, flux over
+signed area [1/pixel^2]. Intensity times signed coverage is the flux in a pixel, for folded triangles too. Compiled; a
+cell is eight coordinates in pixels. Twin: cell.glsl.
 """
 
 from __future__ import annotations
@@ -12,7 +12,11 @@ from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
 
 THINNEST = 2e-3
-"""Twice the area [pixel^2] below which a triangle shares no light of its own: single precision resolves no less."""
+"""Twice the area [pixel^2] below which a triangle gives its flux to the other one of its cell.
+
+Single precision resolves no smaller areas. Twice as large, cells at folds are drawn twice as wide, which is still about
+a hundredth of a pixel.
+"""
 
 Cell = tuple[float, float, float, float, float, float, float, float]
 
@@ -21,8 +25,8 @@ Cell = tuple[float, float, float, float, float, float, float, float]
 def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
     """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
 
-    A fold of the caustic turns cells into lines, and their flux needs some area to be shared over. The longer diagonal
-    stays (or is drawn out to a twentieth of a pixel) and becomes a c; the two other corners move to its sides.
+    At a fold of the caustic a cell becomes a line without area. The longer diagonal stays (or is drawn out to a
+    twentieth of a pixel) and becomes a c; the two other corners move to either side of it.
     """
     if abs(twice_area(ax, ay, bx, by, cx, cy)) >= THINNEST or abs(twice_area(ax, ay, cx, cy, dx, dy)) >= THINNEST:
         return ax, ay, bx, by, cx, cy, dx, dy
@@ -44,7 +48,7 @@ def intensities(
 ) -> tuple[float, float]:
     """Return the signed intensities of the triangles (a, b, c) and (a, c, d) of an opened cell.
 
-    A triangle that is too thin hands its flux to the other one.
+    A triangle thinner than `THINNEST` gives its flux to the other one.
     """
     b = twice_area(ax, ay, bx, by, cx, cy)
     d = twice_area(ax, ay, cx, cy, dx, dy)
@@ -60,7 +64,7 @@ def cell_light(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
     intensity_b: float, intensity_d: float,
 ) -> float:  # fmt: skip
-    """Return the light that a cell leaves in the unit square."""
+    """Return the flux of a cell in the unit square, from the intensities of its two triangles."""
     across = edge_coverage(cx, cy, ax, ay)
     b = edge_coverage(ax, ay, bx, by) + edge_coverage(bx, by, cx, cy) + across
     d = edge_coverage(cx, cy, dx, dy) + edge_coverage(dx, dy, ax, ay) - across

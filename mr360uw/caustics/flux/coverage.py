@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The area of a triangle inside a pixel, in closed form.
+"""Area of a polygon inside a pixel, in closed form.
 
 By Green's theorem the area of a polygon clipped to the unit square is the sum over its edges of the integral of
-clamp(x(y), 0, 1) dy over the part of the edge with y in [0, 1]: no clipping of polygons, no cases. The primitive of
-clamp is quadratic inside the square and linear right of it. Compiled; scalars in and out. Twin: coverage.glsl.
+clamp(x(y), 0, 1) dy over the part of the edge with y in [0, 1]. No polygon is clipped and there are no cases: the
+primitive of clamp is quadratic inside the square and linear right of it. Compiled; numbers in and out. Twin:
+coverage.glsl.
 """
 
 from __future__ import annotations

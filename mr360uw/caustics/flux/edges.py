@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of triangles in every pixel of a periodic map, summed along their edges.
+"""Flux of triangles in every pixel of a periodic map, accumulated along their edges.
 
-The light of a triangle in the pixels of a row is its intensity times what lies right of its edges that run down, less
-what lies right of those that run up. An edge leaves the *change* of that area from pixel to pixel where it crosses the
-row, and a running sum along the row gives the light: the work is that of the edges' length, not of the triangles'
-area, and two triangles share an edge. It is how fonts are drawn; `coverage` says the same pixel by pixel, as graphics
-hardware needs it. On the ring of a periodic row, what lies right of an edge in the n-th tile lies right of the row's
-beginning n times less: that part goes to `start`. Compiled; float64.
+In one row of pixels, a triangle's covered area is the area right of its edges that run down less the area right of
+those that run up. Each edge stores the *change* of that area from pixel to pixel where it crosses the row, times the
+intensity. A running sum along the row then gives the flux. The work grows with the length of the edges, not with the
+area of the triangles, and two triangles share an edge. Font rasterisers work the same way; `coverage` gives the same
+result pixel by pixel, as graphics hardware needs it. In a periodic row an edge in the n-th tile lies right of the row's
+beginning n times, which `start` accounts for. Compiled; float64.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Array = NDArray[np.floating[Any]]
 
 @compiled
 def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: float, light: float) -> None:
-    """Add light [per pixel] right of the edge from a to b, downwards (+y) positive, all in pixels.
+    """Add the intensity `light` [1/pixel^2] right of the edge from a to b [pixel], positive where it runs down (+y).
 
-    change: (size, size + 1), what a row's pixel has more than the one left of it; the last column belongs to the next
-    tile and is not summed. start: (size,), what a row has before its first pixel.
+    change: (size, size + 1) difference of each pixel to the one left of it; the last column belongs to the next tile
+    and is not summed. start: (size,) value of each row before its first pixel. Both are changed in place.
     """
     if light == 0.0 or ay == by:
         return
@@ -71,7 +71,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
 
 @compiled
 def running_sum(change: Array, start: Array) -> Array:
-    """Return the light (size, size) of all edges that were added; none is below 0 but for rounding, which is cut."""
+    """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
     size = start.shape[0]
     out = np.zeros((size, size))
     for row in range(size):

@@ -1,5 +1,5 @@
 // twin: refracted_rays.py
-#include "caustics/flux/refraction.glsl"
+#include "optics.glsl"
 
 const float STEEPEST_RAY = 0.05;
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun's rays below a surface, and the flux of its facets.
+"""Refracted sun rays below a surface, and the flux into its facets.
 
-A ray that enters at P with the refracted travel direction t meets the plane at depth d at P.xz + slope (P.y + d), slope
-= t.xz/-t.y. It is kept as where it crosses the mean surface, `origin = P.xz + slope P.y`, and its slope: the hit is
-origin + slope d for any depth. A facet of area vector A receives T |L.A| (L towards the sun in air, T Fresnel's
-transmittance): the flux that its refracted image on the plane carries. Twin: rays.glsl.
+A ray that enters at P with the refracted direction of travel t meets the plane at depth d at P.xz + slope (P.y + d),
+slope = t.xz/-t.y. It is stored as `origin` = P.xz + slope P.y, where it crosses the mean surface, and `slope`: at any
+depth d the hit is origin + slope d. A facet of area vector A takes in the flux T (L.A), L towards the sun in air and T
+Fresnel's transmittance; its refracted image on the plane carries that flux. Twin: refracted_rays.glsl.
 """
 
 from __future__ import annotations
@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.refraction import fresnel_transmittance, refract_clamped
+from mr360uw.optics import fresnel_transmittance, refract_clamped
 from mr360uw.types import Surface
 
 Array = NDArray[np.floating[Any]]
 
 STEEPEST_RAY = 0.05
-"""Least downward component of a refracted ray: facets that would send light up send it just below the horizon."""
+"""Least downward component of a refracted ray's direction (3 degrees below the horizon); it keeps slopes finite.
+
+Only facets tilted by more than 39 degrees can reach it. Twice as large, their light lands half as far.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The blur of caustics by the sun's disc.
+"""Blur of caustics by the sun's disc.
 
-The sun is a disc of angular radius r; every ray is a narrow cone. On a plane at depth d the cone's footprint is an
-ellipse, from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and d
-r/(n cos(theta_w)) across it. Convolution with a uniform disc multiplies the spectrum by 2 J1(p)/p (Goodman 2005 section
-2.1.5).
+The sun is a disc of angular radius r, so every ray is a narrow cone. On a plane at depth d its footprint is an ellipse,
+from the derivative of Snell's law: semi-axes d r cos(theta_a)/(n cos^3(theta_w)) along the sun's azimuth and
+d r/(n cos(theta_w)) across it. The map is convolved with that ellipse, evenly filled.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.refraction import refract_to_water
+from mr360uw.optics import refract_to_water
 
 Array = NDArray[np.floating[Any]]
 
 KERNEL_STEP = 1.0 / 256.0
-"""Steps [pixel] of the disc's footprint in which kernels are made and kept: a sun that moves slowly needs few."""
+"""Footprints are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
 _WIDEST_DIRECT = 11
-"""Pixels across a kernel up to which a sum over its pixels is quicker than two transforms."""
+"""Width [pixel] of a kernel up to which a direct sum is quicker than two Fourier transforms, as measured."""
 
 
 def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
@@ -83,7 +82,7 @@ def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
 def marginal_kernel(radius_pixel: float, size: int) -> NDArray[np.float64]:
     """Return (2 m + 1,) symmetric weights, sum 1, 2 m < size, of the disc's projection on one axis.
 
-    The product of two of them stands for the disc on the GPU: along both axes its spectrum is the disc's.
+    On the GPU the product of two of them replaces the disc: along both axes its spectrum is the disc's.
     """
     points = _disc_points(radius_pixel**2)[:, :1] * radius_pixel
     cell, part = _drawn_in(np.concatenate([points, -points]))
@@ -104,10 +103,10 @@ def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
 
 
 def _drawn_in(points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the pixel (n, k) of each point's splat and its fractional part, points drawn in towards the middle.
+    """Return the pixel (n, k) of each point's splat and its fractional part, with points scaled towards the middle.
 
-    Sharing a point between the pixels around it widens the kernel, by the variance part (1 - part). Points are scaled
-    down until the whole has the variance of the disc; that matters for discs of about a pixel.
+    Sharing a point between the pixels around it widens the kernel by the variance part (1 - part). Points are scaled
+    down until the kernel has the variance of the disc; that matters for discs of about a pixel.
     """
     wanted = float(np.mean(points**2))
     low, high = 0.0, 1.0

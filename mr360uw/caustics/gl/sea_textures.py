@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sea as surface.frag reads it: a table of waves, or fields that the processor has summed."""
+"""Textures that surface.frag reads: a table of waves, or fields that were summed on the processor."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.irradiance import AnySea
 from mr360uw.caustics.sea.gerstner import Waves
+from mr360uw.caustics.settings import Sea
 
 
 def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32]:
@@ -21,7 +21,7 @@ def wave_table(waves: Waves, tile_m: float, time_s: float) -> NDArray[np.float32
     return table.astype(np.float32)
 
 
-def field_image(sea: AnySea, grid: int, time_s: float) -> NDArray[np.float32]:
+def field_image(sea: Sea, grid: int, time_s: float) -> NDArray[np.float32]:
     """Return the (2 grid, grid, 4) image of a sea's fields, lengths in tiles."""
     f = sea.grid_fields(grid, time_s)
     lengths = [f.height / sea.tile_m, f.shift_x / sea.tile_m, f.shift_z / sea.tile_m]

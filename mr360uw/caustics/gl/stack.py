@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stack of caustic maps on the device, as lookup.glsl reads it."""
+"""A stack of caustic maps in textures, as lookup.glsl reads it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.lookup import layer_planes, mip_atlas, mip_levels, plane_steps
+from mr360uw.caustics.gl.atlas import layer_planes, mip_atlas, plane_steps
+from mr360uw.caustics.lookup import mip_levels
 from mr360uw.gl.context import texture_array_from_array, texture_from_array
 from mr360uw.types import CausticStack
 
@@ -56,6 +57,6 @@ def upload(stack: CausticStack) -> GlCausticStack:
 
 def on_device(texture: moderngl.TextureArray, depth_m: Array, tile_m: float, sun_in_water: Array) -> GlCausticStack:
     """Return the stack whose atlas is a texture."""
-    # weights of 8 bits, as graphics hardware filters with, are off by up to 1/512 of what two pixels differ by
+    # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     return GlCausticStack(texture, texture_from_array(plane_steps(depth_m)), depth_m, tile_m, sun_in_water)

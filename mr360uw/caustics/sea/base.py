@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all seas have in common: knobs, detail slopes, evaluation at points and on the grid of one tile."""
+"""Base of the sea models: common parameters, detail slopes, surfaces at points and on the grid of one tile."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from mr360uw.types import Surface
 Array = NDArray[np.float64]
 
 _POINTS_AT_ONCE = 1 << 13
+"""Points evaluated together: with a hundred waves their phases take 13 MB."""
 
 
 class SeaParameters(Parameters):
-    """The knobs of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
+    """Parameters of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
 
     wind_speed: float = parameter(4.0, "wind speed 10 m above the sea", unit="m/s", low=0.0, high=40.0)
     wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)

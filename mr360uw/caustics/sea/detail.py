@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two scrolling detail maps: fine ripples as slopes that are added to those of the sea.
+"""Fine ripples: two scrolling slope maps that are added to the slopes of the sea.
 
-One procedural, tileable slope map is read twice, turned against each other by the order of its axes, and scrolled in
-two directions beside the wind. Slopes are added, not normals (their sum is then the slope of a surface). Both the
-number of repeats in a tile and the scroll in a loop are whole, so tile and loop close exactly. Twin: detail.glsl.
+One procedural, tileable slope map is read twice, the second time with its axes swapped, and scrolled in two directions
+beside the wind. Slopes are added rather than normals, so that the sum is the slope of a surface. The number of repeats
+in a tile and the scroll in a loop are whole numbers, so tile and loop close exactly. Twin: detail.glsl.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 DETAIL_SIZE = 64
+"""Texels across the map: ten for each dominant wavelength."""
 _WAVES_ACROSS = 6
 """Dominant wavelengths in one repeat of the map."""
 _SECOND_REPEAT = 1.3
-"""The second map repeats more often than the first, so that their sum shows no common period inside the tile."""
+"""Repeats of the second map over those of the first: not a simple ratio, so that no common period shows in the tile."""
 _SCROLL_TURN_RAD = 0.6
-"""Angle of each map's scroll beside the wind, to both sides."""
+"""Angle [rad] between the wind and each map's scroll, one to either side."""
 
 
 @dataclass(frozen=True, slots=True)

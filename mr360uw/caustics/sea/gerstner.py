@@ -27,7 +27,7 @@ from pydantic import model_validator
 from mr360uw.caustics.sea.base import SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
-from mr360uw.caustics.sea.surface import SurfaceFields
+from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.shapes import exactly
@@ -36,8 +36,9 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _BLEND_FROM = 0.9
-"""Where the blend of Thompson et al. 2019 towards the neighbouring tile begins."""
+"""Fraction of the tile after which the blend of Thompson et al. 2019 into the neighbouring tile begins."""
 _FOLDING = 1.0 + 1e-9
+"""Greatest sum Q |k| A that counts as not folding over: 1, and rounding."""
 
 
 class GerstnerWave(Parameters):
@@ -51,7 +52,7 @@ class GerstnerWave(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """The waves a sea is made of: wave_vector (n, 2) rad/m, the others (n,)."""
+    """The waves of a sea: wave_vector (n, 2) [rad/m], angular_frequency (n,) [rad/s], the others (n,)."""
 
     wave_vector: Array
     amplitude_m: Array
@@ -78,8 +79,14 @@ class Waves:
         return np.stack(columns, axis=1) * turn[:, None]
 
 
+def gerstner(waves: Waves, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
+    """Return the fields at points (n,) [m], summed wave by wave."""
+    wave = np.exp(1j * (x_m[:, None] * waves.wave_vector[:, 0] + z_m[:, None] * waves.wave_vector[:, 1]))
+    return SurfaceFields(*(wave @ waves.coefficients(time_s)).real.T)
+
+
 class GerstnerSea(SeaParameters):
-    """A sea of Gerstner waves from a few knobs, or of explicit waves."""
+    """A sea of Gerstner waves, random ones that follow the wind or explicit ones."""
 
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
@@ -96,7 +103,7 @@ class GerstnerSea(SeaParameters):
     tiling: Literal["lattice", "blend"] = parameter(
         "lattice", "lattice: exact; blend: into the neighbour over the last tenth (Thompson et al. 2019)"
     )
-    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of those the knobs make")
+    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of random ones")
 
     @classmethod
     def from_waves(
@@ -140,7 +147,7 @@ class GerstnerSea(SeaParameters):
 
     @property
     def waves(self) -> Waves:
-        """The waves that the knobs make."""
+        """The explicit waves, or those that the parameters make."""
         return _waves_of(self)
 
     def _make_waves(self) -> Waves:
@@ -161,8 +168,8 @@ class GerstnerSea(SeaParameters):
     def _random_waves(self) -> tuple[Array, Array, Array]:
         """Return wave vectors, amplitudes and phases: lengths even in log k, directions about the wind.
 
-        Every octave carries the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958), and all
-        of them together their share of Cox and Munk's (1954).
+        Every octave has the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958). The sum is
+        the part of the mean square slope of Cox & Munk 1954 that lies in the band.
         """
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
         longest = self.dominant_wavelength_m or peak_wavelength(self.wind_speed)
@@ -185,16 +192,13 @@ class GerstnerSea(SeaParameters):
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""
         if self.tiling == "lattice":
-            return SurfaceFields(*self._stacked(x_m, z_m, time_s))
+            return gerstner(self.waves, x_m, z_m, time_s)
         u, v = x_m - self.tile_m * np.floor(x_m / self.tile_m), z_m - self.tile_m * np.floor(z_m / self.tile_m)
         wu, wv = ((np.maximum(a / self.tile_m - _BLEND_FROM, 0.0)) / (1.0 - _BLEND_FROM) for a in (u, v))
         here = [((1.0 - wu) * (1.0 - wv), 0.0, 0.0), (wu * (1.0 - wv), self.tile_m, 0.0),
                 ((1.0 - wu) * wv, 0.0, self.tile_m), (wu * wv, self.tile_m, self.tile_m)]  # fmt: skip
-        return SurfaceFields(*np.sum([w * self._stacked(u - a, v - b, time_s) for w, a, b in here], axis=0))
-
-    def _stacked(self, x_m: Array, z_m: Array, time_s: float) -> Array:
-        wave = np.exp(1j * (x_m[:, None] * self.waves.wave_vector[:, 0] + z_m[:, None] * self.waves.wave_vector[:, 1]))
-        return (wave @ self.waves.coefficients(time_s)).real.T
+        parts = [(w, gerstner(self.waves, u - a, v - b, time_s)) for w, a, b in here]
+        return SurfaceFields(*(np.sum([w * getattr(f, name) for w, f in parts], axis=0) for name in FIELD_NAMES))
 
     def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
         """Return the fields (size, size) at x = column tile/size, z = row tile/size.
@@ -205,7 +209,7 @@ class GerstnerSea(SeaParameters):
         if self.tiling == "blend":
             x, z = np.meshgrid(*(np.arange(size) * (self.tile_m / size),) * 2)
             f = self.fields_at(x.ravel(), z.ravel(), time_s)
-            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in SurfaceFields.__slots__))
+            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in FIELD_NAMES))
         columns, along_z = _grid_phases_of(self, size)
         rows = self.waves.coefficients(time_s).T[:, None] * along_z
         fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the wind makes of a sea: the length of its longest waves and the slopes of its short ones."""
+"""Statistics of a wind sea: wavelength of its peak and mean square slope of its waves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ _PEAK_FREQUENCY = 0.855
 _SLOPE_CALM, _SLOPE_PER_WIND = 0.003, 0.00512
 """Mean square slope of a clean sea, and its growth per m/s of wind (Cox & Munk 1954)."""
 _SHORTEST_RIPPLE = 370.0
-"""Wavenumber [rad/m] of the slowest waves: about where the slope spectrum falls off."""
+"""Wavenumber [rad/m] of the slowest waves (17 mm long), about where the slope spectrum falls off.
+
+Twice as large, a band of longer waves gets about a tenth less of the slope variance.
+"""
 
 
 def peak_wavelength(wind_speed: float) -> float:
@@ -27,7 +30,10 @@ def mean_square_slope(wind_speed: float) -> float:
 
 
 def band_slope_variance(wind_speed: float, from_wavenumber: float, to_wavenumber: float) -> float:
-    """Return the part of `mean_square_slope` in a band of wavenumbers [rad/m]: even over log k from the peak up."""
+    """Return the slope variance in a band of wavenumbers [rad/m].
+
+    `mean_square_slope` is spread evenly over log k from the peak of the spectrum up.
+    """
     peak = 2.0 * math.pi / peak_wavelength(wind_speed)
     whole = math.log(max(_SHORTEST_RIPPLE / min(peak, from_wavenumber), math.e))
     return mean_square_slope(wind_speed) * min(math.log(max(to_wavenumber / from_wavenumber, math.e)) / whole, 1.0)

@@ -5,7 +5,7 @@
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
     tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
 
-Waves against the wind are left out: then no standing waves beat, and the variance is the same at all times.
+Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from mr360uw.constants import GRAVITY_M_S2
 Array = NDArray[np.float64]
 
 _PHILLIPS_ALPHA = 8.1e-3
+"""Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
 
 
 def variance_density(

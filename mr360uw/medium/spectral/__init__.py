@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between spectra and colour: sensors, wavelength bands, gamut, reflectance from RGB."""
+"""Spectra and colour: sensors, wavelength bands, gamut compression, reflectance from RGB."""

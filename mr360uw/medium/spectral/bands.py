@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A few wavelengths that stand for the spectrum.
+"""Wavelength bands: n wavelengths and RGB weights that replace the full spectrum.
 
 A spectrum X relative to the illuminant becomes RGB = sum_i weight_i X(wavelength_i); the weights of each channel sum to
 1, so that white (X = 1) is (1, 1, 1).
@@ -24,7 +24,7 @@ Rule = Literal["rectangle", "integrated", "fitted"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bands:
-    """wavelength_nm: (n,) ascending. weight: (n, 3), each column sums to 1. name: what they were made for."""
+    """wavelength_nm: (n,) ascending. weight: (n, 3), each column sums to 1. name: sensor, illuminant and rule."""
 
     wavelength_nm: Array
     weight: Array
@@ -36,16 +36,16 @@ class Bands:
 
     @property
     def signed(self) -> bool:
-        """Whether some weight is negative, so that colours can leave the gamut."""
+        """True if some weight is negative, so that colours can leave the gamut."""
         return bool(np.any(self.weight < 0.0))
 
     @property
     def lobes(self) -> Array:
-        """The weights (n, 3) with which light fades: none negative, columns that sum to 1.
+        """Non-negative weights (n, 3), columns of sum 1, for ratios of light such as transmittance.
 
-        A camera's own. Of a response with negative parts, the lobe about its peak: a sum that passes through zero fades
-        infinitely fast there and grows behind it, which no light does, and the observer's red has a second lobe in the
-        violet, through which red would outlive green in clear water.
+        A camera's weights as they are. Of a response with negative parts, the lobe about its peak only: a sum with
+        negative weights can pass through zero over distance, which no light does. The observer's red also has a second
+        lobe in the violet, which would let red outlast green in clear water.
         """
         if not self.signed:
             return self.weight
@@ -58,9 +58,9 @@ class Bands:
         return kept / kept.sum(axis=0)
 
     def log_light(self, log_spectrum: Array) -> Array:
-        """Return the logarithm (..., 3) of the light seen through `lobes`, of that of a spectrum (..., n).
+        """Return the logarithm (..., 3) of sums with the weights `lobes`, from the logarithm (..., n) of a spectrum.
 
-        Ratios of it are what fading does to a grey colour. Nothing is too dark for it.
+        Differences of it are the log attenuation of a grey colour. It does not underflow.
         """
         x = vectors("log_spectrum", log_spectrum, len(self.weight))
         result = np.empty((*np.shape(log_spectrum)[:-1], 3))

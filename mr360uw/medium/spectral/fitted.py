@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wavelengths and weights fitted so that a few of them reproduce the colours of light in water.
+"""Wavelengths and weights fitted so that a few bands reproduce the colours of light in water.
 
 Training spectra: veils and grey objects in the ten Jerlov types and in chlorophyll waters, over depths, distances and
-directions, each weighed by the inverse of its colour, so that relative errors count. For given wavelengths the best
-non-negative weights of the sensor's curves are a least-squares problem with one solution; the wavelengths are found by
-moving one at a time, from several starts. Results for the built-in sensors are stored beside this module, others in
-the user's cache directory.
+directions, each weighted by the inverse of its colour so that relative errors count. For given wavelengths the best
+non-negative weights of the sensor's curves are a least-squares problem with one solution. The wavelengths are found by
+moving one at a time, from several starts. Results for the built-in sensors are stored in data/fitted_bands.json, others
+in the user's cache directory.
 """
 
 from __future__ import annotations
@@ -25,17 +25,23 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
+from mr360uw.medium.jerlov import JERLOV_TYPES
 from mr360uw.medium.spectral.sensor import Sensor, illuminant
-from mr360uw.medium.water import JERLOV_TYPES, Water
+from mr360uw.medium.water import Water
 
 Array = NDArray[np.float64]
 
 FEWEST, MOST = 2, 24
+"""Numbers of bands that are searched for, in seconds."""
 _STEP_NM = 1.0
+"""Spacing [nm] of the candidate wavelengths."""
 _MOVES = (-12, -5, -2, -1, 1, 2, 5, 12)
+"""Moves of one wavelength that a sweep tries, in steps: wide ones leave local minima."""
 _STARTS = 24
 _SWEEPS = 40
+"""Starts, and most sweeps over all wavelengths from each; the time grows with both."""
 _FINE = 600
+"""Wavelengths of the exact sums, 0.5 nm apart over 400 to 700 nm."""
 
 
 def fitted_bands(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[float, float]) -> tuple[Array, Array]:
@@ -123,7 +129,7 @@ def _midpoints(range_nm: tuple[float, float]) -> Array:
 def _training(
     sensor: Sensor, illuminant_name: str, range_nm: tuple[float, float], candidate: Array
 ) -> tuple[Array, Array, Array]:
-    """Spectra (r, candidates), their exact signals (r, 3) in the sensor's curves, and the weight (r, 3) of each."""
+    """Return spectra (r, candidates), their exact signals (r, 3) in the sensor's curves, and weights (r, 3)."""
     fine = _midpoints(range_nm)
     curves = sensor.curves(fine) * illuminant(illuminant_name)(fine)[:, None] / _FINE
     design = training_spectra(candidate)

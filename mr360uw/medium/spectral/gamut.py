@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours outside the gamut, mapped into it instead of clipped.
+"""Gamut compression: maps colours outside Rec.709 into it smoothly instead of clipping them.
 
 Light in clear water is more saturated than any mixture of Rec.709 primaries: its red is negative. Each channel's
-distance from the largest, d = 1 - x/max, is compressed smoothly above a threshold towards 1, so that no channel is ever
-negative and colours well inside stay as they are; then the luminance is put back. The curve is that of the reference
-gamut compression of ACES 1.3 (Academy of Motion Picture Arts and Sciences, 2021) with its limit at infinity.
-Compressing a multiple of a colour gives the same multiple.
+distance from the largest, d = 1 - x/max, is compressed above a threshold towards 1, so that no channel is negative and
+colours well inside are unchanged. The luminance is then restored. The curve is that of the reference gamut compression
+of ACES 1.3 (AMPAS 2021) with its limit at infinity. It scales: k times a colour gives k times the result.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What turns spectra into red, green and blue: observers, cameras, and the light they are balanced for.
+"""Sensors: spectral responses of cameras and of the CIE observer, and the illuminants that white is balanced for.
 
 Sources: CIE 018:2019 (1931 observer); IEC 61966-2-1 (XYZ to linear Rec.709); rawtoaces-data (52 cameras); CIE 15 (D65);
 ASTM G173-03 (sun and sky).
@@ -28,14 +28,15 @@ REC709_FROM_XYZ = np.array(
 )
 
 VISIBLE_NM = (400.0, 700.0)
-"""The range the bands cover unless told otherwise: all tables of waters reach over it, sensors see little beyond."""
+"""Range [nm] of the bands by default: all tables of waters cover it, and sensors respond little beyond."""
 
 DEFAULT_SENSOR = "Insta360 X5"
-"""Plates are filmed by cameras, and the channels of a camera have no negative parts."""
+"""Sensor by default: plates are filmed by cameras, whose responses have no negative parts."""
 DEFAULT_ILLUMINANT = "D65"
-"""The white of Rec.709, in which plates are."""
+"""Illuminant by default: the white of Rec.709, the colour space of plates."""
 
 _CAMERA_STEP = (380.0, 780.0, 81)
+"""First and last wavelength [nm] and number of samples of the built-in cameras."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +120,7 @@ def cameras() -> tuple[str, ...]:
 
 
 def _matching(name: str, names: tuple[str, ...]) -> list[str]:
-    """The names that equal `name`, else those that end in it, else those that contain it; case does not matter."""
+    """Return the names that equal `name`, else those that end in it, else those that contain it; case is ignored."""
     wanted = name.casefold()
     for fits in (str.__eq__, str.endswith, str.__contains__):
         found = [full for full in names if wanted and fits(full.casefold(), wanted)]
@@ -133,7 +134,7 @@ _ILLUMINANTS = {"D65": "d65", "sun-sky": "sun_sky"}
 
 @functools.cache
 def illuminant(name: str) -> Spectrum:
-    """Return the relative spectrum of a light that white is balanced for.
+    """Return the relative spectrum of an illuminant.
 
     "equal-energy", "D65", "sun-sky" (ASTM G173 global), or any name that colour-science knows ("D50", "A", "FL2", ...).
     """

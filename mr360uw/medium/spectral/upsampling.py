@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reflectance spectra for RGB albedos.
+"""Reflectance spectra from RGB albedos (Mallett & Yuksel 2019).
 
-Mallett & Yuksel 2019 (Spectral Primary Decomposition for Rendering with sRGB Reflectance, EGSR): three smooth basis
-spectra that sum to 1, so that a spectrum is linear in its colour, reproduces it exactly under D65 and stays in [0, 1].
-The basis comes from colour-science.
+Three smooth basis spectra that sum to 1 are weighted by red, green and blue. The spectrum is then linear in the colour,
+reproduces it exactly under D65 and stays in [0, 1]. The basis comes from colour-science.
 """
 
 from __future__ import annotations

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of one caustic map that OpenGL draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.flux.sun_disc import footprint
+from mr360uw.caustics.settings import Method
+
+Array = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A plane at a depth, the sun above it and the map's size; travel: (2,) shift of the map per metre of depth."""
+
+    tile_m: float
+    sun: Array
+    depth_m: float
+    size: int
+    grid: int
+    refractive_index: float
+    sun_half_angle_rad: float
+    method: Method
+    travel: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def uniforms(self) -> dict[str, Any]:
+        """The uniforms that cell.vert, mesh.vert and vertices.frag share."""
+        return {
+            "grid": self.grid, "size": float(self.size), "depth": self.depth_m / self.tile_m, "travel": self.travel
+        }  # fmt: skip
+
+    @property
+    def disc_radii(self) -> tuple[float, float]:
+        """Half widths of the sun's image along x and z, in pixels."""
+        disc = footprint(self.sun, self.refractive_index, self.sun_half_angle_rad, self.depth_m)
+        x, z = np.linalg.norm(disc, axis=1) * (self.size / self.tile_m)
+        return float(x), float(z)

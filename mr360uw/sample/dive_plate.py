@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of a synthetic 360 dive: the sea surface from below, water, and a sandy floor under caustics.
+
+Above: the sky through Snell's window of a moving surface, with the sun's glitter, and total reflection around it.
+Below: sand. In between: the water of `mr360uw.medium`. Units: the irradiance just below the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics import GerstnerSea, caustic_stack
+from mr360uw.caustics.lookup import mip_level, mip_levels
+from mr360uw.caustics.settings import CausticSettings
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.jerlov import JerlovType
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share, veil_lookup
+from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_clamped, refract_to_water
+from mr360uw.sample.sand import SAND_TILE_M, sand_albedo
+from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.types import Floats
+
+SUN_SHARE = 0.7
+"""Fraction of the downwelling irradiance below the surface that is the sun's beam: a clear sky with the sun high."""
+_SKY_SHARE = (1.0 - SUN_SHARE) * np.array([0.82, 1.03, 1.25])
+"""Fraction (3,) of that irradiance from the sky, which is blue; the sun, slightly yellow, gives the rest."""
+_GLOW_RAD = 0.035
+"""Angular radius [rad] over which forward scattering spreads the sun's disc in a few metres of water. Twice as large,
+the glitter is a quarter as bright and clips less."""
+SENSOR = "CIE 1931"
+"""Sensor of the clip: its code values are colours, not raw camera values."""
+_LEVEL_BRIGHTNESS = 0.035
+"""Luminance of the water at the horizon after exposure, 1 = white: dark, so that Snell's window clips only in part."""
+_CAUSTICS = CausticSettings(size=512, grid=192)
+_LEAST_SEA_SIZE = 512
+"""Least number of normals across the sea's tile; larger frames use their number of rows, about one normal a pixel."""
+_SMALLEST_WAVE_M = 0.25
+"""Width [m] of a pixel's footprint on the surface beyond which wave slopes are averaged out, in proportion."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiveSettings:
+    """Parameters of the dive: depths below the mean surface [m], angles of the sun above the surface [rad]."""
+
+    camera_depth_m: float = 4.0
+    floor_depth_m: float = 7.5
+    water: JerlovType = "IB"
+    sun_azimuth_rad: float = 0.6
+    sun_elevation_rad: float = 1.0
+    seed: int = 1
+
+    @property
+    def sun_in_air(self) -> Floats:
+        """Unit direction towards the sun, above the surface."""
+        return direction_from_angles(self.sun_azimuth_rad, self.sun_elevation_rad)
+
+    @property
+    def sea(self) -> GerstnerSea:
+        """The surface of the dive."""
+        return GerstnerSea(wind_speed=3.0, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
+
+
+class DivePlate:
+    """Renders the plate's frames; what does not move is computed once.
+
+    The camera is level, so the water between it and what it sees is the same all along a row.
+    """
+
+    def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
+        self._settings = settings
+        camera, floor, sea = settings.camera_depth_m, settings.floor_depth_m, settings.sea
+        self._table = Medium(Water.jerlov(settings.water), named_sensor(SENSOR), camera_depth_m=camera).table
+        self._sun_in_water = refract_to_water(settings.sun_in_air)
+        # radiances in air that bring these shares through a flat surface
+        cosine, high = (np.arange(64) + 0.5) / 64, settings.sun_in_air[1]
+        passed = fresnel_transmittance(cosine, REFRACTIVE_INDEX_SEA)
+        self._sky = _SKY_SHARE / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * passed))
+        passed = fresnel_transmittance(high, REFRACTIVE_INDEX_SEA)
+        self._glow = (1.0 - _SKY_SHARE) / (2.0 * np.pi * _GLOW_RAD**2 * high * passed)
+        view = directions(width, height)
+        up = view[:, :1, 1]
+        distance = np.where(up > 0.0, camera, camera - floor) / up
+        footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
+        veil = veil_lookup(self._table, distance, up)
+        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(veil[np.abs(up) < 0.05]))
+        self._veil = (self._exposure * veil).astype(np.float32)
+        self._transmittance = (self._exposure * transmittance_lookup(self._table, distance, up)).astype(np.float32)
+
+        above, below = slice(height // 2), slice(height // 2, height)
+        x, z = distance * view[..., 0], distance * view[..., 2]
+        self._view = view[above].astype(np.float32)
+        self._sea_size = max(height, _LEAST_SEA_SIZE)
+        self._sea_at = np.stack([x[above], z[above]]) / sea.tile_m
+        # far away a pixel holds many waves, whose slopes average out
+        self._fade = np.clip(_SMALLEST_WAVE_M / footprint[above, :, None], 0.0, 1.0).astype(np.float32)
+
+        self._floor_footprint = footprint[below, 0]
+        along_beam = floor / self._sun_in_water[1] * self._sun_in_water
+        self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
+        sand = [level[0].astype(np.float32) for level in mip_levels(sand_albedo(settings.seed)[None])]
+        self._albedo = _read(sand, np.stack([x[below], z[below]]) / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
+        self._mirrored_up = np.linspace(-1.0, 0.0, 4 * len(self._table.veil))
+        self._mirrored = veil_lookup(self._table, np.full(self._mirrored_up.shape, 1e6), self._mirrored_up)
+
+    def radiance(self, time_s: float) -> NDArray[np.float32]:
+        """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording."""
+        image = np.concatenate([self._surface(time_s), self._floor(time_s)])
+        return self._transmittance * image + self._veil
+
+    def _beam(self, depth_m: float) -> Floats:
+        """Sun's irradiance (3,) perpendicular to its beam in the water."""
+        up = float(self._sun_in_water[1])
+        at = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
+        return at * (1.0 - _SKY_SHARE) / up
+
+    def _floor(self, time_s: float) -> NDArray[np.float32]:
+        depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
+        stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
+        levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
+        pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
+        contrast = unscattered_share(self._table, depth, up)
+        ambient = _SKY_SHARE * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
+        steady, moving = ambient + self._beam(depth) * up * (1.0 - contrast), self._beam(depth) * up * contrast
+        irradiance = steady.astype(np.float32) + moving.astype(np.float32) * pattern
+        return self._albedo / np.float32(np.pi) * irradiance
+
+    def _surface(self, time_s: float) -> NDArray[np.float32]:
+        """Radiance that comes down from the surface: refracted sky and sun, or the deep water it mirrors."""
+        view, eta = self._view, REFRACTIVE_INDEX_SEA
+        waves = self._settings.sea.grid_surface(self._sea_size, time_s).normal.astype(np.float32)
+        normal = _wrapped(waves, self._sea_at * self._sea_size) * self._fade
+        normal[..., 1:2] += 1.0 - self._fade
+        normal /= np.sqrt(_dot(normal, normal))[..., None]
+        cosine = np.maximum(_dot(view, normal), 1e-6)
+        air = refract_clamped(view, -normal, eta)
+        transmitted = 1.0 - fresnel_from_below(cosine, eta)
+        sky = _sky_shape(np.clip(air[..., 1], 0.0, 1.0))
+        angle = np.arccos(np.clip(air @ self._settings.sun_in_air.astype(np.float32), -1.0, 1.0))
+        glow = np.exp(-angle / _GLOW_RAD)
+        mirrored_up = view[..., 1] - 2.0 * cosine * normal[..., 1]
+        image = np.empty_like(view)
+        for k in range(3):
+            mirrored = np.interp(mirrored_up, self._mirrored_up, self._mirrored[:, k])
+            image[..., k] = eta**2 * (self._sky[k] * sky + self._glow[k] * glow) * transmitted + mirrored * (
+                1.0 - transmitted
+            )
+        return image
+
+
+def _sky_shape(up: Floats) -> Floats:
+    """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
+    return 3.0 + 4.0 * up
+
+
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the scalar products (...,) of vectors (..., 3)."""
+    return np.einsum("...k,...k", a, b)
+
+
+def _wrapped(image: NDArray[np.float32], at: Floats) -> NDArray[np.float32]:
+    """Return a periodic image (size, size, ...) at (column, row) coordinates (2, H, W), bilinear between its pixels."""
+    import cv2
+
+    column, row = np.remainder(at, len(image)).astype(np.float32)
+    return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+
+
+def _read(levels: list[NDArray[np.float32]], at: Floats, footprint: Floats) -> NDArray[np.float32]:
+    """Return mip levels (size, size, ...) of a tile at places (2, H, W) with a footprint of each row (H,), in tiles."""
+    level = mip_level(footprint, 1.0 / len(levels[0]), len(levels) - 1.0)
+    image = np.zeros((*at.shape[1:], *levels[0].shape[2:]), np.float32)
+    for k, texels in enumerate(levels):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
+        rows = np.flatnonzero(weight)
+        if len(rows):
+            value = _wrapped(texels, at[:, rows] * len(texels) - 0.5)
+            image[rows] += value * weight[rows].reshape(-1, *[1] * (value.ndim - 1))
+    return image

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every pure shader function against its Python partner, on random input.
+
+The functions are found in the shaders: one without a partner of its name or without a case here fails.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mr360uw
+from mr360uw import optics, sphere
+from mr360uw.caustics.flux import cell, coverage, refracted_rays
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.caustics.sea import detail, gerstner, surface
+from mr360uw.medium import lookup as medium
+from mr360uw.sphere import unit
+from mr360uw.types import CausticStack, MediumTable
+from tests import tolerances as tol
+from tests.caustics.seas import lattice_sea
+from tests.glsl import glsl_call
+
+ROOT = Path(mr360uw.__file__).parent
+SHADERS = ["optics.glsl", "sphere.glsl", "caustics", "medium"]
+"""Files and folders whose shader functions are compared here."""
+COUNT = 2000
+Columns = dict[str, np.ndarray]
+
+
+def shader_files() -> list[Path]:
+    files = [
+        f for name in SHADERS for f in ([ROOT / name] if name.endswith(".glsl") else (ROOT / name).rglob("*.glsl"))
+    ]
+    return sorted(f for f in files if "gl" not in f.relative_to(ROOT).parts)
+
+
+def functions_of(shader: Path) -> list[str]:
+    code = re.sub(r"//.*", "", shader.read_text("utf-8"))
+    return re.findall(r"^\w+ (\w+)\([^;{]*\)\s*\{", code, re.MULTILINE)
+
+
+FUNCTIONS = [(str(f.relative_to(ROOT)), name) for f in shader_files() for name in functions_of(f)]
+
+
+def rounded(values: np.ndarray) -> np.ndarray:
+    """Return values as single precision holds them, so that both sides start from the same numbers."""
+    return np.asarray(values, np.float32).astype(np.float64)
+
+
+def row_by_row(function: Callable[..., Any], *columns: np.ndarray) -> np.ndarray:
+    """Return a function of numbers or vectors, called for every row of its columns."""
+    return np.array([function(*row) for row in zip(*columns, strict=True)])
+
+
+@dataclass(frozen=True)
+class Case:
+    """An expression in GLSL and the numbers that its Python partner gives."""
+
+    expression: str
+    columns: Columns
+    expected: np.ndarray
+    tolerance: float = tol.FLOAT32_TWIN
+    declarations: str = ""
+    textures: Callable[[], dict[str, Any]] = dict
+    uniforms: dict[str, Any] = field(default_factory=dict)
+
+
+def upward(rng: np.random.Generator) -> np.ndarray:
+    v = rng.standard_normal((COUNT, 3))
+    v[:, 1] = np.abs(v[:, 1]) + 1e-3
+    return rounded(unit(v))
+
+
+def optics_case(name: str, rng: np.random.Generator) -> Case:
+    index, cosine = rounded(rng.uniform(1.2, 1.5, COUNT)), rounded(rng.uniform(-0.2, 1.0, COUNT))
+    d = upward(rng)
+    columns = {"i": index, "c": cosine, "d": d}
+    if name in ("fresnel_transmittance", "fresnel_reflectance", "fresnel_from_below"):
+        if name == "fresnel_from_below":  # not at the edge of Snell's window, where the slope is infinite
+            columns["c"] = cosine = np.where(np.abs(cosine**2 - 1.0 + 1.0 / index**2) < 1e-2, 1.0, cosine)
+        return Case(f"{name}(c, i)", columns, row_by_row(getattr(optics, name), cosine, index), tol.FRESNEL_TWIN)
+    if name == "critical_cosine":
+        return Case(f"{name}(i)", columns, row_by_row(optics.critical_cosine, index))
+    if name == "sea_water_index":
+        w, t, s = (rounded(rng.uniform(*r, COUNT)) for r in ((400.0, 700.0), (0.0, 30.0), (0.0, 35.0)))
+        return Case(f"{name}(w, t, s)", {"w": w, "t": t, "s": s}, row_by_row(optics.sea_water_index, w, t, s))
+    if name == "refract_clamped":
+        travel, eta = -upward(rng), rounded(rng.uniform(0.6, 1.4, COUNT))
+        eta = np.where(np.abs(1.0 - eta**2 * (1.0 - np.sum(travel * d, axis=1) ** 2)) < 1e-2, 0.6, rounded(eta))
+        return Case(
+            f"{name}(t, d, e)", {"t": travel, "d": d, "e": eta}, row_by_row(optics.refract_clamped, travel, d, eta)
+        )
+    if name == "refract_to_air":  # not at the edge of Snell's window
+        inside = np.abs(1.0 - index**2 * (1.0 - d[:, 1] ** 2)) > 1e-2
+        columns["d"] = d = np.where(inside[:, None], d, [0.0, 1.0, 0.0])
+    return Case(f"{name}(d, i)", columns, row_by_row(getattr(optics, name), d, index))
+
+
+def sphere_case(name: str, rng: np.random.Generator) -> Case:
+    p = rounded(np.column_stack([rng.uniform(0.0, 64.0, COUNT), rng.uniform(0.1, 31.9, COUNT)]))
+    d = sphere.direction_from_frame(p[:, 0], p[:, 1], 64, 32)
+    if name == "direction_from_frame":
+        return Case(f"{name}(p, vec2(64.0, 32.0))", {"p": p}, d)
+    back = np.column_stack(sphere.frame_from_direction(rounded(d), 64, 32))
+    return Case(f"{name}(d, vec2(64.0, 32.0))", {"d": d}, back, tol.FLOAT32_LOOKUP)
+
+
+def surface_case(name: str, rng: np.random.Generator) -> Case:
+    f = rounded(rng.uniform(-0.3, 0.3, (7, COUNT)))
+    columns = {"slope": f[0:2].T, "strain": f[2:5].T, "detail": f[5:7].T}
+    fields = "SurfaceFields(0.0, vec2(0.0), slope, strain)"
+    if name == "surface_normal":
+        return Case(f"surface_normal({fields}, detail)", columns, surface.surface_normal(*f[:5], f[5:7].T))
+    return Case(f"surface_jacobian({fields})", columns, surface.surface_jacobian(*f[2:5]))
+
+
+def detail_case(name: str, rng: np.random.Generator) -> Case:
+    maps = detail.make_detail(8.0, 0.05, 0.5, np.array([0.2, 0.1]), None, 4, 1.2)
+    uv = rounded(rng.uniform(-1.0, 2.0, (COUNT, 2)))
+    if name == "detail_slope":
+        call, expected = "detail_slope(detail, slopes, uv)", detail.detail_slope(maps, *(uv.T * 8.0))
+    else:
+        call, expected = "periodic_slope(slopes, uv)", detail.periodic_slope(maps.slopes, *uv.T)
+    return Case(
+        call, {"uv": uv}, expected, tol.FLOAT32_LOOKUP, "uniform sampler2D slopes;\nuniform Detail detail;",
+        lambda: {"slopes": texture(maps.slopes)},
+        {"detail__repeats": maps.repeats, "detail__offset": maps.offset.ravel()},
+    )  # fmt: skip
+
+
+def gerstner_case(name: str, rng: np.random.Generator) -> Case:
+    """All eight fields, squeezed into one number by random weights."""
+    from mr360uw.caustics.gl.sea_textures import wave_table
+
+    waves, tile = lattice_sea(rng).waves, 8.0
+    uv = rounded(rng.uniform(0.0, 1.0, (COUNT, 2)))
+    a, b = rounded(rng.uniform(-1.0, 1.0, (COUNT, 4))), rounded(rng.uniform(-1.0, 1.0, (COUNT, 4)))
+    fields = gerstner.gerstner(waves, *(uv.T * tile), 0.7)
+    scale = np.array([1.0 / tile] * 3 + [1.0] * 5)
+    every = np.stack([getattr(fields, n) for n in surface.FIELD_NAMES], axis=1) * scale
+    return Case(
+        "weighed(a, b, uv)", {"a": a, "b": b, "uv": uv}, np.sum(every * np.hstack([a, b]), axis=1), tol.FLOAT32_TWIN,
+        "uniform sampler2D waves;\nfloat weighed(vec4 a, vec4 b, vec2 uv) {\n"
+        f"SurfaceFields f = {name}(waves, {len(waves.amplitude_m)}, uv);\n"
+        "return dot(a, vec4(f.height, f.shift, f.slope.x)) + dot(b, vec4(f.slope.y, f.strain));\n}",
+        lambda: {"waves": texture(wave_table(waves, tile, 0.7))},
+    )  # fmt: skip
+
+
+def coverage_case(name: str, rng: np.random.Generator) -> Case:
+    at = rounded(rng.uniform(-1.0, 2.0, (COUNT, 6)))
+    columns = {n: at[:, 2 * i : 2 * i + 2] for i, n in enumerate("abc")}
+    used = at if name == "twice_area" else at[:, :4]
+    call = "twice_area(a, b, c)" if name == "twice_area" else "edge_coverage(a, b)"
+    return Case(call, columns, row_by_row(getattr(coverage, name), *used.T))
+
+
+def cell_case(name: str, rng: np.random.Generator) -> Case:
+    """Cells of every kind: open, points, and lines that a fold makes of them."""
+    corners = rng.uniform(-1.0, 2.0, (COUNT, 8))
+    corners[:40] = np.repeat(corners[:40, :2], 4, axis=0).reshape(40, 8)
+    edge = corners[40:80, 2:4]
+    corners[40:80, 2:] = np.concatenate([corners[40:80, :2] + f * edge for f in (0.3, 1.0, 0.8)], axis=1)
+    corners = rounded(corners)
+    flux = rounded(rng.uniform(0.0, 1.0, (COUNT, 2)))
+    columns = {n: corners[:, 2 * i : 2 * i + 2] for i, n in enumerate("abcd")} | {"f": flux}
+    spread = row_by_row(cell.opened, *corners.T)
+    if name == "opened":
+        pick = rounded(rng.uniform(-1.0, 1.0, (COUNT, 8)))
+        columns |= {"p": pick[:, :4], "q": pick[:, 4:]}
+        declared = "float weighed(Cell c, vec4 p, vec4 q) { return dot(p, vec4(c.a, c.b)) + dot(q, vec4(c.c, c.d)); }"
+        return Case(
+            "weighed(opened(Cell(a, b, c, d)), p, q)", columns, np.sum(spread * pick, axis=1), declarations=declared
+        )
+    if name == "intensities":
+        call, expected = (
+            "intensities(opened(Cell(a, b, c, d)), f.x, f.y)",
+            row_by_row(cell.intensities, *spread.T, *flux.T),
+        )
+        return Case(call, columns, expected, tol.COVERAGE_TWIN)
+    return Case("cell_light(Cell(a, b, c, d), f)", columns, row_by_row(cell.cell_light, *corners.T, *flux.T))
+
+
+def rays_case(name: str, rng: np.random.Generator) -> Case:
+    sun, index = upward(rng), rounded(rng.uniform(1.2, 1.5, COUNT))
+    normal = rounded(unit(upward(rng) + np.array([0.0, 2.0, 0.0])))
+    columns = {"n": normal, "s": sun, "i": index}
+    if name == "facet_flux":
+        a, b, c = rounded(rng.uniform(-1.0, 1.0, (3, COUNT, 3)))
+        expected = refracted_rays.facet_flux(a, b, c, index, sun)
+        return Case("facet_flux(a, b, c, i, s)", columns | {"a": a, "b": b, "c": c}, expected)
+    return Case(f"{name}(n, s, i)", columns, row_by_row(getattr(refracted_rays, name), normal, sun, index))
+
+
+def caustic_case(name: str, rng: np.random.Generator) -> Case:
+    stack = CausticStack(rng.uniform(0.5, 2.0, (4, 16, 16, 3)), np.geomspace(1.0, 16.0, 4), 8.0, unit([0.3, 0.9, -0.2]))
+    at = rounded(rng.uniform((-20.0, 0.0, -20.0, 0.0), 20.0, (COUNT, 4)))
+    expected = caustic_lookup(stack, mip_levels(stack.ratio), *at.T)
+
+    def textures() -> dict[str, Any]:
+        from mr360uw.caustics.gl.stack import upload
+
+        on_device = upload(stack)
+        return {"ratio": on_device.texture, "plane_depth": on_device.plane_depth}
+
+    return Case(
+        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, tol.FILTER_WEIGHTS,
+        "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;", textures,
+        {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
+    )  # fmt: skip
+
+
+def medium_case(name: str, rng: np.random.Generator) -> Case:
+    table = MediumTable(
+        5.0, 8.0, rng.uniform(0, 1, (17, 32, 3)), rng.uniform(0.05, 0.5, (9, 8, 3)),
+        rng.uniform(0.02, 0.3, (16, 3)), rng.uniform(0.05, 0.5, (16, 3)), rng.uniform(0.2, 0.8, (16, 3)),
+    )  # fmt: skip
+    v = rounded(np.column_stack([rng.exponential(10.0, COUNT), rng.uniform(-1, 1, COUNT), rng.exponential(6.0, COUNT)]))
+    s, up, depth = v.T
+    t = (0.5 + 0.5 * up, medium.table_coordinate(s, 8.0))
+    cases = {
+        "table_coordinate": ("table_coordinate(v.x, 8.0)", medium.table_coordinate(s, 8.0)),
+        "bilinear": ("bilinear(veil, 0.5 + 0.5 * v.y, 1.0 - 8.0 / (v.x + 8.0))", medium.bilinear(table.veil, *t)),
+        "in_water_distance": ("in_water_distance(v.x, 5.0, v.y)", medium.in_water_distance(s, 5.0, up)),
+        "veil_lookup": ("veil_lookup(medium, veil, v.x, v.y)", medium.veil_lookup(table, s, up)),
+        "transmittance_lookup": (
+            "transmittance_lookup(medium, attenuation, v.x, v.y)", medium.transmittance_lookup(table, s, up)
+        ),
+        "ambient_ratio": ("ambient_ratio(medium, diffuse, v.z)", medium.ambient_ratio(table, depth)),
+        "path_attenuation": (
+            "path_attenuation(medium, beam, 1.0, v.z, 0.8)",
+            medium.path_attenuation(table, table.unscattered, depth, 0.8),
+        ),
+        "beam_ratio": ("beam_ratio(medium, beam, v.z, 0.8)", medium.beam_ratio(table, depth, 0.8)),
+        "unscattered_share": ("unscattered_share(medium, beam, v.z, 0.8)", medium.unscattered_share(table, depth, 0.8)),
+    }  # fmt: skip
+    expression, expected = cases[name]
+
+    def textures() -> dict[str, Any]:
+        return {
+            "veil": texture(table.veil),
+            "attenuation": texture(table.attenuation),
+            "diffuse": texture(table.diffuse[None]),
+            "beam": texture(np.stack([table.beam, table.unscattered])),
+        }
+
+    return Case(
+        expression, {"v": v}, expected, tol.FLOAT32_LOOKUP,
+        "uniform MediumTable medium; uniform sampler2D veil, attenuation, diffuse, beam;", textures,
+        {"medium__camera_depth_m": table.camera_depth_m, "medium__length_m": table.length_m},
+    )  # fmt: skip
+
+
+CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
+    "optics.glsl": optics_case,
+    "sphere.glsl": sphere_case,
+    "caustics/sea/surface.glsl": surface_case,
+    "caustics/sea/detail.glsl": detail_case,
+    "caustics/sea/gerstner.glsl": gerstner_case,
+    "caustics/flux/coverage.glsl": coverage_case,
+    "caustics/flux/cell.glsl": cell_case,
+    "caustics/flux/refracted_rays.glsl": rays_case,
+    "caustics/lookup.glsl": caustic_case,
+    "medium/lookup.glsl": medium_case,
+}
+
+
+def texture(image: np.ndarray) -> Any:
+    from mr360uw.gl.context import texture_from_array
+
+    return texture_from_array(image)
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize(("shader", "function"), FUNCTIONS)
+def test_a_shader_function_is_its_python_partner(shader: str, function: str, rng: np.random.Generator) -> None:
+    case = CASES[shader](function, rng)
+    assert re.search(rf"\b{function}\(", case.expression + case.declarations), "the case calls another function"
+    size = 1 if case.expected.ndim == 1 else case.expected.shape[1]
+    got = glsl_call(shader, case.expression, size, case.declarations, case.textures(), case.uniforms, **case.columns)
+    np.testing.assert_allclose(got, case.expected, rtol=case.tolerance, atol=case.tolerance)
+
+
+@pytest.mark.parametrize("shader", shader_files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_shader_function_has_a_partner_of_its_name(shader: Path) -> None:
+    tree = ast.parse(shader.with_suffix(".py").read_text("utf-8"))
+    python = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert set(functions_of(shader)) <= python
