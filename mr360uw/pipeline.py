@@ -16,10 +16,9 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.composite.aovs import RECIPE, exr_parts
-from mr360uw.errors import OutputExistsError, ParameterError, SceneError
+from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.dive import load_dive
 from mr360uw.render.first_pass import ClipFacts, first_pass
 from mr360uw.render.frame import Stages, finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
@@ -206,7 +205,7 @@ def composite_video(
         plan = loaded.plan
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
             since = time.perf_counter()
-            facts = first_pass(loaded.dive, video, progress, sun=plan.track_sun.runs, gain=plan.track_gain.runs)
+            facts = first_pass(loaded.surroundings, video, progress, sun=plan.track_sun.runs, gain=plan.track_gain.runs)
             clock.add("first pass", since)
             run = _Run(loaded, facts, renderer, video, writer, pattern, clock)
             with Behind(run.write) as sink:
@@ -240,53 +239,3 @@ def _layers_pattern(pattern: Path, out: Path, *, overwrite: bool) -> Path:
     if there and not overwrite:
         raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
     return pattern
-
-
-def export_caustics(
-    scene: Scene,
-    folder: str | Path,
-    *,
-    frames: int = 48,
-    loop_s: float = 8.0,
-    depth_m: float | None = None,
-    image_format: Literal["png", "exr"] = "png",
-    backend: str = "auto",
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> tuple[Path, ...]:
-    """Write the scene's sea as tileable, looping caustic, height and normal maps; return their paths.
-
-    The sun is the scene's: given, or found in the plate. depth_m: of the plane the caustics fall on, below the mean
-    surface; by default that of a receiver plane, else of the first object, else of the camera. Raises `SceneError`
-    where the plate shows no sun.
-    """
-    from mr360uw.caustics import export_tiles, refract_to_air
-
-    with open_plate(scene) as video:
-        dive, light = load_dive(scene), scene.light
-        tracked = light.sun == "detect" and not video.is_still and (light.smooth or light.track is not None)
-        track = first_pass(dive, video, sun=tracked, gain=False).sun
-        sun = track.at(0) if track is not None else dive.light.sun(next(iter(video.frames(0, 1))).pixels, 0.0)
-    if sun is None or sun.direction[1] <= 0.0:
-        problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
-        raise SceneError(str(scene.plate.path), [problem])
-    if depth_m is None:
-        heights = [0.0, *(o.position_m[1] for o in scene.objects[:1])]
-        if scene.receiver is not None and scene.receiver.kind == "plane":
-            heights.append(scene.receiver.height_m)
-        depth_m = max(scene.camera.depth_m - heights[-1], 0.0)
-    renderer, _ = make_backend(backend)
-    return export_tiles(
-        scene.sea,
-        refract_to_air(sun.direction, scene.water.refractive_index),
-        depth_m,
-        folder,
-        frames,
-        loop_s,
-        scene.caustics,
-        image_format,
-        refractive_index=scene.water.refractive_index,
-        overwrite=overwrite,
-        backend=renderer.name,
-        progress=progress,
-    )

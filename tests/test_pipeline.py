@@ -361,13 +361,13 @@ def test_layers_do_not_change_the_picture(dive: SampleDive, tmp_path: Path) -> N
 
 
 def test_a_frame_alone_is_the_video_s_with_the_clip_s_track(dive: SampleDive, tmp_path: Path) -> None:
-    from mr360uw.render.dive import load_dive
     from mr360uw.render.first_pass import first_pass
+    from mr360uw.render.surroundings import load_surroundings
 
     scene = load_scene(dive.scene)
     uw.composite_video(scene, tmp_path / "out_%02d.exr", frames=(2, 3), backend="reference")
     with uw.open_video(dive.plate) as video:
-        track = first_pass(load_dive(scene), video)
+        track = first_pass(load_surroundings(scene), video)
         frame = next(iter(video.frames(2, 3)))
     light = {"sun": track.sun_at(2), "gain": track.gain_at(2)}
     alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, **light)

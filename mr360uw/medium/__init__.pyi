@@ -1,9 +1,10 @@
 from .closed_form import multiple_scattering
-from .exposure import exposure_change, fit_gain, picture_change, steady_gain
+from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
+from .fit.profile import PlateProfile
+from .fit.waterfit import WaterFit, fit_water
 from .jerlov import JERLOV_TYPES
 from .medium import MODES, Medium
 from .models import spectral_model
-from .profile import PlateProfile
 from .settings import WaterSettings
 from .spectral.bands import Bands, bands
 from .spectral.gamut import compress_gamut
@@ -11,7 +12,6 @@ from .spectral.sensor import Sensor, cameras, illuminant
 from .spectral.upsampling import reflectance
 from .transfer import LightField
 from .water import Water
-from .waterfit import WaterFit, fit_water
 
 __all__ = [
     "JERLOV_TYPES",

@@ -19,9 +19,9 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.formation import fitted_formation
 from mr360uw.medium.models import SpectralMode, SpectralModel, spectral_model
-from mr360uw.medium.profile import PlateProfile
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MEAN_COSINE_SEA, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.exposure import fit_gain
+from mr360uw.medium.fit.exposure import fit_gain
 from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase

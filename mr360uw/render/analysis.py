@@ -12,9 +12,9 @@ from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.progress import Progress
-from mr360uw.render.dive import load_dive
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import PlateSettings, Scene, load_scene
 from mr360uw.video import VideoFrame
@@ -40,8 +40,8 @@ def analyse_video(
     from mr360uw.ibl.level.horizon import estimate_horizon
     from mr360uw.ibl.report import Snapshot, level_section, light_report
     from mr360uw.ibl.sun.trackfile import save_track
+    from mr360uw.medium.fit.waterfit import fit_water
     from mr360uw.medium.spectral.sensor import named_sensor
-    from mr360uw.medium.waterfit import fit_water
 
     source = Path(source)
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
@@ -55,12 +55,12 @@ def analyse_video(
     keep_inputs(scene, page, *tracks)
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
     with open_plate(scene) as video:
-        dive = load_dive(scene)
+        surroundings = load_surroundings(scene)
         smooth = scene.light.smooth and not video.is_still
-        facts = first_pass(dive, video, progress, sun=smooth, gain=False)
+        facts = first_pass(surroundings, video, progress, sun=smooth, gain=False)
         track = facts.sun if isinstance(facts.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
-        reader, snapshots, maps = dive.light, [], []
+        reader, snapshots, maps = surroundings.light, [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
             light = reader.of(frame.pixels, time_s=frame.time_s)

@@ -13,10 +13,10 @@ from typing import TypeVar
 from mr360uw.composite import load_object
 from mr360uw.errors import Mr360uwError, SceneError, VideoError
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.dive import load_dive
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
+from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
@@ -55,7 +55,7 @@ def check_scene(
         for settings in scene.objects:
             found.of(partial(load_object, settings))
         if video is not None:
-            found.of(lambda: load_dive(scene))
+            found.of(lambda: load_surroundings(scene))
     output = None
     if video is not None:
         _check_other_clips(scene, video, frames, found)
@@ -93,7 +93,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size).check(stop))
     if scene.light.track is not None:
-        found.of(lambda: first_pass(load_dive(scene), video, gain=False))
+        found.of(lambda: first_pass(load_surroundings(scene), video, gain=False))
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:

@@ -13,8 +13,8 @@ from mr360uw.errors import SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.medium import Medium, exposure_change, fit_gain, picture_change, steady_gain
 from mr360uw.progress import Progress
-from mr360uw.render.dive import Dive
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
 from mr360uw.video import VideoReader
@@ -57,7 +57,12 @@ class ClipFacts:
 
 
 def first_pass(
-    dive: Dive, video: VideoReader, progress: Progress | None = None, *, sun: bool = True, gain: bool = True
+    surroundings: Surroundings,
+    video: VideoReader,
+    progress: Progress | None = None,
+    *,
+    sun: bool = True,
+    gain: bool = True,
 ) -> ClipFacts:
     """Return the facts of a clip: its sun and the gain of its veil, each as far as it is wanted.
 
@@ -65,25 +70,26 @@ def first_pass(
     range is rendered. With nothing to find there is no pass. Raises `SceneError` where the scene's track belongs to
     another clip.
     """
-    stored = dive.scene.light.track
+    stored = surroundings.scene.light.track
     track = _stored_track(stored, video) if sun and stored is not None else None
-    reads_sun, medium = sun and track is None, dive.medium if gain else None
+    camera, medium = surroundings.camera, surroundings.medium if gain else None
+    reads_sun = sun and track is None
     if not reads_sun and medium is None:
         return ClipFacts(track)
     suns: list[SunMeasurement] = []
     maps = _MapSeries()
     with one_blas_thread():
         for frame in prefetch(video.frames()):
-            world_from_camera = dive.camera.at(frame.time_s)[1]
+            world_from_camera = camera.at(frame.time_s)[1]
             if reads_sun:
-                light = dive.light.of(frame.pixels, time_s=frame.time_s)
+                light = surroundings.light.of(frame.pixels, time_s=frame.time_s)
                 suns.append(measure_sun(light, frame.time_s, world_from_camera))
             if medium is not None:
-                here = medium.at_depth(dive.camera.depth_at(frame.time_s)) if dive.camera.sinks else medium
+                here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
                 maps.add(here, plate_map(frame.pixels, world_from_camera[1]))
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
-    confidence = dive.scene.light.minimum_confidence
+    confidence = surroundings.scene.light.minimum_confidence
     return ClipFacts(
         track_suns(suns, minimum_confidence=confidence) if suns else track,
         maps.gain(float(video.frame_rate)) if medium is not None else None,

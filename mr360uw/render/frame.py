@@ -10,11 +10,11 @@ from typing import Any
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.render.backends import Backend
+from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.shots import shot_at, shutter_times, with_caustics
-from mr360uw.render.water import exposed_water
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -53,7 +53,7 @@ def frame_stages(
     yield  # what follows belongs to the thread of the backend
 
     if light is not None and plan.layer.runs:
-        water = exposed_water(loaded.dive, light, plate.time_s)
+        water = exposed_water(loaded.surroundings, light, plate.time_s)
         for time_s in shutter_times(loaded, plate.time_s, shutter_s):
             shot = with_caustics(loaded, backend, shot_at(loaded, light, water, time_s, plate.index), time_s)
             layer, found = backend.layer(shot, variables=variables)

@@ -6,13 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mr360uw.composite import SceneObject, load_objects
-from mr360uw.composite.lamps import SceneLamp, load_lamps
+from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
-from mr360uw.render.dive import Dive, load_dive
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.placement import placement_notes
 from mr360uw.render.plan import ObjectFacts, Plan, make_plan
+from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.model import Scene
 from mr360uw.types import View
 
@@ -27,7 +27,7 @@ class Loaded:
     scene: Scene
     width: int
     height: int
-    dive: Dive
+    surroundings: Surroundings
     objects: tuple[SceneObject, ...]
     lamps: tuple[SceneLamp, ...]
     receiver: ReceiverClip | None
@@ -38,13 +38,17 @@ class Loaded:
 
     def view(self, time_s: float) -> View:
         """Return what the camera sees at a time."""
-        position, rotation = self.dive.camera.at(time_s)
+        position, rotation = self.surroundings.camera.at(time_s)
         return View(self.width, self.height, position, rotation, self.scene.camera.depth_m)
 
     @property
     def moves(self) -> bool:
         """Whether anything changes within a frame's exposure."""
-        return self.dive.camera.moves or any(o.moves for o in self.objects) or any(lamp.moves for lamp in self.lamps)
+        return (
+            self.surroundings.camera.moves
+            or any(o.moves for o in self.objects)
+            or any(lamp.moves for lamp in self.lamps)
+        )
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a matte or a distance map ends before the plate's frame `stop`."""
@@ -61,23 +65,26 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     """
     objects = load_objects(scene.objects)
     receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
-    dive = load_dive(scene)
+    surroundings = load_surroundings(scene)
+    medium = surroundings.medium
     still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
     ground = still.at(0) if still is not None else None
-    facts = tuple(_facts(placed, dive.camera) for placed in objects)
+    facts = tuple(_facts(placed, surroundings.camera) for placed in objects)
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
     return Loaded(
         scene=scene,
         width=width,
         height=height,
-        dive=dive,
+        surroundings=surroundings,
         objects=objects,
-        lamps=load_lamps(scene.lamps, dive.medium, scene.light.white_cd_m2),
+        lamps=load_lamps(scene.lamps, medium, scene.light.white_cd_m2),
         receiver=receiver,
         mattes=Mattes(scene, width, height),
-        caustic_depths=CausticDepths.of(scene, objects, ground, dive.camera, height),
-        plan=make_plan(scene, facts, None if dive.medium is None else dive.medium.unit_table, clip=clip),
-        notes=(*found, *placement_notes(scene, objects, dive.camera, height)),
+        caustic_depths=CausticDepths.of(scene, objects, ground, surroundings.camera, height),
+        plan=make_plan(
+            scene, facts, None if surroundings.medium is None else surroundings.medium.unit_table, clip=clip
+        ),
+        notes=(*found, *placement_notes(scene, objects, surroundings.camera, height)),
     )
 
 

@@ -27,10 +27,10 @@ class FrameLight:
 
 def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
     """Return the light of a plate's frame; what the clip's facts do not hold is found in this frame alone."""
-    dive, plan, water = loaded.dive, loaded.plan, loaded.scene.water
+    surroundings, plan, water = loaded.surroundings, loaded.plan, loaded.scene.water
     sun = facts.sun_at(plate.index) if plan.sun.runs else None
-    found = dive.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
+    found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     gain = facts.gain_at(plate.index) if water.fits_gain else None
-    if dive.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
+    if surroundings.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
         return FrameLight(found, None, gain)
-    return FrameLight(found, plate_map(plate.pixels, dive.camera.at(plate.time_s)[1][1]))
+    return FrameLight(found, plate_map(plate.pixels, surroundings.camera.at(plate.time_s)[1][1]))

@@ -1,6 +1,5 @@
 from .clip import Clip
 from .exr import read_exr, read_rgb, write_exr
-from .frame import VideoFrame
 from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
 from .pixels.grain_measure import with_grain
 from .read.images import read_picture
@@ -8,6 +7,7 @@ from .read.opening import open_video
 from .read.reader import VideoReader
 from .settings import EncodeSettings
 from .transcoding import transcode
+from .video_frame import VideoFrame
 from .write.creating import create_video
 from .write.writer import VideoWriter
 

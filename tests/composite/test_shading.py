@@ -175,7 +175,7 @@ def test_texture_twin(rng: np.random.Generator) -> None:
         texture: Texture = make_texture(image, srgb=True, wrap=wrap)
         buffers = upload_mesh(quad(Material(base_map=texture)))
         got = glsl_call(
-            "composite/mesh/texture.glsl",
+            "composite/gl/shaders/texture.glsl",
             "texture_lookup(store, texelFetch(materials, ivec2(4, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
             4, "uniform sampler2D store, materials;", {"store": buffers.store, "materials": buffers.materials},
             uv=uv, c=change,

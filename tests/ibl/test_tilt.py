@@ -15,8 +15,8 @@ from mr360uw.ibl.level.upward import frame_sines, upward
 from mr360uw.ibl.lighting import turned
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.render.dive import load_dive
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive_plate import DivePlate, DiveSettings
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.types import Environment, Sun
@@ -82,8 +82,8 @@ def test_a_tilted_texture_has_the_light_of_the_tilted_plate(dive: np.ndarray) ->
 def test_a_scene_knows_the_tilt_at_every_time(dive: np.ndarray, camera: dict | str, tmp_path: Path) -> None:
     keys = [[0.0, 0.0, 0.0], [2.0, float(np.degrees(ROLL_RAD)), float(np.degrees(PITCH_RAD))]]
     tables = {"tilt_keys": keys} if isinstance(camera, str) else camera
-    reader = load_dive(scene_with(tmp_path, None, camera=tables)).light
-    level = load_dive(scene_with(tmp_path, None)).light.of(np.minimum(dive, 1.0))
+    reader = load_surroundings(scene_with(tmp_path, None, camera=tables)).light
+    level = load_surroundings(scene_with(tmp_path, None)).light.of(np.minimum(dive, 1.0))
     found = reader.of(np.minimum(tilted(dive, TILT), 1.0), time_s=2.0)
     rotation = reader.world_from_camera(2.0)
     np.testing.assert_allclose(rotation, TILT, atol=FLOAT64)
@@ -98,7 +98,7 @@ def test_a_scene_knows_the_tilt_at_every_time(dive: np.ndarray, camera: dict | s
 def test_a_given_sun_stands_in_the_world(dive: np.ndarray, light: dict, tmp_path: Path) -> None:
     place = direction_from_angles(np.radians(30.0), np.radians(60.0))
     camera = {"tilt_keys": [[0.0, 0.0, 0.0], [2.0, float(np.degrees(ROLL_RAD)), float(np.degrees(PITCH_RAD))]]}
-    reader = load_dive(scene_with(tmp_path, None, camera=camera, light=light)).light
+    reader = load_surroundings(scene_with(tmp_path, None, camera=camera, light=light)).light
     sun = "scene" if light else Sun(place, np.ones(3), 0.01, 1.0)  # of the scene, or of a track
     for time_s, rotation in ((0.0, np.eye(3)), (2.0, TILT)):
         found = reader.of(np.minimum(dive, 1.0), sun, time_s=time_s).sun

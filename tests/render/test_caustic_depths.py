@@ -124,8 +124,8 @@ def test_light_bends_by_the_index_of_the_scenes_water(
     np.testing.assert_allclose(got.sun_direction, sun.direction, atol=tol.SNELL_ROUND_TRIP)
     assert frame.medium is not None
     assert frame.medium.refractive_index == 1.5
-    assert loaded.dive.medium is not None
-    assert loaded.dive.medium.model.field.refractive_index == 1.5
+    assert loaded.surroundings.medium is not None
+    assert loaded.surroundings.medium.model.field.refractive_index == 1.5
     settings = scene.caustics.model_copy(update={"size": got.ratio.shape[1]})
     expected = caustic_stack(scene.sea, refract_to_air(sun.direction, 1.5), got.depth_m, 0.3, settings, 1.5)
     error = np.sqrt(np.mean((got.ratio - expected.ratio) ** 2)) / expected.ratio.std()

@@ -11,10 +11,10 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.medium import Medium, Water, exposure_change, fit_gain, picture_change, steady_gain
-from mr360uw.medium.profile import row_up
-from mr360uw.render.dive import load_dive
+from mr360uw.medium.fit.profile import row_up
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import write_exr
@@ -72,7 +72,7 @@ def body(whale: Path) -> list[dict[str, Any]]:
 def gain_of(scene: Scene) -> np.ndarray:
     """Return the gain (N, 3) that the clip's frames are rendered with."""
     with open_plate(scene) as video:
-        gain = first_pass(load_dive(scene), video, sun=False).gain
+        gain = first_pass(load_surroundings(scene), video, sun=False).gain
     assert gain is not None
     assert gain.shape == (FRAMES, 3)
     return gain

@@ -18,7 +18,6 @@ import av.error
 from mr360uw.color import Transfer
 from mr360uw.errors import VideoError
 from mr360uw.types import YuvImage
-from mr360uw.video.frame import VideoFrame
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
@@ -26,6 +25,7 @@ from mr360uw.video.read.index import FrameIndex, container_index, has_full_index
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.probe import open_container
 from mr360uw.video.read.reader import VideoReader, check_range
+from mr360uw.video.video_frame import VideoFrame
 
 
 class ContainerReader(VideoReader):

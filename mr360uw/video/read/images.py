@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer
 from mr360uw.errors import VideoError
-from mr360uw.video.frame import VideoFrame
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.reader import VideoReader, check_range
+from mr360uw.video.video_frame import VideoFrame
 
 INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")

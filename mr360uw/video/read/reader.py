@@ -10,7 +10,7 @@ from typing import Self
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
-from mr360uw.video.frame import VideoFrame
+from mr360uw.video.video_frame import VideoFrame
 
 
 class VideoReader(Clip, ABC):

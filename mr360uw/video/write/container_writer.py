@@ -17,12 +17,12 @@ from av.video.reformatter import ColorRange, Interpolation
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
-from mr360uw.video.frame import VideoFrame
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
 from mr360uw.video.metadata.tags import BT709_TAGS, color_spec
 from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_views
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.audio import CONTAINERS, AudioCopy, check_sound
 from mr360uw.video.write.writer import VideoWriter
 

@@ -13,10 +13,10 @@ from mr360uw.color import Transfer
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
-from mr360uw.video.frame import VideoFrame
 from mr360uw.video.metadata.gpano import marked
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.images import FLOAT_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.writer import VideoWriter
 
 _DEEP_SUFFIXES = (".png", ".tif", ".tiff")

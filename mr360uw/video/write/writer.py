@@ -17,7 +17,7 @@ import numpy as np
 from mr360uw.color import ColorSpec
 from mr360uw.types import Floats
 from mr360uw.video.clip import Clip
-from mr360uw.video.frame import VideoFrame
+from mr360uw.video.video_frame import VideoFrame
 
 
 class VideoWriter(ABC):

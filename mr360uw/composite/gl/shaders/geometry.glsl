@@ -2,7 +2,7 @@
 // a material is nine of `materials`: see gl_upload.py.
 // maps are switched at compile time: software drivers run both sides of every branch
 #include "composite/gl/shaders/rays.glsl"
-#include "composite/mesh/texture.glsl"
+#include "composite/gl/shaders/texture.glsl"
 
 const int TRIANGLE_TEXELS = 10;
 const int MATERIAL_TEXELS = 9;

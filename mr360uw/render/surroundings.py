@@ -13,7 +13,7 @@ from mr360uw.scene.model import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Dive:
+class Surroundings:
     """What a scene says of its plate, resolved. medium: for a camera at `camera.depth_m`; None without water."""
 
     scene: Scene
@@ -27,10 +27,10 @@ class Dive:
         return self.medium if self._depths is None else self._depths.at(self.camera.depth_at(time_s))
 
 
-def load_dive(scene: Scene) -> Dive:
-    """Return the dive of a scene; raise `ParameterError` or `VideoError` where it cannot have been."""
+def load_surroundings(scene: Scene) -> Surroundings:
+    """Return the surroundings of a scene; raise `ParameterError` or `VideoError` where they are impossible."""
     camera = CameraPath.of(scene)
     medium = scene.water.medium(scene.camera.depth_m)
     light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
     depths = MediumAtDepths(medium) if medium is not None and camera.sinks else None
-    return Dive(scene, camera, medium, light, depths)
+    return Surroundings(scene, camera, medium, light, depths)

@@ -4,20 +4,20 @@
 from __future__ import annotations
 
 from mr360uw.medium import fit_gain
-from mr360uw.render.dive import Dive
 from mr360uw.render.plate_light import FrameLight
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import MediumTable
 
 
-def exposed_water(dive: Dive, light: FrameLight, time_s: float) -> MediumTable | None:
+def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) -> MediumTable | None:
     """Return the table of the water at a time, its veil in the plate's own colour; None without water."""
-    medium = dive.medium_at(time_s)
+    medium = surroundings.medium_at(time_s)
     if medium is None:
         return None
     if light.gain is not None:
         return medium.scaled(light.gain).table
     if light.plate_map is None:
         return medium.table
-    if dive.scene.water.mode == "plate":
+    if surroundings.scene.water.mode == "plate":
         return medium.with_map(light.plate_map).table
     return medium.scaled(fit_gain(medium, light.plate_map)[0]).table

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene's sea as tileable maps for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from mr360uw.caustics import export_tiles, refract_to_air
+from mr360uw.errors import SceneError
+from mr360uw.progress import Progress
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import first_pass
+from mr360uw.render.surroundings import load_surroundings
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+
+
+def export_caustics(
+    scene: Scene,
+    folder: str | Path,
+    *,
+    frames: int = 48,
+    loop_s: float = 8.0,
+    depth_m: float | None = None,
+    image_format: Literal["png", "exr"] = "png",
+    backend: str = "auto",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Path, ...]:
+    """Write the scene's sea as tileable, looping caustic, height and normal maps; return their paths.
+
+    The sun is the scene's: given, or found in the plate. depth_m: of the plane the caustics fall on, below the mean
+    surface; by default that of a receiver plane, else of the first object, else of the camera. Raises `SceneError`
+    where the plate shows no sun.
+    """
+    with open_plate(scene) as video:
+        surroundings, light = load_surroundings(scene), scene.light
+        tracked = light.sun == "detect" and not video.is_still and (light.smooth or light.track is not None)
+        track = first_pass(surroundings, video, sun=tracked, gain=False).sun
+        sun = track.at(0) if track is not None else surroundings.light.sun(next(iter(video.frames(0, 1))).pixels, 0.0)
+    if sun is None or sun.direction[1] <= 0.0:
+        problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
+        raise SceneError(str(scene.plate.path), [problem])
+    if depth_m is None:
+        heights = [0.0, *(o.position_m[1] for o in scene.objects[:1])]
+        if scene.receiver is not None and scene.receiver.kind == "plane":
+            heights.append(scene.receiver.height_m)
+        depth_m = max(scene.camera.depth_m - heights[-1], 0.0)
+    renderer, _ = make_backend(backend)
+    return export_tiles(
+        scene.sea,
+        refract_to_air(sun.direction, scene.water.refractive_index),
+        depth_m,
+        folder,
+        frames,
+        loop_s,
+        scene.caustics,
+        image_format,
+        refractive_index=scene.water.refractive_index,
+        overwrite=overwrite,
+        backend=renderer.name,
+        progress=progress,
+    )
