@@ -25,7 +25,9 @@ from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable
 from tests import tolerances as tol
+from tests.agreement.tolerances import FILTER_WEIGHTS
 from tests.caustics.seas import lattice_sea
+from tests.caustics.tolerances import COVERAGE_TWIN
 from tests.glsl import glsl_call
 
 ROOT = Path(mr360uw.__file__).parent
@@ -185,7 +187,7 @@ def cell_case(name: str, rng: np.random.Generator) -> Case:
             "intensities(opened(Cell(a, b, c, d)), f.x, f.y)",
             row_by_row(cell.intensities, *spread.T, *flux.T),
         )
-        return Case(call, columns, expected, tol.COVERAGE_TWIN)
+        return Case(call, columns, expected, COVERAGE_TWIN)
     return Case("cell_light(Cell(a, b, c, d), f)", columns, row_by_row(cell.cell_light, *corners.T, *flux.T))
 
 
@@ -212,7 +214,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         return {"ratio": on_device.texture, "plane_depth": on_device.plane_depth}
 
     return Case(
-        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, tol.FILTER_WEIGHTS,
+        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, FILTER_WEIGHTS,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;", textures,
         {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
     )  # fmt: skip
@@ -231,6 +233,7 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
         "bilinear": ("bilinear(veil, 0.5 + 0.5 * v.y, 1.0 - 8.0 / (v.x + 8.0))", medium.bilinear(table.veil, *t)),
         "in_water_distance": ("in_water_distance(v.x, 5.0, v.y)", medium.in_water_distance(s, 5.0, up)),
         "veil_lookup": ("veil_lookup(medium, veil, v.x, v.y)", medium.veil_lookup(table, s, up)),
+        "optical_length": ("optical_length(medium, attenuation, v.x, v.y)", medium.optical_length(table, s, up)),
         "transmittance_lookup": (
             "transmittance_lookup(medium, attenuation, v.x, v.y)", medium.transmittance_lookup(table, s, up)
         ),

@@ -41,7 +41,7 @@ def render(request) -> Any:
 def ball(stack: CausticStack | None, yaw_deg: float = 0.0, camera_deg: float = 0.0) -> Shot:
     body = PlacedObject(BALL, rigid((0.1, 0.2, -1.9), rotation_matrix((yaw_deg, 0, 0))))
     turned = rotation_matrix((camera_deg, 0, 0))
-    return shot(body, width=144, camera_depth_m=4.0, caustics=stack, world_from_camera=turned)
+    return shot(body, width=144, surface_y_m=4.0, caustics=stack, world_from_camera=turned)
 
 
 def pattern(layer: Layer) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_a_turning_camera_sees_the_pattern_stay_on_the_body(render, stack):
 def test_a_moving_body_passes_through_the_pattern(stack):
     """Not glued to the body: its light where it was is not its light where it is."""
     here, there = (
-        pattern(render_layer(shot(placed(BALL, (x, 0.2, -1.9)), width=144, camera_depth_m=4.0, caustics=stack)))
+        pattern(render_layer(shot(placed(BALL, (x, 0.2, -1.9)), width=144, surface_y_m=4.0, caustics=stack)))
         for x in (0.0, 0.15)
     )
     assert np.abs(here - there).max() > 0.1

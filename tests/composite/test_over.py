@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.over import empty_tile, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.composite import tolerances as tol
+from tests.composite.scenes import shot
 
 
 def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Tile:
@@ -71,3 +73,28 @@ def test_the_mean_of_sub_frames_moves_energy_and_keeps_it(rng: np.random.Generat
     np.testing.assert_allclose(blurred.alpha.sum(), first.alpha.sum(), rtol=tol.FLOAT32)
     np.testing.assert_allclose(blurred.radiance.sum(), first.radiance.sum(), rtol=tol.FLOAT32)
     assert np.array_equal(mean_layer([Layer(16, 32, (first,))] * 2).alpha, Layer(16, 32, (first,)).alpha)
+
+
+def test_shafts_are_added_to_the_plate_and_never_make_it_negative(rng: np.random.Generator) -> None:
+    """L' = layer + (1 - alpha)(veil + (plate - veil) ratio + shafts), clamped at zero behind the layer."""
+    plate = rng.uniform(0.2, 1.0, (16, 32, 3)).astype(np.float32)
+    tile = random_tile(rng)
+    shafts = rng.uniform(-0.15, 0.15, tile.ratio.shape).astype(np.float32)
+    here = plate[tile.window]
+    background = np.minimum(tile.veil, here) + (here - np.minimum(tile.veil, here)) * tile.ratio + shafts
+    expected = tile.radiance + (1.0 - tile.alpha[..., None]) * np.maximum(background, 0.0)
+    np.testing.assert_allclose(over_tile(here, replace(tile, shafts=shafts)), expected, atol=tol.FLOAT32)
+    dark = replace(empty_tile(tile.rectangle), shafts=np.full_like(shafts, -2.0))
+    assert over_tile(here, dark).max() == 0.0
+    none = replace(tile, shafts=np.zeros_like(shafts))
+    assert np.array_equal(over_tile(here, none), over_tile(here, tile))
+
+
+def test_shafts_pass_blur_and_mattes(rng: np.random.Generator) -> None:
+    tile = replace(random_tile(rng), shafts=np.full((6, 8, 3), 0.1, np.float32))
+    layers = [Layer(16, 32, (tile,)), Layer(16, 32, (replace(tile, shafts=None),))]
+    np.testing.assert_allclose(mean_layer(layers).shafts[tile.window], 0.05, rtol=tol.FLOAT32)
+    matte = np.full((16, 32), 0.25)
+    held = hold_out(shot(width=32, holdout=matte), tile)
+    assert held.shafts is not None
+    np.testing.assert_allclose(held.shafts, 0.075, rtol=tol.FLOAT32)

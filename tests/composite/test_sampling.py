@@ -9,6 +9,7 @@ from mr360uw.composite.sampling import pattern
 from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions, frame_from_direction, unit
+from mr360uw.types import Rectangle
 from tests.composite import tolerances as tol
 from tests.glsl import glsl_call
 
@@ -105,7 +106,8 @@ def test_tiles_leave_out_what_is_far_apart() -> None:
 
 
 def test_joined_rectangles_overlap_nowhere_around_the_seam() -> None:
-    assert joined([(60, 0, 10, 4), (2, 2, 6, 4), (20, 0, 3, 3)], 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
+    parts = [Rectangle(60, 0, 10, 4), Rectangle(2, 2, 6, 4), Rectangle(20, 0, 3, 3)]
+    assert joined(parts, 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
 
 
 @pytest.mark.usefixtures("gl")

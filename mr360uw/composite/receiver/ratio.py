@@ -25,7 +25,7 @@ UNNOTICED = 0.02
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out: no line across the ground where shadow or waves end."""
 BRIGHTEST = 64.0
-"""Most that lamps multiply the plate by: past six stops its noise is what would be seen."""
+"""Most light that lamps add, as a multiple of the plate's own: past six stops its noise is what would be seen."""
 DARK = 1e-9
 """Irradiance below which a place counts as dark: its direct light is all of it."""
 

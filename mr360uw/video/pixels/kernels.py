@@ -190,12 +190,18 @@ def write_chroma(
 
 
 @kernel
-def find_changes(alpha: Any, ratio: Any, radiance: Any, out: Any) -> None:
-    """Write into `out` (h, w) where a tile covers, adds light or changes the plate's light."""
+def find_changes(alpha: Any, ratio: Any, radiance: Any, shafts: Any, out: Any) -> None:
+    """Write into `out` (h, w) where a tile covers, adds light or changes the plate's light.
+
+    shafts: (h, w, 3), or an array without rows where a tile has none.
+    """
     one, zero = np.float32(1.0), np.float32(0.0)
     for r in range(out.shape[0]):
         for c in range(out.shape[1]):
             same = alpha[r, c] == zero
             for n in range(3):
                 same &= (ratio[r, c, n] == one) & (radiance[r, c, n] == zero)
+            if len(shafts):
+                for n in range(3):
+                    same &= shafts[r, c, n] == zero
             out[r, c] = not same

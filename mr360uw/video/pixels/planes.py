@@ -47,10 +47,11 @@ def _encode_table(transfer: Transfer) -> NDArray[np.float32]:
 
 
 def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
-    """Return where a tile lays anything over the plate, (h, w): coverage, light, or a ratio other than 1."""
+    """Return where a tile changes the plate, (h, w): coverage, light, shafts, or a ratio other than 1."""
     out = np.empty(tile.alpha.shape, np.bool_)
-    alpha, ratio, radiance = (np.ascontiguousarray(a, np.float32) for a in (tile.alpha, tile.ratio, tile.radiance))
-    find_changes(alpha, ratio, radiance, out)
+    shafts = np.empty((0, 0, 3)) if tile.shafts is None else tile.shafts
+    every = (tile.alpha, tile.ratio, tile.radiance, shafts)
+    find_changes(*(np.ascontiguousarray(values, np.float32) for values in every), out)
     return out
 
 
