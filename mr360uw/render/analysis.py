@@ -68,12 +68,11 @@ def analyse_video(
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     sections = []
     if scene.water.type != "none":
-        tilts = [
-            estimate_horizon(snapshot.environment.residual, refractive_index=scene.water.refractive_index)
-            for snapshot in snapshots
-        ]
+        refraction = scene.water.refractive_index
+        tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
         sections.append(("Level", level_section(tilts, reader.world_from_camera(snapshots[0].time_s)[1])))
-        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m, named_sensor(str(scene.water.sensor)), index)
+        sensor = named_sensor(str(scene.water.sensor))
+        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m, sensor, refraction)
         sections.append((f"Water, for a camera {scene.camera.depth_m:g} m deep", fit.html()))
     written = [page]
     write_whole(page, light_report(source.name, snapshots, track, sections))

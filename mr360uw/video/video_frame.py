@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
-from mr360uw.types import Floats, Layer, Tile, YuvImage
+from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 
 if TYPE_CHECKING:
     from mr360uw.video.pixels.grain import Grain
@@ -67,9 +67,9 @@ class VideoFrame:
     def image_linear(self) -> NDArray[np.float32]:
         """The picture as linear Rec.709, (H, W, 3) float32, not clipped."""
         height, width = self.shape
-        return self._linear((0, 0, height, width))
+        return self._linear(Rectangle(0, 0, width, height))
 
-    def _linear(self, rectangle: tuple[int, int, int, int]) -> NDArray[np.float32]:
+    def _linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
         if self.yuv is not None:
             from mr360uw.yuv.decoding import linear_from_planes
 
@@ -77,7 +77,7 @@ class VideoFrame:
         from mr360uw.video.pixels.rgb import linear_from_codes
 
         assert self.rgb is not None
-        row, column, height, width = rectangle
+        column, row, width, height = rectangle
         return linear_from_codes(self.rgb[row : row + height, column : column + width], self.spec.transfer)
 
     @cached_property
@@ -126,7 +126,7 @@ class VideoFrame:
         for tile in layer.tiles:
             changed = changed_pixels(tile)
             if changed.any():
-                rectangle = (tile.row, tile.column, *tile.alpha.shape)
+                rectangle = tile.rectangle
                 linear = blend(self._linear(rectangle), tile)
                 lay_over_planes(
                     self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
@@ -143,7 +143,7 @@ class VideoFrame:
         for tile in layer.tiles:
             changed = changed_pixels(tile)
             if changed.any():
-                rectangle = (tile.row, tile.column, *tile.alpha.shape)
+                rectangle = tile.rectangle
                 linear = blend(self._linear(rectangle), tile)
                 if amount > 0.0:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import Matrix, rec709_from_plate
-from mr360uw.types import Floats, YuvImage
+from mr360uw.types import Floats, Rectangle, YuvImage
 from mr360uw.yuv.coefficients import (
     NEAREST_STEPS,
     coefficients,
@@ -18,16 +18,13 @@ from mr360uw.yuv.coefficients import (
 )
 from mr360uw.yuv.decode_kernels import read_directions, read_rectangle
 
-Rectangle = tuple[int, int, int, int]
-"""row, column, height, width of a part of the frame."""
-
 
 def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap: bool = True) -> NDArray[np.float32]:
     """Return a rectangle of the planes (by default all of it) as linear Rec.709, (h, w, 3) float32, not clipped.
 
     Any chroma format, 8 to 16 bits. wrap: the last column is the neighbour of the first, as in a panorama.
     """
-    row, column, height, width = rectangle or (0, 0, *image.y.shape)
+    column, row, width, height = rectangle or (0, 0, *image.y.shape[::-1])
     out = np.empty((height, width, 3), np.float32)
     sx, sy = subsampling(image)
     table = decode_table(image.spec.transfer)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mr360uw.color import ColorSpec, code_range, decode
-from mr360uw.types import Floats, Layer, Tile, YuvImage
+from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, add_grain
 from mr360uw.video.pixels.grain_kernels import white_noise
 from mr360uw.video.pixels.grain_measure import grain_of_planes, grain_of_rgb
@@ -73,7 +73,7 @@ def test_known_grain_is_found(std: float, blur_px: float, bits: int, rng: np.ran
         np.testing.assert_allclose(found, added, rtol=tol.GRAIN_STD)
     grain = grain_of_planes(image)
     for plane in range(3):
-        got = grain.noise(plane, 0, (0, 0, 512, 512), 1024)
+        got = grain.noise(plane, 0, Rectangle(0, 0, 512, 512), 1024)
         true = neighbours(spread(rng, (512, 512), blur_px))
         assert neighbours(got) == pytest.approx(true, abs=tol.GRAIN_CORRELATION)
         assert neighbours(got.T) == pytest.approx(true, abs=tol.GRAIN_CORRELATION)
@@ -221,15 +221,15 @@ def test_no_grain_is_bit_identical(rng: np.random.Generator) -> None:
 
 def test_noise_depends_on_place_and_frame_alone(rng: np.random.Generator) -> None:
     grain = grain_of_planes(noisy(rng, 3.0, 2.0, 0.7))
-    whole = grain.noise(0, 5, (0, 0, 64, 256), 256)
-    part = grain.noise(0, 5, (11, 37, 20, 50), 256)
+    whole = grain.noise(0, 5, Rectangle(0, 0, 256, 64), 256)
+    part = grain.noise(0, 5, Rectangle(37, 11, 50, 20), 256)
     np.testing.assert_allclose(part, whole[11:31, 37:87], atol=tol.FLOAT32)
-    over_seam = grain.noise(0, 5, (0, 200, 64, 112), 256)
+    over_seam = grain.noise(0, 5, Rectangle(200, 0, 112, 64), 256)
     np.testing.assert_allclose(over_seam, np.hstack([whole[:, 200:], whole[:, :56]]), atol=tol.FLOAT32)
-    big = [grain.noise(p, k, (0, 0, 512, 1024), 1024) for p, k in ((0, 5), (0, 6), (1, 5), (0, 5 + 64))]
+    big = [grain.noise(p, k, Rectangle(0, 0, 1024, 512), 1024) for p, k in ((0, 5), (0, 6), (1, 5), (0, 5 + 64))]
     for other in big[1:]:
         assert np.mean(big[0] * other) == pytest.approx(0.0, abs=tol.GRAIN_VARIANCE)
-    assert neighbours(grain.noise(0, 5, (0, 960, 512, 128), 1024)[:, 60:68]) > 0.4  # no edge at the seam
+    assert neighbours(grain.noise(0, 5, Rectangle(960, 0, 128, 512), 1024)[:, 60:68]) > 0.4  # no edge at the seam
 
 
 def test_two_tiles_at_the_seam_are_one(rng: np.random.Generator) -> None:

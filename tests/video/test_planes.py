@@ -10,7 +10,8 @@ import pytest
 from av.video.reformatter import Interpolation
 
 from mr360uw.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
-from mr360uw.types import Layer, Tile, YuvImage
+from mr360uw.composite.over import empty_tile, over_tile
+from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.pixels.rgb import noise
 from mr360uw.video.video_frame import VideoFrame
@@ -104,7 +105,7 @@ def test_reading_agrees_with_swscale(matrix, number, full_range) -> None:
 def test_laying_the_plate_over_itself_changes_no_code(spec: ColorSpec, subsampling) -> None:
     image = yuv_image(1, spec, subsampling)
     h, w = 21, 33
-    plate = linear_from_planes(image, (7, 11, h, w))
+    plate = linear_from_planes(image, Rectangle(11, 7, w, h))
     tile = tile_of(11, 7, plate * 0.5, np.zeros((h, w)), ratio=0.5)  # half of it as an object's, half as the plate's
     same = over(image, tile, index=5)
     for name in "yuv":
@@ -202,7 +203,9 @@ def test_the_seam_is_an_ordinary_place() -> None:
 
 def test_a_rectangle_is_part_of_the_whole() -> None:
     image = yuv_image(5)
-    np.testing.assert_array_equal(linear_from_planes(image, (11, 7, 20, 121)), linear_from_planes(image)[11:31, 7:128])
+    np.testing.assert_array_equal(
+        linear_from_planes(image, Rectangle(7, 11, 121, 20)), linear_from_planes(image)[11:31, 7:128]
+    )
 
 
 def test_planes_of_a_picture_give_it_back() -> None:
@@ -256,3 +259,17 @@ def test_the_dither_of_a_part_is_that_of_the_whole() -> None:
     assert 0.0 < whole.min() < 0.05
     assert 0.95 < whole.max() < 1.0
     assert not np.array_equal(noise(64, 96, 0, 0, 6), whole)
+
+
+def test_shafts_alone_change_the_codes() -> None:
+    """Light in the water in front of the plate, with neither coverage nor shadow."""
+    image = yuv_image()
+    frame = frame_of(image)
+    height, width = frame.shape
+    tile = replace(empty_tile(Rectangle(16, 8, 32, 16)), shafts=np.full((16, 32, 3), 0.05, np.float32))
+    changed = frame.over(Layer(height, width, (tile,)), over_tile)
+    assert changed.yuv is not None
+    brighter = changed.yuv.y.astype(int) - image.y
+    assert np.all(brighter[tile.window] > 0)
+    brighter[tile.window] = 0
+    assert not brighter.any()

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import Transfer, decode, encode, rgb_from_ycbcr, ycbcr_from_rgb
-from mr360uw.types import Floats, Tile
+from mr360uw.types import Floats, Rectangle, Tile
 from mr360uw.video.pixels.grain_kernels import white_noise
 
 RADIUS = 5
@@ -36,16 +36,14 @@ class Grain:
     filters: NDArray[np.float32]
     transfer: Transfer = "srgb"
 
-    def noise(
-        self, plane: int, frame_index: int, rectangle: tuple[int, int, int, int], columns: int
-    ) -> NDArray[np.float32]:
-        """Return grain of variance 1 in a rectangle (row, column, height, width) of a plane, (height, width).
+    def noise(self, plane: int, frame_index: int, rectangle: Rectangle, columns: int) -> NDArray[np.float32]:
+        """Return grain of variance 1 in a rectangle of a plane, (height, width).
 
         columns: of the whole plane, after which the noise starts again.
         """
         import cv2
 
-        row, column, height, width = rectangle
+        column, row, width, height = rectangle
         white = np.empty((height + 2 * RADIUS, width + 2 * RADIUS), np.float32)
         white_noise(frame_index, plane, row - RADIUS, (column - RADIUS) % columns, columns, white)
         found = cv2.filter2D(white, -1, self.filters[plane])
@@ -60,10 +58,11 @@ class Grain:
 NO_GRAIN = Grain(np.zeros((3, TABLE), np.float32), np.zeros((3, 2 * RADIUS + 1, 2 * RADIUS + 1), np.float32))
 
 
-def covered_box(alpha: Floats) -> tuple[int, int, int, int]:
-    """Return the smallest rectangle (row, column, height, width) around the coverage (h, w) above 0; there is some."""
+def covered_box(alpha: Floats) -> Rectangle:
+    """Return the smallest rectangle around the coverage (h, w) above 0; there is some."""
     rows, columns = (np.flatnonzero(np.any(alpha > 0.0, axis=axis)) for axis in (1, 0))
-    return int(rows[0]), int(columns[0]), int(rows[-1] - rows[0] + 1), int(columns[-1] - columns[0] + 1)
+    width, height = int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
+    return Rectangle(int(columns[0]), int(rows[0]), width, height)
 
 
 def add_grain(linear: Floats, tile: Tile, grain: Grain, amount: float, columns: int, frame_index: int) -> Floats:
@@ -73,11 +72,11 @@ def add_grain(linear: Floats, tile: Tile, grain: Grain, amount: float, columns: 
     """
     if not np.any(tile.alpha > 0.0):
         return linear
-    row, column, height, width = covered_box(tile.alpha)
+    column, row, width, height = covered_box(tile.alpha)
     window = slice(row, row + height), slice(column, column + width)
     code = encode(linear[window], grain.transfer)
     brightness = code @ ycbcr_from_rgb("bt709")[0]
-    place = tile.row + row, tile.column + column, height, width
+    place = Rectangle(tile.column + column, tile.row + row, width, height)
     step = [grain.noise(n, frame_index, place, columns) * grain.at(n, brightness) for n in range(3)]
     alpha = tile.alpha[window][..., None]
     grainy = code + amount * alpha * (np.stack(step, axis=-1) @ rgb_from_ycbcr("bt709").T)

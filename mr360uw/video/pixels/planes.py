@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import Transfer, code_range, encode, rec709_from_plate
-from mr360uw.types import Floats, Tile, YuvImage
+from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.pixels.kernels import (
     ENCODE_LOW,
@@ -37,7 +37,6 @@ from mr360uw.video.pixels.kernels import (
     write_luma,
 )
 from mr360uw.yuv.coefficients import coefficients, subsampling
-from mr360uw.yuv.decoding import Rectangle
 
 
 @lru_cache(maxsize=8)
@@ -50,8 +49,10 @@ def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
     """Return where a tile changes the plate, (h, w): coverage, light, shafts, or a ratio other than 1."""
     out = np.empty(tile.alpha.shape, np.bool_)
     shafts = np.empty((0, 0, 3)) if tile.shafts is None else tile.shafts
-    every = (tile.alpha, tile.ratio, tile.radiance, shafts)
-    find_changes(*(np.ascontiguousarray(values, np.float32) for values in every), out)
+    alpha, ratio, radiance, more = (
+        np.ascontiguousarray(values, np.float32) for values in (tile.alpha, tile.ratio, tile.radiance, shafts)
+    )
+    find_changes(alpha, ratio, radiance, more, out)
     return out
 
 
@@ -74,7 +75,7 @@ def lay_over_planes(
     brighter or darker keeps its excursion where it is not covered). alpha: (h, w) coverage of the plate. amount: of
     the grain that covered pixels get, 1 for as much as the plate has.
     """
-    row, column, _, _ = rectangle
+    column, row = rectangle.column, rectangle.row
     if old.spec.matrix == "bt2020":
         linear = linear @ np.linalg.inv(rec709_from_plate(old.spec.matrix)).T
     sx, sy = subsampling(old)
@@ -84,8 +85,9 @@ def lay_over_planes(
     strength = np.float32(amount) * grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
     if amount > 0.0 and strength.any() and cover.any():
-        r, c, h, w = covered_box(cover)
-        noise, blotches = _noise(grain, rectangle, (row + r, column + c, h, w), old, frame_index)
+        box = covered_box(cover)
+        covered = box._replace(column=column + box.column, row=row + box.row)
+        noise, blotches = _noise(grain, rectangle, covered, old, frame_index)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
         k, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
@@ -99,9 +101,9 @@ def lay_over_planes(
 
 def _samples(rectangle: Rectangle, sx: int, sy: int) -> Rectangle:
     """Return the samples of a subsampled plane that a rectangle of pixels touches."""
-    row, column, height, width = rectangle
-    j, i = row >> sy, column >> sx
-    return j, i, ((row + height - 1) >> sy) - j + 1, ((column + width - 1) >> sx) - i + 1
+    column, row, width, height = rectangle
+    i, j = column >> sx, row >> sy
+    return Rectangle(i, j, ((column + width - 1) >> sx) - i + 1, ((row + height - 1) >> sy) - j + 1)
 
 
 def _noise(
@@ -112,9 +114,9 @@ def _noise(
     for n, plane in enumerate((image.y, image.u, image.v)):
         sx, sy = subsampling(image) if n else (0, 0)
         all_, part = _samples(rectangle, sx, sy), _samples(covered, sx, sy)
-        row, column = part[0] - all_[0], part[1] - all_[1]
-        noise = np.zeros(all_[2:], np.float32)
-        noise[row : row + part[2], column : column + part[3]] = grain.noise(n, frame_index, part, plane.shape[1])
+        row, column = part.row - all_.row, part.column - all_.column
+        noise = np.zeros((all_.height, all_.width), np.float32)
+        noise[row : row + part.height, column : column + part.width] = grain.noise(n, frame_index, part, plane.shape[1])
         found.append(noise)
     return found[0], np.stack(found[1:])
 
@@ -131,4 +133,5 @@ def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> N
     np.copyto(planes.u, black.u)
     np.copyto(planes.v, black.v)
     everything = np.ones(planes.y.shape, np.float32)
-    lay_over_planes(black, planes, (0, 0, *planes.y.shape), linear, everything, everything > 0, 0, wrap)
+    whole = Rectangle(0, 0, *planes.y.shape[::-1])
+    lay_over_planes(black, planes, whole, linear, everything, everything > 0, 0, wrap)

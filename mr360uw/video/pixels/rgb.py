@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import Transfer, decode, encode
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle
 
 
 def peak_code(codes: NDArray[Any]) -> float:
@@ -51,7 +51,7 @@ def lay_over_codes(
     linear: Floats,
     changed: NDArray[np.bool_],
     transfer: Transfer,
-    rectangle: tuple[int, int, int, int],
+    rectangle: Rectangle,
     frame_index: int,
 ) -> None:
     """Write linear light (h, w, 3) into a rectangle of code values, in place, where `changed`.
@@ -62,7 +62,7 @@ def lay_over_codes(
         codes[changed] = encode(linear[changed], transfer)
         return
     peak = peak_code(codes)
-    row, column, height, width = rectangle
+    column, row, width, height = rectangle
     dither = noise(height, width, row, column, frame_index)[changed][:, None]
     new = encode(np.asarray(linear[changed], np.float64), transfer) * peak
     codes[changed] = np.clip(np.floor(new + dither), 0.0, peak).astype(codes.dtype)
