@@ -40,3 +40,9 @@ GAMUT_POWER = 1.2
 ENVIRONMENT_ROWS = 32
 ENVIRONMENT_COLUMNS = 64
 """Size of the environment maps."""
+
+MAXIMUM_SUN_SAMPLES = 32
+"""Most directions over a light's disc: the length of the shaders' array of them."""
+
+MAXIMUM_GLOSSY_LEVELS = 8
+"""Most roughnesses that the environment is filtered at: the length of the shaders' array of them."""

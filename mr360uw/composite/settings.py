@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import field_validator, model_validator
 
+from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.parameters import Parameters, parameter
 
 Vector = tuple[float, float, float]
@@ -169,7 +170,9 @@ class DrawSettings(Parameters):
 
     samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
-    sun_samples: int = parameter(24, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
+    sun_samples: int = parameter(
+        24, "directions over the sun's disc that shadows are the mean of", low=1, high=MAXIMUM_SUN_SAMPLES
+    )
     sun_spread_deg: float = parameter(
         5.0,
         "standard deviation of the directions of what the water scatters forwards of the sun's beam, for shadows",

@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import field_validator, model_validator
 
 from mr360uw.color import Transfer
+from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.ibl.sun.solar import daylight_angles
 from mr360uw.parameters import Parameters, parameter
 
@@ -20,8 +21,6 @@ SunSource = Literal["detect", "given", "date", "none"]
 
 MINIMUM_ROUGHNESS = 0.05
 """Below it the lobe is far narrower than a pixel of the finest source map."""
-MAXIMUM_GLOSSY_LEVELS = 8
-"""Glossy levels that every renderer keeps."""
 
 
 class LightSettings(Parameters):

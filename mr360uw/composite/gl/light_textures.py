@@ -19,8 +19,8 @@ from mr360uw.composite.lighting.shadow import disc_offsets
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import Shot
+from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_SAMPLES
 from mr360uw.gl.context import set_uniforms, texture_array_from_array, texture_from_array
-from mr360uw.ibl.settings import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.types import CausticStack, Floats, MediumTable
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 _BIASED_SLOT = 256
 """Texels across a slot of which `PlacedObject.bias_m` is one and a half."""
-_MAXIMUM_SUN_SAMPLES = 32
 
 
 class LightTextures:
@@ -50,8 +49,8 @@ class LightTextures:
         self.defines |= {"LAMPS": len(lamps)} if lamps else {}
         roughness = np.ones(MAXIMUM_GLOSSY_LEVELS)
         roughness[:levels] = shot.environment.glossy_roughness[:levels]
-        count = min(shot.draw.sun_samples, _MAXIMUM_SUN_SAMPLES)
-        slopes = np.zeros((_MAXIMUM_SUN_SAMPLES, 2))
+        count = min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
+        slopes = np.zeros((MAXIMUM_SUN_SAMPLES, 2))
         slopes[:count] = disc_offsets(count)
         self._arrays = {"glossy_roughness": roughness, "slopes": slopes}
         self._uniforms = {

@@ -11,7 +11,7 @@ uniform int count;
 uniform float filter_width;
 uniform bool blended;
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
-uniform float glossy_roughness[8];
+uniform float glossy_roughness[MAXIMUM_GLOSSY_LEVELS];
 uniform View view;
 uniform Sun sun;
 uniform Shadows shadows;

@@ -3,7 +3,6 @@
 // bottom), the last two times the first, metres above the lowest; and its levels are means of 2x2, 4x4, ... of them.
 // Loops test at their end, because software drivers run a body once more to
 // leave.
-const int MAXIMUM_SUN_SAMPLES = 32;
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
 const float SHARPEST = 0.2;   // part of RAMP that an edge may be sharpened to
 const float SMALLEST = 4.0;   // texels across the last level of a slot
