@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
+from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.errors import SceneError
-from mr360uw.ibl.settings import MAXIMUM_GLOSSY_LEVELS, MINIMUM_ROUGHNESS, LightSettings
+from mr360uw.ibl.settings import MINIMUM_ROUGHNESS, LightSettings
 from mr360uw.scene.model import scene_from_dict
 
 NIGHT = {"sun": "date", "sun_time": "2026-06-21T00:00:00+00:00", "latitude_deg": 30.0}
