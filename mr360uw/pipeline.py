@@ -85,6 +85,7 @@ def render_frame(
     index: int = 0,
     sun: Sun | Literal["scene"] | None = "scene",
     gain: Floats | None = None,
+    facts: ClipFacts | None = None,
     shutter_s: float = 0.0,
 ) -> FrameResult:
     """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
@@ -92,7 +93,8 @@ def render_frame(
     time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
     "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from a clip's facts:
     `facts.sun_at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate alone, a video
-    takes it from `facts.gain_at(index)`. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
+    takes it from `facts.gain_at(index)`. facts: all that a first pass found over the plate's clip
+    (`render.first_pass.first_pass`), in place of sun and gain. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
     anew on each call; for many frames use `render.loaded.load` and `render.frame.frame_stages`.
     """
     plate = np.asarray(plate)
@@ -104,7 +106,7 @@ def render_frame(
         raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
     loaded = load(scene, plate.shape[1], plate.shape[0], clip=False)
     renderer, _ = make_backend(backend)
-    facts = ClipFacts.of_frame(sun, gain)
+    facts = ClipFacts.of_frame(sun, gain) if facts is None else facts
     frame = finished(frame_stages(loaded, facts, renderer, VideoFrame.of_linear(plate, index, time_s), shutter_s))
     return FrameResult(
         image_linear=frame.picture.image_linear,
@@ -205,7 +207,8 @@ def composite_video(
         plan = loaded.plan
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
             since = time.perf_counter()
-            facts = first_pass(loaded.surroundings, video, progress, sun=plan.track_sun.runs, gain=plan.track_gain.runs)
+            wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs, "calm": plan.pattern.runs}
+            facts = first_pass(loaded.surroundings, video, progress, **wanted)
             clock.add("first pass", since)
             run = _Run(loaded, facts, renderer, video, writer, pattern, clock)
             with Behind(run.write) as sink:

@@ -330,8 +330,12 @@ def draw_receiver(
     hit = np.isfinite(distance)
     rows, columns, distance, normal = rows[hit], columns[hit], distance[hit], normal[hit]
     direction = shot.view.directions(x[hit], y[hit])
-    ratio = receiver_ratio(shot, sources, direction * distance[:, None], normal, distance)
-    changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     _, veil = water_ahead(shot, distance, direction[:, 1])
+    plate = None
+    if shot.pattern is not None:
+        shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))
+        plate = shown, calm, veil
+    ratio = receiver_ratio(shot, sources, direction * distance[:, None], normal, distance, plate)
+    changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]

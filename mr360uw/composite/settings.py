@@ -94,6 +94,9 @@ class ReceiverSettings(Parameters):
     shadow: bool = parameter(True, "whether the sun's shadow falls on it")
     occlusion: bool = parameter(True, "whether objects keep ambient light off it")
     caustics: bool = parameter(False, "whether caustics are added to those the plate already shows")
+    plate_caustics: Literal["auto", "keep"] = parameter(
+        "auto", "the plate's own caustics in a shadow; auto: they go with the sun's light"
+    )
     extent_m: float = parameter(30.0, "how far from the camera it is changed", unit="m", above=0.0, high=1e4)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.types import Environment, Floats, Light, MediumTable, View
 
@@ -71,7 +72,8 @@ class Shot:
     environment: light from all around, in the world's axes. lights: those with a direction of their own, in the world;
     at most one sun. medium: None without water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer,
     what `mr360uw.caustics.gl.renderer` keeps on the device. holdout: (H, W) in [0, 1], how much of the plate stays in
-    front. holdout_distance_m: (H, W) distance of what is in front of everything farther away.
+    front. holdout_distance_m: (H, W) distance of what is in front of everything farther away. pattern: the plate's own
+    caustics on the receiver, which shadows take away; None leaves them.
     """
 
     view: View
@@ -83,6 +85,7 @@ class Shot:
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
+    pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
 
     @property

@@ -45,6 +45,7 @@ class Plan:
     caustics: Stage
     glossy: Stage
     shadow: Stage
+    pattern: Stage
     layer: Stage
     grain: Stage
 
@@ -82,6 +83,11 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
     gain = _gain(scene, visible, medium)
     first_pass = clip and light.smooth
     receiver = scene.receiver
+    shadow = _stage(
+        sun.runs and receiver is not None and receiver.shadow,
+        "the receiver catches shadows",
+        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+    )
     return Plan(
         environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
         sun=sun,
@@ -104,10 +110,13 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
             "a material is smoother than diffuse",
             "every material is diffuse" if visible else "nothing to light",
         ),
-        shadow=_stage(
-            sun.runs and receiver is not None and receiver.shadow,
-            "the receiver catches shadows",
-            "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+        shadow=shadow,
+        pattern=_stage(
+            shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
+            "shadows take the plate's own caustics away",
+            "no shadow" if not shadow.runs
+            else 'water is "none"' if medium is None
+            else "receiver.plate_caustics keeps them",
         ),
         layer=_stage(
             visible,

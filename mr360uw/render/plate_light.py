@@ -5,9 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.ibl.lighting import turned
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.types import Environment, Floats
 from mr360uw.video import VideoFrame
 
@@ -17,12 +20,14 @@ class FrameLight:
     """The light of one frame.
 
     environment: in the axes of the camera. plate_map: (32, 64, 3) of the plate as it is, not expanded, levelled; None
-    where the water does not need it. gain: (3,) of the veil, of a clip's track, or None.
+    where the water does not need it. gain: (3,) of the veil, of a clip's track, or None. pattern: of caustics on the
+    receiver, which shadows take away.
     """
 
     environment: Environment
     plate_map: Floats | None
     gain: Floats | None = None
+    pattern: PlatePattern | None = None
 
 
 def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
@@ -31,6 +36,8 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     sun = facts.sun_at(plate.index) if plan.sun.runs else None
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     gain = facts.gain_at(plate.index) if water.fits_gain else None
+    world_from_camera = surroundings.camera.at(plate.time_s)[1]
+    pattern = plate_pattern(loaded, facts.calm, plate, turned(found, world_from_camera).sun)
     if surroundings.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
-        return FrameLight(found, None, gain)
-    return FrameLight(found, plate_map(plate.pixels, surroundings.camera.at(plate.time_s)[1][1]))
+        return FrameLight(found, None, gain, pattern)
+    return FrameLight(found, plate_map(plate.pixels, world_from_camera[1]), None, pattern)

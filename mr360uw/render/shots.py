@@ -43,6 +43,7 @@ def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_
         receiver=loaded.receiver.at(index) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
+        pattern=light.pattern,
         draw=loaded.scene.draw,
     )
 

@@ -67,9 +67,10 @@ class VideoFrame:
     def image_linear(self) -> NDArray[np.float32]:
         """The picture as linear Rec.709, (H, W, 3) float32, not clipped."""
         height, width = self.shape
-        return self._linear(Rectangle(0, 0, width, height))
+        return self.linear(Rectangle(0, 0, width, height))
 
-    def _linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
+    def linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return a part of the picture as linear Rec.709, (h, w, 3) float32, not clipped."""
         if self.yuv is not None:
             from mr360uw.yuv.decoding import linear_from_planes
 
@@ -127,7 +128,7 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self._linear(rectangle), tile)
+                linear = blend(self.linear(rectangle), tile)
                 lay_over_planes(
                     self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
                 )
@@ -144,7 +145,7 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self._linear(rectangle), tile)
+                linear = blend(self.linear(rectangle), tile)
                 if amount > 0.0:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)

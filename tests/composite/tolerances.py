@@ -78,3 +78,5 @@ LAMP_HALF = 0.02
 """Visible fraction of a disc by 128 directions: half of one on the edge, and the next."""
 LAMP_FLUX = 1e-3
 """Integral of a lamp's intensity by the trapezoid rule, whose steps a sharp edge of the cone falls between."""
+PATTERN_UMBRA = 0.03
+"""Ground in the umbra against its ambient light: what is left of the sun at the umbra's rim, times the filaments."""

@@ -76,7 +76,7 @@ class ReceiverPass:
         ground.load_blocks(shot, blocks)
         light = self._block_light(shot, ground, blocks, shaded, _blocks(changes.grid, changes.touched.by_lamps, ground))
         for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height)
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
 
     # --- what is kept ------------------------------------------------------------------------------------------------
 

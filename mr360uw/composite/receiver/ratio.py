@@ -17,6 +17,7 @@ import numpy as np
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
+from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
@@ -65,9 +66,17 @@ def added_light(
 
 
 def receiver_ratio(
-    shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats, distance_m: Floats
+    shot: Shot,
+    sources: Sequence[LightSource],
+    point: Floats,
+    normal: Floats,
+    distance_m: Floats,
+    plate: tuple[Floats, Floats, Floats] | None = None,
 ) -> Floats:
-    """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends."""
+    """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends.
+
+    plate: its light, its calm light and its veil there, each (n, 3), where it has a pattern (see pattern.py).
+    """
     receiver = shot.receiver
     assert receiver is not None
     free: Floats = np.ones(len(point))
@@ -80,8 +89,9 @@ def receiver_ratio(
             seen = source.visibility(point) if receiver.shadow else seen
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
-    ratio = share * free[:, None] + (1.0 - share) * seen[:, None] * waves
-    ratio = ratio + added_light(shot, sources, point, normal)
+    r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
+    ratio = share * free[:, None] + (r - share) * seen[:, None] * waves
+    ratio = (ratio + added_light(shot, sources, point, normal)) / r
     return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what is known of blocks of the receiver to the ratio and veil of their pixels: one compiled pass.
 
-    ratio = 1 + weight (share free + (1 - share) seen waves + added - 1)
+    ratio = 1 + weight ((share free + (r - share) seen waves + added)/r - 1)
 
-with the symbols of ratio.py. Each is a straight line between the corners of a block unless an image of the block's own
-pixels is there.
+with the symbols of ratio.py and pattern.py; r is 1 without a pattern. Each is a straight line between the corners of a
+block unless an image of the block's own pixels is there.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.receiver.ground import BLOCK
+from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
 from mr360uw.types import Tile
 
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), 6, 7
@@ -64,14 +65,18 @@ class BlockLight:
     added: PixelImages
 
 
-def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None:
-    """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left."""
+def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None = None) -> None:
+    """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left.
+
+    pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
+    """
+    none = np.zeros((0, 0, 3), np.float32)
+    shown, calm = (none, none) if pattern is None else pattern.light(tile.rectangle)
     _lay(
         light.row, light.column, light.corner, light.free.at, light.free.image, light.seen.at, light.seen.image,
         light.waves.at, light.waves.image, light.shape.at, light.shape.image,
         light.added.at, light.added.image, width,
-        height, tile.row, tile.column,
-        tile.ratio, tile.veil,
+        height, tile.row, tile.column, np.ascontiguousarray(shown), np.ascontiguousarray(calm), tile.ratio, tile.veil,
     )  # fmt: skip
 
 
@@ -79,13 +84,14 @@ def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int) -> None
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
     shape_at: Any, shape: Any, added_at: Any, added: Any,
-    width: int, height: int, first_row: int, first_column: int, ratio: Any, veil: Any,
+    width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
 ) -> None:  # fmt: skip
     one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
     # one row of a block: its light as `corner` has it, the change of the plate, how much of it is shown
     line, change = np.empty((8, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
     weight = np.empty(BLOCK, np.float32)
     rows, columns = ratio.shape[:2]
+    dark, direct = np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
     for n in range(len(row)):
         top, left = row[n] * BLOCK, column[n] * BLOCK
         y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + rows)
@@ -124,7 +130,14 @@ def _lay(
                 for i in range(BLOCK):
                     sun = line[7, i] * (waves[w, j, i, k] if w >= 0 else one)
                     more = added[p, j, i, k] if p >= 0 else zero
-                    change[k, i] = weight[i] * (line[k, i] * line[6, i] + (one - line[k, i]) * sun + more - one)
+                    r, share = one, line[k, i]
+                    if len(shown) and x0 <= left + i < x1:
+                        py, px = y - first_row, left + i - first_column
+                        base = calm[py, px, k] - line[3 + k, i]
+                        if base > dark:
+                            r = (shown[py, px, k] - line[3 + k, i]) / base
+                        r = max(r, share + direct * (one - share))
+                    change[k, i] = weight[i] * ((share * line[6, i] + (r - share) * sun + more) / r - one)
             for x in range(x0, x1):
                 i = x - left
                 if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:

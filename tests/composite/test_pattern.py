@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plate's own caustics go with the sun's light that bears them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mr360uw.composite import render_layer
+from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.over import over
+from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.composite.receiver.ratio import ambient_share
+from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.render.calm import stands
+from mr360uw.types import Floats, Rectangle
+from tests.composite import tolerances as tol
+from tests.composite.scenes import SUN, medium, placed, shot, sphere
+
+WIDTH = 256
+FLOOR = Receiver(plane_y=-1.2, extent_m=8.0, occlusion=False)
+
+
+@dataclass(frozen=True)
+class Still:
+    """A linear picture as a plate."""
+
+    image: Floats
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.image.shape[0], self.image.shape[1]
+
+    def linear(self, rectangle: Rectangle) -> Floats:
+        rows = slice(rectangle.row, rectangle.row + rectangle.height)
+        return self.image[rows, rectangle.column : rectangle.column + rectangle.width]
+
+
+def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return a plate lit by sky and sun under waves (H, W), the same in calm light, and in ambient light alone."""
+    height, width = waves.shape
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    d = scene.view.directions(x, y)
+    below = d[..., 1] < -0.1
+    distance = np.where(below, -1.2 / np.minimum(d[..., 1], -0.1), 0.0)
+    point = (d * distance[..., None])[below]
+    share = np.ones((height, width, 3))
+    share[below] = ambient_share(scene, light_sources(scene), point, np.tile([0.0, 1.0, 0.0], (len(point), 1)))
+    veil = np.zeros((height, width, 3))
+    if scene.medium is not None:
+        veil = veil_lookup(scene.medium, distance, d[..., 1])
+    sand = 0.3 * below[..., None]
+    plates = (veil + sand * (share + (1.0 - share) * factor) for factor in (waves[..., None], 1.0, 0.0))
+    shown, calm, ambient = (image.astype(np.float32) for image in plates)
+    return shown, calm, ambient
+
+
+@pytest.fixture(params=["reference", "gl"])
+def render(request: pytest.FixtureRequest) -> Any:
+    if request.param == "reference":
+        return render_layer
+    request.getfixturevalue("gl")
+    from mr360uw.composite.gl.layer_renderer import LayerRenderer
+
+    return LayerRenderer().render
+
+
+@pytest.mark.parametrize("water", [None, medium()], ids=["air", "water"])
+def test_no_filament_runs_through_an_umbra(render: Any, water: Any, rng: np.random.Generator) -> None:
+    """In the umbra the ground has its ambient light alone, whatever the waves do; elsewhere the plate is untouched."""
+    ball = placed(sphere(48, radius=0.4), (0.2, -0.7, -1.2))
+    scene = shot(ball, width=WIDTH, medium=water, receiver=FLOOR, sun=replace(SUN, half_angle_rad=0.01))
+    waves = rng.uniform(0.3, 2.5, (WIDTH // 2, WIDTH))
+    shown, calm, ambient = plate_of(scene, waves)
+    layer = render(replace(scene, pattern=PlatePattern(Still(shown), calm, 1.2, 1.0)))
+    left = render(scene)
+    umbra = (left.ratio[..., 1] < 1.01 * left.ratio[..., 1].min()) & (layer.alpha == 0.0)
+    assert umbra.sum() > 50
+    got = over(shown, layer)
+    np.testing.assert_allclose(got[umbra], ambient[umbra], rtol=tol.PATTERN_UMBRA)
+    contrast = [np.std(image[umbra][:, 1]) for image in (got, over(shown, left))]
+    assert contrast[0] < 0.05 * contrast[1]
+    free = (left.ratio == 1.0).all(axis=-1) & (layer.alpha == 0.0)
+    assert np.array_equal(got[free], shown[free])
+
+
+def test_without_a_mean_detail_of_the_size_of_caustics_goes() -> None:
+    """Filaments of 20 cm on the ground are smoothed, the brightness of the ground is kept; the seam is closed."""
+    height, width = 128, 256
+    y, x = np.mgrid[0:height, 0:width]
+    sky = np.where(y < height / 2, 0.2, 0.4)[..., None] * np.ones(3)
+    filaments = 1.0 + 0.5 * np.sin(2.0 * np.pi * x / 8.0)[..., None]
+    plate = (sky * filaments).astype(np.float32)
+    pattern = PlatePattern(Still(plate), None, 1.5, 1.0)
+    part = Rectangle(40, 90, 60, 20)
+    _, calm = pattern.light(part)
+    assert np.std(calm) < 0.1 * np.std(plate[90:110])
+    np.testing.assert_allclose(calm.mean(), 0.4, rtol=0.02)
+    rolled = PlatePattern(Still(np.roll(plate, 8 * 9, axis=1)), None, 1.5, 1.0)
+    over_seam = rolled.light(Rectangle(0, 90, 24, 20))[1]
+    np.testing.assert_allclose(over_seam, pattern.light(Rectangle(256 - 72, 90, 24, 20))[1], atol=tol.FLOAT32)
+    half = PlatePattern(Still(plate), None, 1.5, 0.5).light(part)[1]
+    np.testing.assert_allclose(half, 0.5 * (calm + plate[90:110, 40:100]), atol=tol.FLOAT32)
+
+
+def test_a_camera_that_stands_is_told_from_one_that_moves(rng: np.random.Generator) -> None:
+    ground = rng.normal(size=(64, 256))
+    waves = [rng.normal(size=(64, 256)) for _ in range(12)]
+    assert stands([ground + 1.5 * wave for wave in waves])
+    assert not stands([np.roll(ground, 2 * k, axis=1) + 0.5 * wave for k, wave in enumerate(waves)])
+    assert not stands(waves)
