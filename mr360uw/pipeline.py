@@ -94,8 +94,9 @@ def render_frame(
     "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from a clip's facts:
     `facts.sun_at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate alone, a video
     takes it from `facts.gain_at(index)`. facts: all that a first pass found over the plate's clip
-    (`render.first_pass.first_pass`), in place of sun and gain. shutter_s: how long the shutter is open, for motion blur. Everything is loaded
-    anew on each call; for many frames use `render.loaded.load` and `render.frame.frame_stages`.
+    (`render.first_pass.first_pass`), in place of sun and gain. shutter_s: how long the shutter is open, for motion
+    blur. Everything is loaded anew on each call; for many frames use `render.loaded.load` and
+    `render.frame.frame_stages`.
     """
     plate = np.asarray(plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:

@@ -12,7 +12,7 @@ from mr360uw.render.loaded import load
 from mr360uw.render.plan import ObjectFacts, Plan, make_plan
 from tests.scenes import scene_with
 
-OTHER = {"glossy", "track_sun", "track_gain", "lamps"}
+OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern"}
 
 
 def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
@@ -76,3 +76,24 @@ def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:
     text = str(make_plan(scene, (ObjectFacts(4.0, True, False),), None))
     assert "glossy       runs     a material is smoother than diffuse" in text
     assert "medium       skipped" in text
+
+
+@pytest.mark.parametrize(
+    ("tables", "runs"),
+    [
+        ({"receiver": {"height_m": -2.0}}, True),
+        ({"receiver": {"height_m": -2.0, "plate_caustics": "keep"}}, False),
+        ({"receiver": {"height_m": -2.0, "shadow": False}}, False),
+        ({"receiver": {"height_m": -2.0}, "water": {"type": "none"}}, False),
+        ({}, False),
+    ],
+)
+def test_the_plates_caustics_go_where_a_shadow_falls(
+    tables: dict[str, Any], runs: bool, tmp_path: Path, whale: Path
+) -> None:
+    assert plan_of(tmp_path, whale, **tables).pattern.runs == runs
+
+
+def test_lamps_of_the_scene_are_in_the_plan(tmp_path: Path, whale: Path) -> None:
+    assert plan_of(tmp_path, whale, lamp=[{}]).lamps.runs
+    assert not plan_of(tmp_path, whale).lamps.runs
