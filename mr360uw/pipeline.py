@@ -23,6 +23,7 @@ from mr360uw.render.first_pass import ClipFacts, first_pass
 from mr360uw.render.frame import Stages, finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
+from mr360uw.render.plate_pattern import calm_series
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
@@ -208,8 +209,9 @@ def composite_video(
         plan = loaded.plan
         with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
             since = time.perf_counter()
-            wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs, "calm": plan.pattern.runs}
-            facts = first_pass(loaded.surroundings, video, progress, **wanted)
+            wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
+            calm = calm_series(loaded) if not video.is_still else None
+            facts = first_pass(loaded.surroundings, video, progress, calm=calm, **wanted)
             clock.add("first pass", since)
             run = _Run(loaded, facts, renderer, video, writer, pattern, clock)
             with Behind(run.write) as sink:

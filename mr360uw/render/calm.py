@@ -1,50 +1,84 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mean of a plate over the waves, where its camera stands: free of caustics, with all else of the ground."""
+"""What the ground of a clip looks like without its caustics, as far as the clip shows it."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from mr360uw.color import luminance
-from mr360uw.types import Floats
+from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 
 FRAMES = 240
 """Frames of a clip, from its start, that its mean is taken over: ten seconds, several periods of the waves."""
-_EVERY = 8
-"""Frames between those that are read: caustics a third of a second apart have little in common."""
-_LEAST_FRAMES = 6
+_EVERY = 4
+"""Frames between those that are read: a sixth of a second, in which caustics move by their own width."""
+_LEAST_FRAMES = 8
 """Frames below which a mean still shows the caustics themselves."""
-_COLUMNS = 256
+_COLUMNS = 512
 _SHIFT = 2
 _STANDS = 0.8
 """Fraction of the frames that must lie best on the mean without a shift for the camera to count as standing."""
+_DETAIL_ROWS = (0.6, 0.9)
+"""Part of the frame's height over which the detail of the ground is measured: 18 to 72 degrees below the horizon."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalmPlate:
+    """The ground of a clip in the mean light of its waves.
+
+    mean: (H, W, 3) float16 of the plate, or None where the camera moves or there is one picture. strength: fraction of
+    the variance of the ground's detail that is caustics, for smoothing instead.
+    """
+
+    mean: Floats | None
+    strength: float
 
 
 class CalmSeries:
-    """Collects the mean of a clip's first frames."""
+    """Collects the first frames of a clip.
 
-    def __init__(self) -> None:
+    height_m: of the camera above the ground. contrast: standard deviation over mean of the light on the ground that the
+    scene's sea makes.
+    """
+
+    def __init__(self, height_m: float, contrast: float) -> None:
+        self._height_m, self._contrast = height_m, contrast
         self._sum: Floats | None = None
         self._small: list[Floats] = []
+        self._variance: list[float] = []
 
     def add(self, frame: VideoFrame) -> None:
-        """Take a frame into the mean, where it is one of those that are."""
+        """Take a frame in, where it is one of those that count."""
         import cv2
 
-        if frame.index >= FRAMES or frame.index % _EVERY:
+        if self._sum is not None and (frame.index >= FRAMES or frame.index % _EVERY):
             return
         linear = frame.image_linear
         self._sum = linear.copy() if self._sum is None else self._sum + linear
+        self._variance.append(self._detail(frame))
         size = (_COLUMNS, _COLUMNS // 2)
         below = cv2.resize(luminance(linear).astype(np.float32), size, interpolation=cv2.INTER_AREA)[_COLUMNS // 4 :]
         self._small.append(below - cv2.GaussianBlur(below, (0, 0), 4.0))
 
-    def mean(self) -> Floats | None:
-        """Return the mean (H, W, 3), float16, or None where there is too little of it, or the camera moves."""
-        if self._sum is None or len(self._small) < _LEAST_FRAMES or not stands(self._small):
-            return None
-        return (self._sum / np.float32(len(self._small))).astype(np.float16)
+    def result(self) -> CalmPlate:
+        """Return what the frames show; without any, that nothing is caustics."""
+        if self._sum is None:
+            return CalmPlate(None, 0.0)
+        strength = min(1.0, self._contrast**2 / max(float(np.mean(self._variance)), 1e-9))
+        if len(self._small) < _LEAST_FRAMES or not stands(self._small):
+            return CalmPlate(None, strength)
+        return CalmPlate((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
+
+    def _detail(self, frame: VideoFrame) -> float:
+        """Return the variance of the ground's detail over its smooth light."""
+        height, width = frame.shape
+        first, last = (int(part * height) for part in _DETAIL_ROWS)
+        shown, calm = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
+        return float(np.var(luminance(shown) / np.maximum(luminance(calm), 1e-3)))
 
 
 def stands(pictures: list[Floats]) -> bool:
@@ -58,6 +92,6 @@ def stands(pictures: list[Floats]) -> bool:
     inside = slice(_SHIFT, -_SHIFT)
     for picture in pictures:
         others = total - picture
-        fits = [float(np.sum(np.roll(picture, shift, (0, 1))[inside] * others[inside])) for shift in shifts]
+        fits = [float(np.vdot(np.roll(picture, shift, (0, 1))[inside], others[inside])) for shift in shifts]
         unmoved += shifts[int(np.argmax(fits))] == (0, 0)
     return unmoved >= _STANDS * len(pictures)

@@ -13,7 +13,7 @@ from mr360uw.errors import SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.medium import Medium, exposure_change, fit_gain, picture_change, steady_gain
 from mr360uw.progress import Progress
-from mr360uw.render.calm import FRAMES, CalmSeries
+from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
 from mr360uw.render.plate_map import plate_map
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
@@ -37,12 +37,12 @@ class ClipFacts:
     """What was found over a whole clip, so that a frame looks the same in every run.
 
     sun: its track, or None where each frame says its own. gain: (N, 3) of the veil, or None where each frame is fitted
-    alone. calm: (H, W, 3) float16, mean of the plate over the waves, or None where it is unknown.
+    alone. calm: its ground without caustics, or None where each frame says its own.
     """
 
     sun: SunTrack | FixedSun | None = None
     gain: Floats | None = None
-    calm: Floats | None = None
+    calm: CalmPlate | None = None
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
@@ -65,9 +65,9 @@ def first_pass(
     *,
     sun: bool = True,
     gain: bool = True,
-    calm: bool = False,
+    calm: CalmSeries | None = None,
 ) -> ClipFacts:
-    """Return the facts of a clip: its sun, the gain of its veil, its mean over the waves, each as far as it is wanted.
+    """Return the facts of a clip: its sun, the gain of its veil, and what `calm` collects, each as far as it is wanted.
 
     The sun is the scene's own track, or found in a pass over the whole clip, in which the gain is fitted too, whatever
     range is rendered. With nothing to find there is no pass. Raises `SceneError` where the scene's track belongs to
@@ -77,12 +77,11 @@ def first_pass(
     track = _stored_track(stored, video) if sun and stored is not None else None
     camera, medium = surroundings.camera, surroundings.medium if gain else None
     reads_sun = sun and track is None
-    calm = calm and not camera.moves
-    if not (reads_sun or medium is not None or calm):
+    if not reads_sun and medium is None and calm is None:
         return ClipFacts(track)
     whole = reads_sun or medium is not None or video.frame_count is None
     suns: list[SunMeasurement] = []
-    maps, series = _MapSeries(), CalmSeries()
+    maps = _MapSeries()
     with one_blas_thread():
         for frame in prefetch(video.frames(0, None if whole else min(video.frame_count or FRAMES, FRAMES))):
             world_from_camera = camera.at(frame.time_s)[1]
@@ -92,15 +91,15 @@ def first_pass(
             if medium is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
                 maps.add(here, plate_map(frame.pixels, world_from_camera[1]))
-            if calm:
-                series.add(frame)
+            if calm is not None:
+                calm.add(frame)
             if progress is not None:
                 progress(frame.index + 1, video.frame_count)
     confidence = surroundings.scene.light.minimum_confidence
     return ClipFacts(
         track_suns(suns, minimum_confidence=confidence) if suns else track,
         maps.gain(float(video.frame_rate)) if medium is not None else None,
-        series.mean() if calm else None,
+        calm.result() if calm is not None else None,
     )
 
 

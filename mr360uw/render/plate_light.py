@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mr360uw.composite.receiver.pattern import PlatePattern
-from mr360uw.ibl.lighting import turned
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import plate_map
@@ -37,7 +36,7 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     gain = facts.gain_at(plate.index) if water.fits_gain else None
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
-    pattern = plate_pattern(loaded, facts.calm, plate, turned(found, world_from_camera).sun)
+    pattern = plate_pattern(loaded, facts.calm, plate)
     if surroundings.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
         return FrameLight(found, None, gain, pattern)
     return FrameLight(found, plate_map(plate.pixels, world_from_camera[1]), None, pattern)

@@ -25,8 +25,14 @@ quite without sun."""
 _SIGMA_M = 0.3
 """Standard deviation on the ground of the blur that takes caustics for detail: filaments are 5 to 30 cm apart in the
 first ten metres. Half of it leaves broad filaments, twice of it takes away ripples of the sand."""
-_STEP = 2.0**0.5
+_STEP = 2.0
 """Ratio of neighbouring blurs, between which the blur of a row is mixed."""
+_FINE_SIGMA = 2.0
+"""Standard deviation [px] that wide blurs are left with on a reduced image."""
+_COARSEST = 32
+"""Largest reduction."""
+_FLATTEST = 0.02
+"""Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
 
 class Picture(Protocol):
@@ -65,24 +71,21 @@ class PlatePattern:
 
     def _smooth(self, part: Rectangle) -> Floats:
         """Return a part blurred by `_SIGMA_M` on level ground, row by row."""
-        import cv2
-
         height, width = self.picture.shape
         latitude = np.pi * ((np.arange(part.height) + part.row + 0.5) / height - 0.5)
-        distance = self.height_m / np.maximum(np.sin(latitude), 0.02)
+        distance = self.height_m / np.maximum(np.sin(latitude), _FLATTEST)
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
         margin = int(np.ceil(3.0 * _STEP**high))
-        around = _around(self.picture, part, margin)
+        around, first = _around(self.picture, part, margin)
         smooth = np.zeros((part.height, part.width, 3), np.float32)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
-            if not np.any(weight):
-                continue
-            blurred = cv2.GaussianBlur(around, (0, 0), _STEP**number, borderType=cv2.BORDER_REPLICATE)
-            top, left = min(margin, part.row), margin
-            smooth += weight[:, None, None] * blurred[top : top + part.height, left : left + part.width]
+            if np.any(weight):
+                blurred = _blurred(around, _STEP**number)
+                top, left = part.row - first.row, part.column - first.column
+                smooth += weight[:, None, None] * blurred[top : top + part.height, left : left + part.width]
         return smooth
 
 
@@ -93,14 +96,32 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
 
 
-def _around(picture: Picture, part: Rectangle, margin: int) -> Floats:
-    """Return a part of a panorama and `margin` pixels about it, (h, w, 3), closed over the seam, cut at the poles."""
+def _around(picture: Picture, part: Rectangle, margin: int) -> tuple[Floats, Rectangle]:
+    """Return a part of a panorama with at least `margin` pixels about it, and where that lies.
+
+    It is closed over the seam, cut at the poles, and begins at multiples of `_COARSEST`, so that what is reduced below
+    does not depend on the part. Columns count from the part's own turn.
+    """
     height, width = picture.shape
-    first, last = max(part.row - margin, 0), min(part.row + part.height + margin, height)
-    columns = (np.arange(part.column - margin, part.column + part.width + margin)) % width
-    if len(columns) >= width:
-        return np.asarray(picture.linear(Rectangle(0, first, width, last - first)), np.float32)[:, columns]
-    cut = int(np.argmax(columns == 0)) if columns[0] > columns[-1] else 0
-    pieces = [(int(columns[0]), cut), (0, len(columns) - cut)] if cut else [(int(columns[0]), len(columns))]
-    rows = [picture.linear(Rectangle(start, first, count, last - first)) for start, count in pieces]
-    return np.asarray(np.concatenate(rows, axis=1), np.float32)
+    row = max(part.row - margin, 0) // _COARSEST * _COARSEST
+    column = (part.column - margin) // _COARSEST * _COARSEST
+    rows = min(part.row + part.height + margin, height) - row
+    whole = np.asarray(picture.linear(Rectangle(0, row, width, rows)), np.float32)
+    columns = np.arange(column, part.column + part.width + margin) % width
+    return whole[:, columns], Rectangle(column, row, len(columns), rows)
+
+
+def _blurred(image: Floats, sigma: float) -> Floats:
+    """Return an image (h, w, 3) under a Gaussian, which wide ones are applied to a reduced image for."""
+    import cv2
+
+    factor = min(1 << max(int(np.log2(sigma / _FINE_SIGMA)), 0), _COARSEST)
+    if factor == 1:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
+    height, width = image.shape[:2]
+    padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
+    size = padded.shape[1] // factor, padded.shape[0] // factor
+    small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)
+    large = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(large[:height, :width])
