@@ -6,7 +6,7 @@ import pytest
 
 from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.sampling import pattern
-from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
+from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions, frame_from_direction, unit
 from tests.composite import tolerances as tol
@@ -44,9 +44,7 @@ def test_rectangles_hold_triangles_over_seam_and_poles(rng: np.random.Generator)
     for _ in range(300):
         corners = rng.normal(size=(3, 3)) + 1.5 * unit(rng.normal(size=3))
         mask = covered(corners, width)
-        rectangle = rectangle_of_triangles(corners[None], width, width // 2)
-        assert rectangle is not None
-        column, row, columns, rows = rectangle
+        ((column, row, columns, rows),) = rectangles_of_bodies([corners[None]], width, width // 2)
         inside = np.zeros_like(mask)
         inside[row : row + rows, (column + np.arange(columns)) % width] = True
         assert not np.any(mask & ~inside)
@@ -102,10 +100,6 @@ def test_tiles_leave_out_what_is_far_apart() -> None:
     assert sorted(even_tiles([(980, 100, 40, 10), (400, 0, 20, 20), (410, 400, 100, 50)], 1000, 500)) == [
         (0, 100, 20, 10), (400, 0, 20, 20), (410, 400, 100, 50), (980, 100, 20, 10)
     ]  # fmt: skip
-
-
-def test_joined_rectangles_overlap_nowhere_around_the_seam() -> None:
-    assert joined([(60, 0, 10, 4), (2, 2, 6, 4), (20, 0, 3, 3)], 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
 
 
 @pytest.mark.usefixtures("gl")
