@@ -72,7 +72,7 @@ def test_the_shadow_is_that_of_the_suns_disc() -> None:
     )
     layer = render_layer(scene)
     rows, columns = np.nonzero((layer.ratio[..., 0] < 0.99) & (layer.alpha == 0.0))
-    d = directions(scene.width, scene.height)[rows, columns]
+    d = directions(scene.view.width, scene.view.height)[rows, columns]
     point = d * (-1.2 / d[:, 1])[:, None]
     rays = RayScene(occluding(scene.objects, np.zeros(3)))
     rng = np.random.default_rng(1)

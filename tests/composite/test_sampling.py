@@ -103,7 +103,7 @@ def test_tiles_leave_out_what_is_far_apart() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_twins(rng: np.random.Generator) -> None:
+def test_rays_and_rectangles_on_the_device_are_the_references(rng: np.random.Generator) -> None:
     count = 2000
     corners = (rng.normal(size=(count, 3, 3)) + 3.0 * unit(rng.normal(size=(count, 1, 3)))).astype(np.float32)
     towards = unit(np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], count), corners)).astype(np.float32)
