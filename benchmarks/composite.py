@@ -57,7 +57,7 @@ def agreement() -> None:
     renderer = LayerRenderer()
     print(f"{'scene':10} {'PSNR dB':>8} {'within 2/255':>13} {'largest':>8}   (target 45 dB, 0.999)")
     for name, scene in scenes.eight_shots(np.random.default_rng(360), 256).items():
-        ground = plate(scene.width)
+        ground = plate(scene.view.width)
         result = difference(over(ground, renderer.render(scene)), over(ground, render_layer(scene)))
         print(f"{name:10} {result[0]:8.1f} {result[1]:13.5f} {result[2]:8.1f}")
 

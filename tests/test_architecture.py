@@ -16,13 +16,17 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics", "shapes", "yuv", "cache"}
 # what a package may import of mr360uw besides the ground floor and itself
+PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
     "caustics": {"gl"},
-    "medium": {"gl"},
-    "composite": {"gl", "ibl", "caustics", "medium"},
+    "medium": set(),
+    "composite": {"gl", *PHYSICS},
     "gl": set(),
     "video": set(),
+    "scene": {"composite", "video", *PHYSICS},
+    "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
+    "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
 }
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
 
@@ -46,6 +50,12 @@ def test_packages_import_only_what_they_may(package: str) -> None:
     for path in (ROOT / package).rglob("*.py"):
         used = {name.split(".")[1] for name in imports(path) if name.startswith("mr360uw.")}
         assert used <= allowed, f"{path.relative_to(ROOT)} imports {used - allowed}"
+
+
+def test_no_module_name_stands_twice() -> None:
+    """But for those that mean the same in every package."""
+    names = [p.stem for p in ROOT.rglob("*.py") if p.stem != "__init__"]
+    assert {name for name in names if names.count(name) > 1} == {"settings", "lookup"}
 
 
 @pytest.mark.parametrize("package", ["ibl", "caustics", "medium", "composite"])

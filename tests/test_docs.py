@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import mr360uw
+from mr360uw.render.frame import frame_stages
 from mr360uw.scene.handbook import parameters_markdown
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,6 +38,22 @@ def test_links_and_pictures_of_the_pages_exist() -> None:
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), ROOT / "samples" / "README.md"]:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_frame_in_the_design_is_the_frame() -> None:
+    text = (ROOT / "docs" / "design.md").read_text("utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert blocks == [inspect.getsource(frame_stages)]
+
+
+def test_files_named_in_the_pages_exist() -> None:
+    """Paths below the package, and names of its modules and shaders, in backquotes."""
+    package = Path(mr360uw.__file__).parent
+    names = {path.name for folder in (package, ROOT / "tests", ROOT / "benchmarks") for path in folder.rglob("*.*")}
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        for named in re.findall(r"`([\w/]+(?:\.py|\.glsl|\.bib|/))`", page.read_text("utf-8")):
+            found = named in names or any((root / named).exists() for root in (ROOT, package))
+            assert found or list(package.rglob(named)), f"{page.name}: {named}"
 
 
 def test_the_version_is_said_once() -> None:
