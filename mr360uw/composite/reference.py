@@ -88,7 +88,7 @@ def _render(shot: Shot, frame: AovFrame | None) -> Layer:
 
 
 def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.bool_]:
-    """Return which pixels of a tile lie in one of the rectangles."""
+    """Return the mask (h, w) of pixels of a tile that lie in one of the rectangles."""
     mask = np.zeros((tile[3], tile[2]), bool)
     for column, row, w, h in (piece for part in parts for piece in split(part, width)):
         c0, r0 = max(column - tile[0], 0), max(row - tile[1], 0)

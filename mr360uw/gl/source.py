@@ -45,7 +45,7 @@ def constants_source() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One shader stage ready for the compiler, and the files its line numbers stand for."""
+    """One shader stage ready for the compiler, and the files that its line numbers encode."""
 
     text: str
     files: tuple[str, ...]

@@ -34,7 +34,7 @@ def analyse_video(
 ) -> list[Path]:
     """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
 
-    source: a video or still, or a scene file that names one and says how to read it. eye: of a stereo plate, where the
+    source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
     source is no scene file. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
     `SceneError`, `ParameterError` or `OutputExistsError`.
     """

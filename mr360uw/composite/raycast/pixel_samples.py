@@ -128,7 +128,7 @@ def _near_plane(
     distance: Floats,
     chosen: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Return which samples (n, s) hit the smooth piece of the chosen sample's triangle, near that triangle's plane."""
+    """Return the mask (n, s) of samples that hit the chosen sample's smooth piece, near its triangle's plane."""
     rows = np.arange(len(chosen))
     first = triangle[rows, chosen]
     corners = geometry.positions[first]
