@@ -152,7 +152,7 @@ def test_renderers_agree_and_follow_a_map_that_changes() -> None:
     base = shot(body, receiver=Receiver(distance_m=room(*SIZE)[1]), samples=5)
     renderer = LayerRenderer()
     shots = [replace(base, receiver=Receiver(distance_m=floor_map(h))) for h in (-1.2, -1.0, -0.8)]
-    ground = plate(base.width)
+    ground = plate(base.view.width)
     images = []
     for scene in (base, *shots, replace(base, receiver=Receiver(distance_m=floor_map(-1.2)))):
         images.append(over(ground, renderer.render(scene)))
