@@ -20,7 +20,8 @@ from tests.composite import tolerances as tol
 from tests.composite.scenes import medium, placed, plate, shot, sphere
 
 COLOURS = (
-    "diffuse", "glossy", "sun", "caustics", "emission", "veil", "transmittance", "shadow_ratio", "receiver_difference",
+    "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "shadow_ratio", "shafts",
+    "receiver_difference",
 )  # fmt: skip
 EXPECTED = {
     "rgba": ("half", "A B G R"),
@@ -78,7 +79,7 @@ def test_another_library_lists_it_and_rebuilds_the_composite(written: tuple[Path
     np.testing.assert_allclose(
         rgb + (1.0 - alpha) * (ground + parts["receiver_difference"]), expected, atol=tol.HALF_FLOAT
     )
-    total = sum(parts[name] for name in ("diffuse", "glossy", "sun", "emission", "veil"))
+    total = sum(parts[name] for name in ("diffuse", "glossy", "sun", "lamps", "emission", "veil"))
     np.testing.assert_allclose(total, rgb, atol=tol.HALF_FLOAT)
 
 
