@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values kept from frame to frame, each under a name and the key of everything it depends on.
+"""Cache of values between frames, each under a name and a key of everything it depends on.
 
-A value is a function of its key: the cache may be emptied at any moment without changing a result.
+A value is a function of its key, so the cache may be emptied at any moment without changing a result.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Same:
-    """A key that equals only itself for one and the same object, which it keeps alive: for arrays."""
+    """A key by identity, for arrays: equal only for one and the same object, which it keeps alive."""
 
     __slots__ = ("value",)
 
@@ -28,13 +28,13 @@ class Same:
 
 
 class Cache:
-    """Keeps the last values of every name."""
+    """The most recently used values of every name."""
 
     def __init__(self) -> None:
         self._kept: dict[str, dict[Hashable, Any]] = {}
 
     def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
-        """Return the value of a name for a key; `make` it where it is not among the last `keep` that were asked for."""
+        """Return the value of a name for a key; call `make` if it is not among the last `keep` used of that name."""
         values = self._kept.setdefault(name, {})
         value: T = values.pop(key) if key in values else make()
         values[key] = value
@@ -43,9 +43,9 @@ class Cache:
         return value
 
     def drop(self, name: str) -> None:
-        """Forget the values of a name."""
+        """Remove the values of a name."""
         self._kept.pop(name, None)
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Remove all values."""
         self._kept.clear()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole videos and single frames.
+"""Compositing of whole videos and of single frames.
 
-The decoder, the renderer and the encoder each have a thread; between them stand short queues, so memory does not grow
-with the clip. A frame goes through `render.frame.frame_stages`, a stage on each thread.
+Decoder, renderer and encoder each run on a thread, with short queues between them, so memory does not grow with the
+clip. Each thread runs one of the three parts of `render.frame.frame_stages`.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from mr360uw.video.read.images import is_pattern, matching_files, numbered
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """One composited frame and everything it was made from; stages that the scene does not need are None.
+    """One composited frame and its intermediate results; stages that the scene does not need are None.
 
-    image_linear: (H, W, 3) float32. layer: what was laid over the plate. environment: the plate's light. caustics: on
-    the depths of the objects. medium: the water in the plate's exposure.
+    image_linear: (H, W, 3) float32. layer: objects, shadows and caustics over the plate. environment: the plate's
+    light. caustics: on planes around the objects' depths. medium: the water, its veil matched to the plate.
     """
 
     image_linear: Floats
@@ -49,7 +49,7 @@ class FrameResult:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a run did. seconds: wall time; stage_s: seconds of each stage, which overlap, summed over the frames."""
+    """Summary of a run. seconds: wall time. stage_s: seconds of each stage, summed over frames; stages overlap."""
 
     out: Path
     frames: int
@@ -92,12 +92,11 @@ def render_frame(
     """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
 
     time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
-    "reference". sun: "scene" looks for it as the scene says in this plate alone; a video takes it from a clip's facts:
-    `facts.sun_at(index)`. gain: (3,) of the veil where the scene's is "auto"; None fits it to this plate alone, a video
-    takes it from `facts.gain_at(index)`. facts: all that a first pass found over the plate's clip
-    (`render.first_pass.first_pass`), in place of sun and gain. shutter_s: how long the shutter is open, for motion
-    blur. Everything is loaded anew on each call; for many frames use `render.loaded.load` and
-    `render.frame.frame_stages`.
+    "reference". sun: "scene" follows the scene's settings in this plate alone; for a frame of a video give
+    `facts.sun_at(index)`. gain: (3,) of the veil if the scene's is "auto"; None fits it to this plate alone, for a
+    frame of a video give `facts.gain_at(index)`. facts: of a first pass over the plate's clip, in place of both.
+    shutter_s: exposure time, for motion blur. The scene is loaded on each call; for many frames use
+    `render.loaded.load` and `render.frame.frame_stages`.
     """
     plate = np.asarray(plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
@@ -121,7 +120,7 @@ def render_frame(
 
 @dataclass
 class _Clock:
-    """Seconds spent by stage, and frames counted by what happened in them."""
+    """Seconds by stage, and counts of frames without visible objects and without a sun."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     empty: int = 0
@@ -135,7 +134,7 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Run:
-    """One run over frames [start, stop) of a plate, a method for each thread. layers: pattern of layered files."""
+    """One run over a plate, with a method for each thread. layers: pattern of layered EXR files, or None."""
 
     loaded: Loaded
     facts: ClipFacts
@@ -146,7 +145,7 @@ class _Run:
     clock: _Clock
 
     def read(self, start: int, stop: int) -> Iterator[Stages]:
-        """Decode the plate's frames and read their light."""
+        """Yield the stages of frames [start, stop), decoded and with their light measured."""
         rate = self.video.frame_rate
         shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
         since = time.perf_counter()
@@ -167,7 +166,7 @@ class _Run:
         self.clock.add("render", since)
 
     def write(self, stages: Stages) -> None:
-        """Lay a frame's layer over its plate and write it, and the layer's own file before it."""
+        """Composite a frame and write it, and before it the file of its layers."""
         since = time.perf_counter()
         frame = finished(stages)
         since = self.clock.add("blend", since)
@@ -191,12 +190,12 @@ def composite_video(
     layers: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Report:
-    """Composite frames [a, b) of the scene's plate into `out`, and return what ran, what was skipped and the times.
+    """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
 
     out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. layers: a
     pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur. Raises
-    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then no part of a file is left behind, of sequences
-    the pictures that were complete. progress: is called over the clip once more where there is a first pass.
+    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then no incomplete file is left behind, of sequences
+    the pictures that were complete. progress: is called over the clip an extra time if there is a first pass.
     """
     out, began, clock = Path(out), time.perf_counter(), _Clock()
     pattern = None if layers is None else _layers_pattern(Path(layers), out, overwrite=overwrite)
@@ -236,7 +235,7 @@ def composite_video(
 
 
 def _layers_pattern(pattern: Path, out: Path, *, overwrite: bool) -> Path:
-    """Return the pattern of layered files, of which none may be there yet, other than the output's."""
+    """Return the pattern of layered files; raise if it is the output's, no EXR pattern, or matches existing files."""
     if pattern.absolute() == out.absolute():
         raise ParameterError(f"{pattern} - is the name of the output too - give the layers one of their own")
     if not is_pattern(pattern) or pattern.suffix.lower() != ".exr":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a run, on a terminal: frames, rate and time left; and the signals that end one."""
+"""Progress of a run on a terminal (frames, rate, time left), and signals that end the run."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ Progress = Callable[[int, int | None], None]
 
 @contextmanager
 def terminal_progress() -> Iterator[Progress]:
-    """Yield a `Progress` that draws a bar on standard error, or nothing where that is not a terminal.
+    """Yield a `Progress` that draws a bar on standard error, or does nothing if that is not a terminal.
 
-    A signal that was to end the run ends it at the next frame at the latest. For the main thread.
+    SIGINT and SIGTERM end the run at the next frame at the latest. For the main thread.
     """
-    with _kept_signals() as stop_if_told, _bar() as draw:
+    with _pending_signals() as raise_pending, _bar() as draw:
 
         def progress(done: int, total: int | None) -> None:
-            stop_if_told()
+            raise_pending()
             draw(done, total)
 
         yield progress
 
 
 @contextmanager
-def _kept_signals() -> Iterator[Callable[[], None]]:
-    """Yield a call that raises again what the handler of SIGINT or SIGTERM raised within the block.
+def _pending_signals() -> Iterator[Callable[[], None]]:
+    """Yield a function that raises the exception of a SIGINT or SIGTERM handler again.
 
-    Python runs a handler wherever the main thread is. Where that is a callback out of C code, what the handler raises
-    is printed and dropped, and the run would go on.
+    Python runs a handler wherever the main thread is. If that is a callback out of C code, the handler's exception is
+    printed and dropped, and the run would continue.
     """
     raised: list[BaseException] = []
 
-    def keeping(handler: Callable[[int, FrameType | None], object]) -> Callable[[int, FrameType | None], None]:
+    def recording(handler: Callable[[int, FrameType | None], object]) -> Callable[[int, FrameType | None], None]:
         def handle(number: int, frame: FrameType | None) -> None:
             try:
                 handler(number, frame)
@@ -47,16 +47,16 @@ def _kept_signals() -> Iterator[Callable[[], None]]:
 
         return handle
 
-    def stop_if_told() -> None:
+    def raise_pending() -> None:
         if raised:
             raise raised[0]
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         for number, handler in handlers.items():
-            if callable(handler):  # not where the signal is ignored, as of a program in the background
-                signal.signal(number, keeping(handler))
-        yield stop_if_told
+            if callable(handler):  # not if the signal is ignored, as in a background job
+                signal.signal(number, recording(handler))
+        yield raise_pending
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)

@@ -18,9 +18,9 @@ T = TypeVar("T")
 
 
 def one_blas_thread() -> AbstractContextManager[Any]:
-    """Return a block in which NumPy's matrix products keep to the thread that asks for them.
+    """Return a context in which NumPy's matrix products run on the calling thread only.
 
-    They are small here; threads of their own would only wait, spinning, for cores that decode and encode.
+    They are small here, and the threads of BLAS would spin on the cores that decode and encode.
     """
     from threadpoolctl import threadpool_limits
 
@@ -29,14 +29,14 @@ def one_blas_thread() -> AbstractContextManager[Any]:
 
 
 class _End:
-    """Marks the end of a queue, and carries what ended it."""
+    """Marks the end of a queue, with the exception that ended it, if any."""
 
     def __init__(self, error: BaseException | None = None) -> None:
         self.error = error
 
 
 def prefetch(items: Iterable[T], depth: int = 4) -> Generator[T]:
-    """Yield the items, taken by a thread of its own at most `depth` ahead; its exceptions are raised here."""
+    """Yield items that a separate thread takes at most `depth` ahead; its exceptions are raised here."""
     ready: queue.Queue[T | _End] = queue.Queue(depth)
     stopped = threading.Event()
 
@@ -77,7 +77,7 @@ def prefetch(items: Iterable[T], depth: int = 4) -> Generator[T]:
 
 
 class Behind(Generic[T]):
-    """Hands items to `work` on a thread of its own, in order; `put` and leaving the block raise what `work` raised."""
+    """Calls `work` on items in order on a separate thread; `put` and leaving the block raise its exceptions."""
 
     def __init__(self, work: Callable[[T], None], depth: int = 4) -> None:
         self._work = work

@@ -16,20 +16,18 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics", "shapes", "yuv", "cache"}
 # what a package may import of mr360uw besides the ground floor and itself
+PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
     "caustics": {"gl"},
-    "medium": {"gl"},
-    "composite": {"gl", "ibl", "caustics", "medium"},
+    "medium": set(),
+    "composite": {"gl", *PHYSICS},
     "gl": set(),
     "video": set(),
+    "scene": {"composite", "video", *PHYSICS},
+    "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
+    "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
 }
-# folders, and "" for the modules beside them, from which no chain of imports leads back to where it began
-WITHOUT_CIRCLES = ["", "composite", "gl", "ibl", "render", "sample", "scene", "video", "yuv"]
-# folders whose shaders' functions all have a partner of the same name in Python
-PAIRED = ["", "ibl"]
-# folders whose citations all stand in references.bib, as "Karis 2013" for the key Karis2013
-CITED = ["ibl", "video", "scene", "yuv"]
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
 
 
@@ -54,8 +52,14 @@ def test_packages_import_only_what_they_may(package: str) -> None:
         assert used <= allowed, f"{path.relative_to(ROOT)} imports {used - allowed}"
 
 
+def test_no_module_name_stands_twice() -> None:
+    """But for those that mean the same in every package."""
+    names = [p.stem for p in ROOT.rglob("*.py") if p.stem != "__init__"]
+    assert {name for name in names if names.count(name) > 1} == {"settings", "lookup"}
+
+
 @pytest.mark.parametrize("package", ["ibl", "caustics", "medium", "composite"])
-def test_only_gl_modules_of_a_physics_package_know_opengl(package: str) -> None:
+def test_only_gl_modules_of_a_physics_package_import_opengl(package: str) -> None:
     for path in (ROOT / package).rglob("*.py"):
         if "gl" not in path.relative_to(ROOT).parts:
             runtime = {n for n in imports(path) if n.startswith("mr360uw.gl") or n == "moderngl"}
@@ -64,7 +68,7 @@ def test_only_gl_modules_of_a_physics_package_know_opengl(package: str) -> None:
 
 def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
-    library = {"__future__", "math", "dataclasses", "typing", "pathlib", "functools", "collections"}
+    library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
     compiled = {ROOT / "yuv" / "decode_kernels.py": {"numba"}}
     for name in GROUND:
         for path in (ROOT / name).rglob("*.py") if (ROOT / name).is_dir() else [ROOT / f"{name}.py"]:
@@ -88,76 +92,80 @@ def test_circles_are_found() -> None:
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [{"b", "c"}, {"b", "c"}]
 
 
-@pytest.fixture(scope="module")
-def import_circles() -> list[set[str]]:
-    """Circles over every import statement: at the top, inside functions, and for type checking."""
-    paths = {".".join(p.relative_to(ROOT.parent).with_suffix("").parts): p for p in ROOT.rglob("*.py")}
-    modules = {name.removesuffix(".__init__"): path for name, path in paths.items()}
-    graph = {name: _imported_modules(path) & set(modules) - {name} for name, path in modules.items()}
-    assert graph["mr360uw.yuv.decoding"] >= {"mr360uw.types", "mr360uw.yuv.decode_kernels"}
-    return circles(graph)
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
-def _imported_modules(path: Path) -> set[str]:
-    """Return `imports`, and what they would be if the names imported from a package were modules of it."""
-    names = imports(path)
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+def lazy_names() -> dict[str, str]:
+    """Return the module that defines each name of a package, as the packages' stubs list them."""
+    names = {}
+    for stub in ROOT.rglob("__init__.pyi"):
+        for node in ast.walk(ast.parse(stub.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
+                source = f"{module_name(stub)}.{node.module}"
+                names |= {f"{module_name(stub)}.{alias.name}": source for alias in node.names}
     return names
 
 
-@pytest.mark.parametrize("folder", WITHOUT_CIRCLES)
-def test_no_module_imports_itself_by_a_circle(folder: str, import_circles: list[set[str]]) -> None:
-    for circle in import_circles:
-        for name in circle:
-            parts = name.split(".")[1:]
-            assert (parts[0] if len(parts) > 1 else "") != folder, sorted(circle)
+def import_graph() -> dict[str, set[str]]:
+    """Return the modules that each module imports: at its top, inside functions and for type checking.
+
+    A name imported from a package is counted as an import of the module that defines it.
+    """
+    modules, lazy = {module_name(path): path for path in ROOT.rglob("*.py")}, lazy_names()
+    graph: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        wanted: list[str] = []
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Import):
+                wanted += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                wanted += [f"{node.module}.{alias.name}" for alias in node.names]
+        found = {n if n in modules else lazy.get(n, n.rpartition(".")[0]) for n in wanted}
+        graph[name] = (found & set(modules)) - {name}
+    return graph
 
 
-def test_every_pure_shader_has_its_python_twin() -> None:
-    for path in ROOT.rglob("*.glsl"):
-        if "gl" in path.relative_to(ROOT).parts:
-            continue  # only the device has it
-        twin = path.with_suffix(".py")
-        assert twin.is_file(), f"{path.relative_to(ROOT)} has no twin"
-        assert "twin:" in path.read_text("utf-8").splitlines()[0]
+def test_no_module_imports_itself_by_a_circle() -> None:
+    graph = import_graph()
+    assert graph["mr360uw.yuv.decoding"] >= {"mr360uw.types", "mr360uw.yuv.decode_kernels"}
+    assert graph["mr360uw.render.first_pass"] >= {"mr360uw.ibl.sun.track", "mr360uw.medium.medium"}
+    assert [sorted(circle) for circle in circles(graph)] == []
 
 
-@pytest.mark.parametrize("folder", PAIRED)
-def test_every_function_of_a_pure_shader_has_its_partner(folder: str) -> None:
-    for path in (ROOT / folder).glob("*.glsl"):
-        code = re.sub(r"//.*", "", path.read_text("utf-8"))
-        shader = set(re.findall(r"^\w+ (\w+)\([^;{]*\)\s*\{", code, re.MULTILINE))
-        tree = ast.parse(path.with_suffix(".py").read_text("utf-8"))
-        python = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-        assert shader, path.relative_to(ROOT)
-        assert shader <= python, f"{path.relative_to(ROOT)} alone has {shader - python}"
+def shaders(device: bool) -> list[Path]:
+    """Return the shaders below a folder `gl`, which the device alone has, or all others."""
+    endings = ("*.glsl", "*.frag", "*.vert", "*.geom")
+    found = sorted(path for ending in endings for path in ROOT.rglob(ending))
+    return [path for path in found if ("gl" in path.relative_to(ROOT).parts) == device]
+
+
+def test_every_pure_shader_names_its_python_twin() -> None:
+    assert shaders(device=False)
+    for path in shaders(device=False):
+        assert path.suffix == ".glsl", f"{path.relative_to(ROOT)} is a stage of a pipeline - move it below a folder gl"
+        assert path.with_suffix(".py").is_file(), f"{path.relative_to(ROOT)} has no twin"
+        assert path.read_text("utf-8").splitlines()[0].startswith(f"// twin: {path.stem}.py")
+
+
+def test_every_shader_of_the_device_names_its_reference() -> None:
+    """The first comment ends in "Held to MODULE.py", a path below the package."""
+    assert shaders(device=True)
+    for path in shaders(device=True):
+        comment = re.match(r"(?://.*\n)+", path.read_text("utf-8"))
+        assert comment, f"{path.relative_to(ROOT)} has no comment at its top"
+        text = re.sub(r"\s*\n// ?", " ", comment[0])
+        assert not re.search(r"\b[Tt]win\b", text), f"{path.relative_to(ROOT)} has no twin: the device alone has it"
+        held = re.findall(r"\bHeld to ((?:[\w/]+\.py(?:, | and )?)+)", text)
+        assert len(held) == 1, f"{path.relative_to(ROOT)} does not name the reference it is held to"
+        for name in re.split(r", | and ", held[0]):
+            assert (ROOT / name).is_file(), f"{path.relative_to(ROOT)} is held to {name}, which is not there"
 
 
 def test_pure_shaders_touch_no_pipeline_state() -> None:
     for path in ROOT.rglob("*.glsl"):
         code = re.sub(r"//.*", "", path.read_text("utf-8"))
         assert not re.search(r"\bgl_\w+|\buniform\b|\blayout\b", code), path.relative_to(ROOT)
-
-
-@pytest.mark.parametrize("folder", CITED)
-def test_citations_stand_in_the_references(folder: str) -> None:
-    keys = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "references.bib").read_text("utf-8"), re.MULTILINE))
-    for path in (ROOT / folder).rglob("*.py"):
-        cited = {a + year for a, year in re.findall(r"\b([A-Z][a-z]+) ((?:18|19|20)\d\d)\b", path.read_text("utf-8"))}
-        assert cited <= keys, path.relative_to(ROOT)
-
-
-def test_the_references_are_cited() -> None:
-    text = "".join(path.read_text("utf-8") for path in ROOT.rglob("*.py"))
-    entries = re.findall(
-        r"^@\w+\{([A-Z][a-z]+)(\d{4}),(.*?)^\}", (ROOT / "references.bib").read_text("utf-8"), re.M | re.S
-    )
-    assert entries
-    for author, year, fields in entries:
-        assert f"{author} {year}" in text, f"{author}{year} is cited nowhere"
-        assert re.search(r"author +=.*title +=.*year +=", fields, re.S), f"{author}{year} lacks author, title or year"
 
 
 def test_public_names_exist_and_no_name_hides_a_package() -> None:

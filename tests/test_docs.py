@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-import ast
+import inspect
 import re
 from pathlib import Path
 
 import mr360uw
+from mr360uw.render.frame import frame_stages
 from mr360uw.scene.handbook import parameters_markdown
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,42 +40,57 @@ def test_links_and_pictures_of_the_pages_exist() -> None:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_the_frame_in_the_design_is_the_frame() -> None:
+    text = (ROOT / "docs" / "design.md").read_text("utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert blocks == [inspect.getsource(frame_stages)]
+
+
+def test_files_named_in_the_pages_exist() -> None:
+    """Paths below the package, and names of its modules and shaders, in backquotes."""
+    package = Path(mr360uw.__file__).parent
+    names = {path.name for folder in (package, ROOT / "tests", ROOT / "benchmarks") for path in folder.rglob("*.*")}
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        for named in re.findall(r"`([\w/]+(?:\.py|\.glsl|\.bib|/))`", page.read_text("utf-8")):
+            found = named in names or any((root / named).exists() for root in (ROOT, package))
+            assert found or list(package.rglob(named)), f"{page.name}: {named}"
+
+
 def test_the_version_is_said_once() -> None:
     text = (ROOT / "pyproject.toml").read_text("utf-8")
     assert f'version = "{mr360uw.__version__}"' in text
 
 
-CITING = ["optics.py", "constants.py", "caustics", "medium", "sample"]
-"""Modules and folders whose docstrings cite entries of references.bib."""
 CITATION = re.compile(
-    r"\b((?:van de )?[A-Z][A-Za-z'-]+)(?: & [A-Z][A-Za-z'-]+| et al\.)? ((?:1[89]|20)\d\d(?:, (?:1[89]|20)\d\d)*)\b"
+    r"\b((?:van de )?[A-Z][A-Za-z'-]+)(?: & (?:de )?[A-Z][A-Za-z'-]+| et al\.)?"
+    r" ((?:1[89]\d\d|20[0-4]\d)(?:, (?:1[89]\d\d|20[0-4]\d))*)\b"
 )
+NAMES = {"CIE1931"}
+"""Names that look like a citation: the CIE 1931 observer."""
 
 
-def docstrings(path: Path) -> str:
-    """Return the docstrings of a module, those of its constants included, as one line."""
-    strings = (
-        node.value.value
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-    )
-    return re.sub(r"\s+", " ", " | ".join(strings))
+def citations(path: Path) -> set[str]:
+    """Return the keys of what a source cites, as "Porter1984" for "Porter & Duff 1984"."""
+    text = re.sub(r"\s+(?:(?:#|//) )?", " ", path.read_text("utf-8"))
+    return {
+        re.sub(r"[^A-Za-z]", "", name) + year for name, years in CITATION.findall(text) for year in years.split(", ")
+    }
+
+
+def test_citations_are_read() -> None:
+    """The forms that the sources use, one of them broken over two lines."""
+    assert citations(Path(mr360uw.__file__).parent / "composite" / "over.py") == {"Debevec1998", "Porter1984"}
+    assert {"Bricaud1998", "Loisel1998"} <= citations(Path(mr360uw.__file__).parent / "medium" / "water.py")
 
 
 def test_every_citation_has_an_entry_and_every_entry_is_cited() -> None:
     package = Path(mr360uw.__file__).parent
-    modules = [
-        f for name in CITING for f in ([package / name] if name.endswith(".py") else (package / name).rglob("*.py"))
-    ]
-    cited = {
-        re.sub(r"[^A-Za-z]", "", name) + year
-        for module in modules
-        for name, years in CITATION.findall(docstrings(module))
-        for year in years.split(", ")
-    }
-    cited.remove("CIE1931")  # the name of an observer
+    sources = [path for ending in ("py", "glsl", "frag", "vert", "geom") for path in package.rglob(f"*.{ending}")]
+    cited = set().union(*map(citations, sources)) - NAMES
     entries = re.findall(r"^@\w+\{(\w+),\n(.*?)^\}", (package / "references.bib").read_text("utf-8"), re.M | re.S)
-    assert cited == {key for key, _ in entries}
+    keys = [key for key, _ in entries]
+    assert cited == set(keys)
+    assert keys == sorted(set(keys), key=str.lower), "entries stand in the order of their keys, each once"
     for key, fields in entries:
         found = dict(re.findall(r"^  (\w+) = \{(.*?)\},?$", fields, re.M | re.S))
         assert found.keys() >= {"author", "title", "year"}, key

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects that belong there: meshes, shading, shadows, differential rendering.
+"""Meshes in a plate: shading, shadows, differential rendering.
 
-`reference.render_layer` defines the layer of a `Shot`; `gl.layer_renderer.LayerRenderer` draws the same on OpenGL.
+`reference.render_layer` defines the layer of a `Shot`; `gl.layer_renderer.LayerRenderer` computes the same on OpenGL.
 """
 
 import lazy_loader

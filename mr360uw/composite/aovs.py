@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layer taken apart, for compositors: what each kind of light adds, and where the surfaces are.
+"""Output variables of a layer (AOVs) for compositors: each kind of light apart, and the geometry of the surfaces.
 
-All colours are linear Rec.709 and premultiplied by alpha, and what light adds has already gone through the water, so
+All colours are linear Rec.709, premultiplied by alpha, and attenuated by the water in front, so
 
     beauty    = diffuse + glossy + sun + lamps + emission + veil          (caustics is a part of sun)
     composite = beauty + (1 - alpha) (plate + receiver_difference)
@@ -18,16 +18,16 @@ from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats, Layer, Tile
 
 SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "normal", "position")
-"""What is summed over a pixel's surfaces, weighted by their share of it; (h, w, 3) each."""
+"""Variables summed over a pixel's surfaces, weighted by their fraction of it; (h, w, 3) each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aovs:
-    """Arbitrary output variables of a frame, (H, W, 3) unless said; zero where there is no object.
+    """Arbitrary output variables of a frame, (H, W, 3) unless noted; zero where there is no object.
 
-    diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: the part of it that the
-    waves added or took. emission. veil: light scattered by the water in front of the objects. All these are
-    premultiplied and as the camera sees them. transmittance: of the water, mean over the objects in a pixel, 1 where
+    diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: its change by the waves, of
+    either sign. emission. veil: light scattered by the water in front of the objects. All these are premultiplied and
+    attenuated by the water. transmittance: of the water, mean over the objects in a pixel, 1 where
     there is none. normal: unit in the world, position [m] in the world, means likewise. object_id: (H, W) uint32, 1 for
     the first visible object, 0 for none; the one with the largest share.
     """
@@ -46,7 +46,7 @@ class Aovs:
 
 
 class AovFrame:
-    """Collects the sums of a frame."""
+    """Sums of a frame's output variables while its surfaces are drawn."""
 
     def __init__(self, shot: Shot) -> None:
         size = shot.view.height, shot.view.width
@@ -55,7 +55,7 @@ class AovFrame:
         self.object_id = np.zeros(size, np.uint32)
 
     def finish(self, shot: Shot, layer: Layer) -> Aovs:
-        """Return the variables; what the shot's mattes hide of the layer is hidden here too."""
+        """Return the variables, with the shot's mattes applied as to the layer."""
         alpha = layer.alpha
         covered = self.sums["transmittance"].max(axis=-1) > 0.0
         kept = np.ones_like(alpha)
@@ -75,7 +75,7 @@ class AovFrame:
 
 
 def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
-    """Return what shadows and caustics change (H, W, 3) of the plate behind the objects."""
+    """Return the change (H, W, 3) of the plate by shadows, caustics, lamps and shafts, without the objects."""
     from mr360uw.composite.over import over
 
     bare = Layer(layer.height, layer.width, tuple(_without_objects(tile) for tile in layer.tiles))
@@ -87,7 +87,7 @@ def _without_objects(tile: Tile) -> Tile:
 
 
 RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"
-"""What a header says of the layers."""
+"""Comment in the header of a layered file."""
 _FARTHEST_M = 1e10
 _HALF = float(np.finfo(np.float16).max)
 
@@ -98,8 +98,8 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
     rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
     normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, lamps, caustics, emission, veil,
     transmittance, shadow_ratio, shafts, receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every
-    channel is called layer.channel, as the format asks for (OpenEXR,
-    "Channel Naming": readers take the layer from there), but those of rgba and depth, which every program knows.
+    channel is named layer.channel, as the format asks for (OpenEXR,
+    "Channel Naming"), except those of rgba and depth, which have standard names.
     """
     colours = {
         "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "lamps": aovs.lamps,
@@ -118,5 +118,5 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
 
 
 def _half(image: Floats) -> NDArray[np.float16]:
-    """Return half floats; what is brighter than they can be does not become infinite."""
+    """Return half floats, clipped to their finite range."""
     return np.clip(image, -_HALF, _HALF).astype(np.float16)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mattes of the plate: what is really there and in front of the objects."""
+"""Holdout mattes: parts of the plate that stay in front of the objects."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from mr360uw.types import Floats, Tile
 
 
 def hold_out(shot: Shot, tile: Tile) -> Tile:
-    """Return a tile with the shot's mattes in front: of the objects, and of what they change on the receiver.
+    """Return a tile with the shot's mattes applied to the objects and to the receiver's ratio.
 
-    A distance matte hides the objects behind it and leaves the receiver: both distances are of the same surfaces.
+    A distance matte hides the objects behind it. It leaves the receiver, whose distances are of the same surfaces.
     """
     if shot.holdout is None and shot.holdout_distance_m is None:
         return tile
@@ -36,7 +36,7 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
 
 
 def feathered(matte: Floats, width_px: float) -> Floats:
-    """Return a matte (H, W) with its edges softened over `width_px`: a Gaussian that closes over the seam."""
+    """Return a matte (H, W) with its edges softened over `width_px` by a Gaussian, periodic over the seam."""
     import cv2
 
     if width_px <= 0.0:

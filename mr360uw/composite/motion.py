@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where things are at a time: keyed position, rotation and scale, and tracks of the camera.
+"""Keyed motion: position, rotation and scale over time, and tracks of the camera.
 
 Rotations are (yaw, pitch, roll): roll first (right side down), then pitch (nose up), then yaw (nose to the right),
 for a body that looks along -z with +y up. Between keys rotations take the shortest arc (slerp, Shoemake 1985);
-positions and the logarithm of the scale follow straight lines or a monotone cubic (Fritsch & Carlson 1980). Before the
-first and after the last key everything rests.
+positions and the logarithm of the scale are interpolated linearly or by a monotone cubic (Fritsch & Carlson 1980).
+Before the first and after the last key everything is at rest.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
 
 
 def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:
-    """Return the (4, 4) transform that scales, turns and moves."""
+    """Return the (4, 4) transform that scales, then rotates, then translates."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = scale * rotation, position
     return matrix
@@ -50,7 +50,7 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything changes between the keys."""
+        """Whether position, rotation or scale differ between keys."""
         return any(np.ptp(a, axis=0).any() for a in (self.position, self.rotation, self.scale))
 
     def at(self, time_s: float) -> Floats:
@@ -63,7 +63,7 @@ class Motion:
 
     @cached_property
     def _curves(self) -> tuple[Any, Any, Any]:
-        """Interpolators over time: of position, logarithm of the scale, and rotation."""
+        """Interpolators over time of position, logarithm of the scale, and rotation."""
         from scipy.interpolate import PchipInterpolator, make_interp_spline
         from scipy.spatial.transform import Rotation, Slerp
 
@@ -107,7 +107,7 @@ def object_motion(settings: ObjectSettings) -> Motion:
 def read_camera_track(path: str | Path) -> Motion:
     """Return the camera's motion of a CSV file: time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
 
-    The quaternion turns the camera's axes (right, up, back) into the world's. The header names the columns
+    The quaternion rotates the camera's axes (right, up, back) to the world's. The header names the columns
     time_s, x, y, z, qx, qy, qz, qw, in any order. Raises `ParameterError`.
     """
     from scipy.spatial.transform import Rotation

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the object tables of a scene to what a shot holds: placed objects."""
+"""Objects of a scene: meshes loaded from its `[[object]]` tables, and placed at a time for a shot."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class SceneObject:
         return len(self.meshes) > 1 or self.motion.moves or self.settings.attach == "camera"
 
     def highest_m(self, camera_m: float) -> float:
-        """Return a height in the world that it never rises above, for a camera that stays below `camera_m`."""
+        """Return an upper bound [m] of its height in the world, for a camera that stays below `camera_m`."""
         reach = max(float(np.linalg.norm(mesh.hull, axis=-1).max()) for mesh in self.meshes) * self.motion.scale
         if self.settings.attach == "camera":
             return camera_m + float(np.max(np.linalg.norm(self.motion.position, axis=-1) + reach))
@@ -49,7 +49,7 @@ class SceneObject:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What looked odd about its files."""
+        """Warnings about its files."""
         return self.meshes[0].notes
 
     def at(self, time_s: float, frame: int, camera_position: Floats, world_from_camera: Floats) -> PlacedObject:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laying a layer over the plate: differential rendering below water, then `over`.
+"""Compositing a layer over the plate: differential rendering below water, then `over`.
 
 The plate's radiance is T L_surface + veil. A shadow or a caustic changes L_surface alone, so the receiver's ratio
 E_with/E_without multiplies (plate - veil) and leaves the veil (Debevec 1998, with the veil that water adds):
 
     background = veil + (plate - veil) ratio + shafts        composite = layer + (1 - alpha) background
 
-Shafts are what bodies and waves add to the smooth veil or take from it; they never make the plate negative.
+Shafts are the change of the smooth veil by bodies and waves, of either sign; they never make the plate negative.
 
 Alpha is premultiplied (Porter & Duff 1984). A veil brighter than the plate is clipped to it, so that haze is never
-darkened and nothing turns negative.
+darkened and no pixel turns negative.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite (h, w, 3) of the plate's pixels below one tile, linear, in the plate's type."""
     veil = np.minimum(tile.veil, plate_linear)
     background = veil + (plate_linear - veil) * tile.ratio
-    # where the layer does nothing the plate goes through bit for bit, whatever the rounding of veil + (plate - veil)
+    # ratio 1: the plate is copied bit for bit, whatever the rounding of veil + (plate - veil)
     background = np.where(tile.ratio == 1.0, plate_linear, background)
     if tile.shafts is not None:
         background = np.maximum(background + tile.shafts, np.minimum(background, 0.0))
@@ -54,8 +54,8 @@ def over(plate_linear: Floats, layer: Layer) -> Floats:
 def mean_layer(layers: Sequence[Layer]) -> Layer:
     """Return the mean of layers of one frame at several instants: motion blur by sub-frames.
 
-    Radiance, alpha, ratio and shafts are averaged; the distance is the nearest, the veil that of the frames that have
-    one.
+    Radiance, alpha, ratio and shafts are averaged over all layers, the veil over those that change the pixel; the
+    distance is the least.
     """
     if len(layers) == 1:
         return layers[0]
@@ -101,7 +101,7 @@ def merge(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
 
 
 def _crop(layer: Layer, part: Rectangle) -> Tile:
-    """Return what a layer holds inside a part of the frame as one tile."""
+    """Return the part of a layer inside a rectangle as one tile."""
     column, row = part.column, part.row
     tile = empty_tile(part)
     if any(t.shafts is not None for t in layer.tiles):

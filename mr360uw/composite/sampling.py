@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a pixel is sampled, and which of its samples are lit together.
+"""Sample pattern of a pixel, and the limits within which its samples share one shading evaluation.
 
 Samples lie on a rotated grid. Frame coordinates (x, y) in pixels map to the grid by the Gaussian integer a + ib,
 
@@ -21,13 +21,15 @@ from mr360uw.errors import ParameterError
 from mr360uw.types import Floats
 
 PLANE_TOLERANCE = 0.5
-"""Samples lit together lie within so many widths of the pixel's filter of one plane."""
+"""Distance from a common plane, in widths of the pixel's filter, within which samples are shaded together. Twice as
+large: fewer evaluations, coarser shading of curved silhouettes."""
 PIXEL_FILTER = 0.5
-"""Width in pixels that textures are filtered over where a pixel is lit once: nearest to the mean of many samples."""
+"""Filter width of textures [pixels] for a pixel shaded once. It is closest to the mean of many samples; twice as large
+blurs textures."""
 GROUPS = 8
-"""Groups of samples that are lit in one pixel, an even number; the last takes all that are left."""
+"""Most groups of samples in one pixel, an even number; the last takes all samples that are left."""
 BLEND_LAYERS = 4
-"""Transparent surfaces in front of each other that are told apart."""
+"""Most transparent surfaces drawn in front of each other."""
 
 _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4), 65: (8, 1)}
 
@@ -35,7 +37,7 @@ _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4
 @dataclass(frozen=True, slots=True)
 class Pattern:
     """The samples of a pixel. cells: (n, 2) of the grid that belong to pixel (0, 0), the nearest to its centre first.
-    positions: (n, 2) where they are in that pixel, in [0, 1)^2.
+    positions: (n, 2) in that pixel, in [0, 1)^2.
     """
 
     cells: NDArray[np.int64]
@@ -69,5 +71,5 @@ def frame_from_grid(x: ArrayLike, y: ArrayLike, a: int, b: int) -> tuple[Floats,
 
 
 def filter_width(samples: int, shading: str) -> float:
-    """Return the width [pixels] that textures are filtered over: a sample's share of the pixel where each is lit."""
+    """Return the filter width of textures [pixels]; shading "sample": the width of one sample's share of the pixel."""
     return float(samples) ** -0.5 if shading == "sample" else PIXEL_FILTER

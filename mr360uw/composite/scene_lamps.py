@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lamps of a scene: from their tables to what a shot holds.
+"""Lamps of a scene: intensity from the `[[lamp]]` tables, and placement at a time for a shot.
 
     I = flux/solid angle        intensity = I color/white
 
-with the flux in lumen, the solid angle that of the cone with its soft edge, and white the luminance [cd/m2] that the
-plate's white stands for, so that a white card under a lamp is as bright beside the plate as it would have been.
+with the flux in lumen, the solid angle that of the cone with its soft edge, and white the luminance [cd/m2] of the
+plate's white. A white card under a lamp then has its true brightness relative to the plate.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from mr360uw.medium.medium import Medium
 from mr360uw.types import Floats, Lamp, View
 
 _DEFAULT_LUMEN = 2000.0
-"""A diver's video light."""
+"""Flux of a typical diver's video light [lm], if a scene gives none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneLamp:
-    """A lamp of a scene. intensity: (3,) along its axis, attenuation: (T, 3) or None, as `types.Lamp` says."""
+    """A lamp of a scene. intensity: (3,) along its axis, attenuation: (D, 3) or None, as in `types.Lamp`."""
 
     settings: LampSettings
     motion: Motion
@@ -36,7 +36,7 @@ class SceneLamp:
 
     @property
     def moves(self) -> bool:
-        """Whether it changes in the world."""
+        """Whether it moves in the world."""
         return self.motion.moves or self.settings.attach != "world"
 
     def at(self, time_s: float, view: View, objects: Sequence[PlacedObject]) -> Lamp:
@@ -74,7 +74,7 @@ def load_lamps(
 
 
 def cone_cosines(settings: LampSettings) -> tuple[float, float]:
-    """Return the cosines of a lamp's core and edge; -1 both for a point light."""
+    """Return the cosines of the half angles of a lamp's core and edge; both -1 for a point light."""
     half = np.radians(0.5 * settings.cone_deg)
     if settings.kind == "point" or half >= np.pi:
         return -1.0, -1.0
@@ -84,7 +84,7 @@ def cone_cosines(settings: LampSettings) -> tuple[float, float]:
 def cone_solid_angle(settings: LampSettings) -> float:
     """Return the solid angle [sr] of a lamp's light, weighted by its fall-off towards the edge of the cone.
 
-    A smooth step is 1/2 on average, over cosines as over solid angle.
+    The mean of the smooth step over the cosine, and so over solid angle, is 1/2.
     """
     cos_core, cos_edge = cone_cosines(settings)
     if cos_edge <= -1.0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of objects, lamps, receivers, holdouts and drawing."""
+"""Parameters of objects, lamps, receivers, holdouts and sampling."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _check_times(times: Sequence[float]) -> None:
 
 
 class KeySettings(Parameters):
-    """One instant of an object's motion; what is not set keeps the object's own value."""
+    """One instant of an object's motion; values that are not set are the object's own."""
 
     time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
     position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
@@ -37,7 +37,7 @@ class KeySettings(Parameters):
 
 
 class ObjectSettings(Parameters):
-    """A mesh in the scene: where it is, how large, what it is made of, how it moves."""
+    """A mesh in the scene: position, size, material, motion."""
 
     mesh: Path = parameter(..., "glTF, GLB, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
     position_m: Vector = parameter((0.0, 0.0, -3.0), "position (right, up, back) from the camera at time 0", unit="m")
@@ -45,8 +45,8 @@ class ObjectSettings(Parameters):
         (0.0, 0.0, 0.0), "(yaw, pitch, roll): nose (-z) to the right, nose up, right side down; roll first", unit="deg"
     )
     scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
-    unit: Unit = parameter("auto", "what one unit of the file is; auto: metres, with a report where that looks wrong")
-    attach: Attachment = parameter("world", "what the object is fixed to: the world, or the camera and its turns")
+    unit: Unit = parameter("auto", "unit of the file; auto: metres, with a note if the size looks wrong")
+    attach: Attachment = parameter("world", "frame of reference: the world, or the camera and its rotation")
     key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time")
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
     casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
@@ -77,9 +77,9 @@ class ObjectSettings(Parameters):
 
 
 class ReceiverSettings(Parameters):
-    """The surface of the plate that catches shadows and, on request, caustics."""
+    """The surface of the plate that shows shadows and, on request, caustics."""
 
-    kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "how its shape is given")
+    kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "source of its shape")
     height_m: float = parameter(-2.0, "height of the plane above the camera's position at time 0", unit="m")
     path: Path | None = parameter(
         None, "the mesh, the height map, or the distance map (image, sequence or video; 0, inf, NaN: no surface)"
@@ -92,12 +92,14 @@ class ReceiverSettings(Parameters):
         (0.0, 1.0), "heights of black and white of the height map, or distances of a distance map in codes", unit="m"
     )
     shadow: bool = parameter(True, "whether the sun's shadow falls on it")
-    occlusion: bool = parameter(True, "whether objects keep ambient light off it")
+    occlusion: bool = parameter(True, "whether objects block ambient light on it")
     caustics: bool = parameter(False, "whether caustics are added to those the plate already shows")
     plate_caustics: Literal["auto", "keep"] = parameter(
         "auto", "the plate's own caustics in a shadow; auto: they go with the sun's light"
     )
-    extent_m: float = parameter(30.0, "how far from the camera it is changed", unit="m", above=0.0, high=1e4)
+    extent_m: float = parameter(
+        30.0, "distance from the camera beyond which it is not changed", unit="m", above=0.0, high=1e4
+    )
 
 
 class HoldoutSettings(Parameters):
@@ -113,7 +115,7 @@ class HoldoutSettings(Parameters):
 
 
 class LampKeySettings(Parameters):
-    """One instant of a lamp's motion; what is not set keeps the lamp's own value."""
+    """One instant of a lamp's motion; values that are not set are the lamp's own."""
 
     time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
     position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
@@ -124,15 +126,15 @@ class LampSettings(Parameters):
     """A lamp that the plate does not show: a torch, a strobe, a light on an object."""
 
     kind: Literal["spot", "point"] = parameter("spot", "a cone of light, or light to all sides")
-    position_m: Vector = parameter((0.0, 0.0, 0.0), "position (right, up, back) in what it is fixed to", unit="m")
+    position_m: Vector = parameter((0.0, 0.0, 0.0), "position (right, up, back) in its frame of reference", unit="m")
     rotation_deg: Vector = parameter(
-        (0.0, 0.0, 0.0), "(yaw, pitch, roll): where a spot shines, (0, 0, 0) is straight ahead (-z)", unit="deg"
+        (0.0, 0.0, 0.0), "(yaw, pitch, roll) of a spot's beam; (0, 0, 0) is straight ahead (-z)", unit="deg"
     )
-    attach: Literal["world", "camera", "object"] = parameter("world", "what it is fixed to")
+    attach: Literal["world", "camera", "object"] = parameter("world", "frame of reference")
     object: int = parameter(0, "for attach object: its number, the first is 0", low=0, high=10000)
     key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time")
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
-    lumen: float | None = parameter(None, "luminous flux; none: what watts make, or 2000", unit="lm", low=0.0, high=1e7)
+    lumen: float | None = parameter(None, "luminous flux; none: from watts, or 2000", unit="lm", low=0.0, high=1e7)
     watts: float | None = parameter(
         None, "radiant flux between 400 and 700 nm, instead of lumen (LEDs give a third of what they draw)",
         unit="W", low=0.0, high=1e5,
@@ -145,8 +147,8 @@ class LampSettings(Parameters):
     edge: float = parameter(
         0.3, "of a spot: fraction of the half angle over which it fades", unit="1", low=0.0, high=1.0
     )
-    radius_m: float = parameter(0.02, "of the ball that shines, for soft shadows", unit="m", low=0.0, high=100.0)
-    casts_shadow: bool = parameter(True, "whether objects keep its light off what is behind them")
+    radius_m: float = parameter(0.02, "radius of the luminous ball, for soft shadows", unit="m", low=0.0, high=100.0)
+    casts_shadow: bool = parameter(True, "whether objects cast shadows in its light")
 
     @field_validator("color")
     @classmethod
@@ -169,16 +171,16 @@ class LampSettings(Parameters):
 
 
 class DrawSettings(Parameters):
-    """How finely objects are drawn."""
+    """Sampling of objects and shadows, motion blur, grain."""
 
     samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
-    shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
+    shading: Literal["pixel", "sample"] = parameter("pixel", "shade each surface once a pixel, or once a sample")
     sun_samples: int = parameter(
-        24, "directions over the sun's disc that shadows are the mean of", low=1, high=MAXIMUM_SUN_SAMPLES
+        24, "directions over a light's disc, averaged for soft shadows", low=1, high=MAXIMUM_SUN_SAMPLES
     )
     sun_spread_deg: float = parameter(
         5.0,
-        "standard deviation of the directions of what the water scatters forwards of the sun's beam, for shadows",
+        "standard deviation of the directions of sunlight scattered forwards by the water, for shadows",
         unit="deg",
         low=0.0,
         high=30.0,
@@ -187,4 +189,4 @@ class DrawSettings(Parameters):
     grain: float = parameter(
         0.0, "grain on objects: 0 none, 1 as strong as the plate's, as each frame shows it", unit="1", low=0.0, high=4.0
     )
-    shutter: float = parameter(0.5, "part of the frame's time that the shutter is open", unit="1", low=0.0, high=1.0)
+    shutter: float = parameter(0.5, "exposure time as a fraction of the frame's time", unit="1", low=0.0, high=1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that the layer of one frame depends on."""
+"""Shot: everything that the layer of one frame depends on."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mr360uw.composite.settings import DrawSettings
 from mr360uw.types import Environment, Floats, Light, MediumTable, View
 
 SHADOW_BIAS = 0.006
-"""Offset of shadow rays as a part of the body's longest side: a texel and a half of a shadow map 256 texels wide. Half
-of it lets bodies shade themselves in stripes, twice of it lifts contact shadows visibly off."""
+"""Offset of shadow rays as a fraction of the body's longest side: 1.5 texels of a shadow map 256 texels wide. Half as
+large, bodies shade themselves in stripes; twice as large, contact shadows are visibly detached."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +34,12 @@ class PlacedObject:
 
     @property
     def bias_m(self) -> float:
-        """How far off its own surface the shadow rays of the body start."""
+        """Offset [m] of the body's shadow rays from its own surface."""
         return SHADOW_BIAS * float(np.max(self.mesh.extent_m)) * self.scale
 
     @property
     def key(self) -> tuple[Mesh, bytes]:
-        """A value that is equal while the mesh is the same and stands at the same place."""
+        """Cache key: equal for the same mesh with the same transform."""
         return self.mesh, self.world_from_object.tobytes()
 
     def to_world(self, points: Floats) -> Floats:
@@ -53,7 +53,7 @@ class Receiver:
 
     plane_y: height [m] of a horizontal plane in the world. mesh: triangles (T, 3, 3) in the world. distance_m: (h, w)
     distances along the camera's rays, a frame of any size, 0, infinite or NaN where there is none. shadow, occlusion,
-    caustics: what falls on it. extent_m: how far from the camera it is changed.
+    caustics: whether it shows them. extent_m: distance from the camera beyond which it does not change.
     """
 
     plane_y: float | None = None
@@ -67,13 +67,13 @@ class Receiver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One frame: its view, objects, light, water and how finely it is drawn.
+    """One instant of a frame: view, objects, light, water and sampling settings.
 
-    environment: light from all around, in the world's axes. lights: those with a direction of their own, in the world;
-    at most one sun. medium: None without water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer,
-    what `mr360uw.caustics.gl.renderer` keeps on the device. holdout: (H, W) in [0, 1], how much of the plate stays in
-    front. holdout_distance_m: (H, W) distance of what is in front of everything farther away. pattern: the plate's own
-    caustics on the receiver, which shadows take away; None leaves them.
+    environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
+    water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer, the textures of
+    `mr360uw.caustics.gl.renderer`. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
+    holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
+    receiver, which shadows remove; None leaves them.
     """
 
     view: View
@@ -90,10 +90,10 @@ class Shot:
 
     @property
     def casters(self) -> tuple[PlacedObject, ...]:
-        """The objects that shade."""
+        """The objects that cast shadows."""
         return tuple(placed for placed in self.objects if placed.casts_shadow)
 
     @property
     def refractive_index(self) -> float:
-        """Index of what surrounds the objects, relative to air: the water's, or 1 without water."""
+        """Refractive index around the objects, relative to air: the water's, or 1 without water."""
         return 1.0 if self.medium is None else self.medium.refractive_index

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which rectangles of the frame a body touches.
+"""Rectangles of the frame that bodies cover, and disjoint tiles around them.
 
-A body is bounded by triangles; each of them has an exact rectangle of longitudes and latitudes: its edges are arcs of
-great circles that bulge towards the poles, and a triangle over a pole takes all columns. Rectangles may run over the
-seam (column + width > W); `split` cuts them there.
+The longitudes and latitudes of each triangle are bounded exactly: its edges are arcs of great circles that bulge
+towards the poles, and a triangle over a pole takes all columns. Rectangles may cross the seam (column + width > W);
+`split` cuts them there.
 """
 
 from __future__ import annotations
@@ -17,12 +17,7 @@ from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Rectangle
 
 _TILE_COST_PX = 4096
-"""Pixels that take as long as what every further tile costs by itself."""
-
-
-def rectangle_of_triangles(corners: Floats, width: int, height: int, margin: int = 1) -> Rectangle | None:
-    """Return the rectangle of triangles (T, 3, 3) seen from the origin, `margin` pixels wider; None for none."""
-    return rectangles_of_bodies([corners], width, height, margin)[0] if len(corners) else None
+"""Fixed cost of one tile, in pixels that take as long. Twice as large: fewer tiles, with more untouched pixels."""
 
 
 def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, margin: int = 1) -> list[Rectangle]:
@@ -30,7 +25,7 @@ def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, marg
     if not bodies:
         return []
     begin = np.cumsum([0, *(len(body) for body in bodies)])[:-1]
-    corners, begin, before = _outermost(np.concatenate(bodies), begin)
+    corners, begin, in_front = _outermost(np.concatenate(bodies), begin)
     latitudes, over_pole = _latitudes(corners)
     north = np.maximum.reduceat(latitudes.max(axis=1), begin)
     south = np.minimum.reduceat(latitudes.min(axis=1), begin)
@@ -42,12 +37,12 @@ def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, marg
     left = np.floor(unwrapped.min(axis=1)).astype(np.int64) - margin
     right = np.ceil(unwrapped.max(axis=1)).astype(np.int64) + margin
     around = np.logical_or.reduceat(over_pole | (right - left >= width), begin)
-    # triangles before the camera lie in the turn of their body's first
+    # bring the triangles of a body in front of the camera to the same turn as its first triangle
     turns = width * np.round((np.repeat(left[begin], np.diff(begin, append=len(left))) - left) / width).astype(np.int64)
     first, last = np.minimum.reduceat(left + turns, begin), np.maximum.reduceat(right + turns, begin)
     rectangles = []
     for k, start in enumerate(begin):
-        if before[k]:
+        if in_front[k]:
             columns = int(first[k]) % width, int(last[k] - first[k])
         elif around[k]:
             columns = 0, width
@@ -59,7 +54,7 @@ def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, marg
 
 
 def _covered(left: NDArray[np.int64], right: NDArray[np.int64], width: int) -> tuple[int, int]:
-    """Return (column, columns) of the shortest interval around that holds intervals of columns."""
+    """Return (column, columns) of the shortest circular interval that contains the intervals [left, right)."""
     starts = np.bincount(left % width, minlength=2 * width + 1)
     ends = np.bincount(left % width + (right - left), minlength=2 * width + 1)
     running: NDArray[np.bool_] = np.cumsum((starts - ends)[:-1]) > 0
@@ -76,9 +71,9 @@ def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
 
 
 def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
-    """Return disjoint rectangles that cover the set pixels (h, w) of a frame and pass the seam where that is shorter.
+    """Return disjoint rectangles that cover the set pixels (h, w) of a frame, across the seam where that is shorter.
 
-    It starts from the one around all, and cuts in two wherever that leaves out more than `spare` pixels.
+    The bounding rectangle is cut in two, recursively, wherever that leaves out at least `spare` pixels.
     """
     whole = rectangle_of_mask(mask)
     if whole is None:
@@ -90,9 +85,9 @@ def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
 
 
 def _cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.int64], spare: int) -> list[Rectangle]:
-    """Return rectangles that cover the set cells (h, w), which lie between edges at columns (w + 1,) and rows (h + 1,).
+    """Return rectangles that cover the set cells (h, w); columns (w + 1,) and rows (h + 1,) are the cells' edges.
 
-    It cuts in two wherever that leaves out at least `spare` pixels.
+    The bounding rectangle is cut in two, recursively, wherever that leaves out at least `spare` pixels.
     """
     high, wide = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
     if len(wide) == 0:
@@ -112,9 +107,9 @@ def _cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.
 
 
 def _best_cut(cells: NDArray[np.bool_], columns: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[int, int]:
-    """Return (area, column): what two rectangles cover together if the cells (h, w) are cut before that column.
+    """Return (area, column) of the cut before a column that gives two rectangles of the least total area.
 
-    Cells of the first and the last column are set. Where there is one column only, the area is that of all.
+    Cells (h, w) of the first and the last column are set. With a single column the area is that of all cells.
     """
     filled = cells.any(axis=0)
     top = np.where(filled, rows[np.argmax(cells, axis=0)], rows[-1])
@@ -137,28 +132,6 @@ def split(rectangle: Rectangle, width: int) -> list[Rectangle]:
     return [Rectangle(column, row, width - column, rows), Rectangle(0, row, column + columns - width, rows)]
 
 
-def joined(rectangles: Sequence[Rectangle], width: int) -> list[Rectangle]:
-    """Return rectangles that do not overlap and cover the given ones, counting around the seam; none is split."""
-    left = [r for r in rectangles if r.width > 0 and r.height > 0]
-    done: list[Rectangle] = []
-    while left:
-        c, r, w, h = left.pop()
-        for other in done:
-            oc, orow, ow, oh = other
-            shift = next((k for k in (-width, 0, width) if oc + k < c + w and c < oc + k + ow), None)
-            if shift is None or not (orow < r + h and r < orow + oh):
-                continue
-            first, last = min(c, oc + shift), max(c + w, oc + shift + ow)
-            row, end = min(r, orow), max(r + h, orow + oh)
-            done.remove(other)
-            wide = last - first >= width
-            left.append(Rectangle(0 if wide else first % width, row, min(last - first, width), end - row))
-            break
-        else:
-            done.append(Rectangle(c, r, w, h))
-    return sorted(done)
-
-
 def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rectangle]:
     """Return disjoint rectangles within the frame that cover the given ones and little more.
 
@@ -178,7 +151,7 @@ def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rec
 
 
 def _interval(touched: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return (start, length) of the shortest circular interval that holds every set entry."""
+    """Return (start, length) of the shortest circular interval that contains every set entry."""
     width = len(touched)
     at = np.flatnonzero(touched)
     gap = np.diff(np.concatenate([at, [at[0] + width]])) - 1
@@ -190,12 +163,11 @@ def _interval(touched: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _outermost(corners: Floats, begin: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the triangles of bodies that decide their rectangles, where each body begins, and which bodies lie before
-    the camera.
+    """Return the triangles that may bound bodies' rectangles, the first of each body, and which bodies lie in front.
 
-    Of a body on one side of a plane through the poles, the extreme longitudes are those of corners; the extreme
-    latitudes are on edges, which rise over their ends by less than a quarter of their squared length, seen from as near
-    as the body comes. Of others all triangles are kept.
+    A body lies in front if it is on one side of a vertical plane through the camera. Its extreme longitudes are then
+    those of corners. Its extreme latitudes are on edges, which rise above their ends by less than a quarter of their
+    squared length over the squared distance. Of other bodies all triangles are kept.
     """
     count = np.diff(begin, append=len(corners))
     place = np.ascontiguousarray(corners.T)  # (3 axes, 3 corners, T)
@@ -207,13 +179,13 @@ def _outermost(corners: Floats, begin: NDArray[np.int64]) -> tuple[Floats, NDArr
     middle_x, middle_z = of_body(np.add.reduceat(x.sum(axis=0), begin)), of_body(np.add.reduceat(z.sum(axis=0), begin))
     ahead = x * middle_x + z * middle_z
     nearest = np.minimum.reduceat(ahead.min(axis=0), begin)
-    before = of_body(nearest) > 0.0
-    beside = (x * middle_z - z * middle_x) / np.where(before, ahead, 1.0)
+    in_front = of_body(nearest) > 0.0
+    beside = (x * middle_z - z * middle_x) / np.where(in_front, ahead, 1.0)
     sine = y / np.sqrt(np.maximum(x * x + y * y + z * z, 1e-60))
     extent = place.max(axis=1) - place.min(axis=1)
     distance = of_body(np.maximum(nearest, 1e-30)) ** 2 / np.maximum(middle_x**2 + middle_z**2, 1e-60)
     rise = 0.25 * np.sum(extent * extent, axis=0) / distance
-    kept = ~before
+    kept = ~in_front
     for values, slack in ((sine, rise), (beside, 0.0)):
         low, high = values.min(axis=0), values.max(axis=0)
         kept |= low - slack <= of_body(np.minimum.reduceat(low, begin))
@@ -222,7 +194,7 @@ def _outermost(corners: Floats, begin: NDArray[np.int64]) -> tuple[Floats, NDArr
 
 
 def _latitudes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return latitudes that bound each triangle (T, n) and whether it lies over a pole (T,)."""
+    """Return latitudes (T, n) whose extremes bound each triangle, and whether it covers a pole (T,)."""
     unit = corners / np.maximum(_length(corners), 1e-30)[..., None]
     latitude = np.arcsin(np.clip(unit[..., 1], -1.0, 1.0))
     following = unit[:, [1, 2, 0]]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one OpenGL context of a process, programs and textures on it.
+"""OpenGL contexts, one for each thread; programs and textures on them.
 
-OpenGL 3.3 core is enough for every shader. On Linux the context comes headless from EGL, on a GPU or on Mesa's
-llvmpipe; elsewhere from the system's own window system. All OpenGL work of a process stays on the thread that made it.
+Every shader runs on OpenGL 3.3 core. On Linux the context comes headless from EGL, on a GPU or on Mesa's llvmpipe;
+elsewhere from the window system. Objects of a context are used on the thread that made it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ void main() {
 
 @dataclass(frozen=True, slots=True)
 class GlDevice:
-    """What the context runs on."""
+    """Names of the driver behind a context. software: whether it renders on the processor."""
 
     renderer: str
     vendor: str
@@ -45,7 +45,7 @@ class GlDevice:
 
 
 def per_thread(make: Callable[[], T]) -> Callable[[], T]:
-    """Return a function that makes something once in every thread: a context and what lives on it belong to one."""
+    """Return a function that calls `make` once in every thread: a context and its objects belong to one thread."""
     kept = threading.local()
 
     @functools.wraps(make)
@@ -85,7 +85,7 @@ def gl_available() -> bool:
 
 
 def gl_device() -> GlDevice:
-    """Return the names the driver gives itself."""
+    """Return the driver's own names."""
     info = gl_context().info
     renderer = str(info["GL_RENDERER"])
     software = any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swiftshader", "software"))
@@ -100,7 +100,7 @@ def _compile(sources: dict[str, Source]) -> moderngl.Program:
         return gl_context().program(**texts)
     except moderngl.Error as error:
         log = str(error)
-        # the message names the one stage that failed; line numbers belong to that stage's files
+        # the message names the stage that failed; line numbers belong to that stage's files
         failed = next((stage for stage in sources if stage in log), None)
         log = sources[failed].explain(log) if failed else log
         raise GlError(f"shader - does not compile - {log.strip()}") from error
@@ -144,7 +144,7 @@ def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> 
 
 
 def set_uniforms(program: moderngl.Program, **values: Any) -> None:
-    """Set uniforms by name (a double underscore stands for a dot); names the compiler removed are passed over."""
+    """Set uniforms by name (a double underscore stands for a dot); names that the compiler removed are ignored."""
     import moderngl
 
     for name, value in values.items():

@@ -2,8 +2,8 @@
 """Shader sources: #include, generated constants, and compiler messages that name the file.
 
 `#include "medium/lookup.glsl"` takes a path below the package folder, or beside the including file, once per program.
-Every shader can `#include "constants.glsl"`, which is written from `mr360uw.constants`; it is put in front anyway.
-Line markers carry the file in the number (`#line 30012` = file 3, line 12), because Mesa always prints source 0.
+`constants.glsl`, generated from `mr360uw.constants`, is prepended to every shader. Line markers encode the file in the
+number (`#line 30012` = file 3, line 12), because Mesa always prints source 0.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def constants_source() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One shader stage ready for the compiler, and the files its line numbers stand for."""
+    """One shader stage ready for the compiler, and the files that its line numbers encode."""
 
     text: str
     files: tuple[str, ...]
@@ -72,10 +72,10 @@ def load_source(name: str, defines: Mapping[str, str | int | float] | None = Non
 
 
 def expand_source(text: str, name: str, defines: Mapping[str, str | int | float] | None = None) -> Source:
-    """Return shader text with includes expanded; `name` is what messages call it and where relative includes start."""
+    """Return shader text with includes expanded; `name` is its path in messages and for relative includes."""
     files = ["constants.glsl"]
     out = [VERSION]
-    for key, value in sorted((defines or {}).items()):  # one order, so that drivers know what they compiled before
+    for key, value in sorted((defines or {}).items()):  # in a fixed order, for the drivers' caches
         out.append(f"#define {key} {value if isinstance(value, str) else glsl_number(value)}")
     out += ["#line 1", constants_source()]
     seen: set[str] = {"constants.glsl"}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a loaded scene to frames: plan, camera, light, first pass, and the stages of one frame."""
+"""Frames of a scene: loading, plan, camera, light, first pass over a clip, and the stages of one frame."""

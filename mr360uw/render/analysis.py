@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page about a plate's light and water, and the track of its sun."""
+"""Report on a plate's light and water (HTML), and the track of its sun (JSON, CSV)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from mr360uw.scene.model import PlateSettings, Scene, load_scene
 from mr360uw.video import VideoFrame
 
 _PICTURES = 6
+"""Frames that the report shows, evenly spaced over the clip."""
 _PICTURE_WIDTH = 640
 
 
@@ -31,9 +32,9 @@ def analyse_video(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write a self-contained page about a plate's light and water, and the track of its sun; return what was written.
+    """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
 
-    source: a video or still, or a scene file that names one and says how to read it. eye: of a stereo plate, where the
+    source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
     source is no scene file. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
     `SceneError`, `ParameterError` or `OutputExistsError`.
     """

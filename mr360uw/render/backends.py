@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two renderers behind one interface, and the choice between them.
 
-`reference` is float64 NumPy and rays; it defines the right answer and needs no OpenGL. `gl` draws the same with
+`reference` casts rays in float64 NumPy, defines the right answer and needs no OpenGL. `gl` computes the same with
 OpenGL 3.3.
 """
 
@@ -20,7 +20,7 @@ BackendName = Literal["auto", "gl", "reference"]
 
 
 class Backend(Protocol):
-    """The stages that are drawn: caustics and the layer of objects."""
+    """The stages that a renderer computes: caustics and the layer of objects."""
 
     name: str
     device: str
@@ -34,17 +34,17 @@ class Backend(Protocol):
         settings: CausticSettings,
         refractive_index: float,
     ) -> Any:
-        """Return the caustics on planes, in the form that this backend's `layer` reads."""
+        """Return the caustics on planes, in the form that this backend's `layer` takes."""
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return what one frame's objects and receiver lay over its plate, and its output variables if asked for."""
+        """Return the layer of a shot, and its output variables if asked for (else None)."""
 
     def download(self, stack: Any) -> CausticStack:
-        """Return what `caustics` made as arrays."""
+        """Return the result of `caustics` as arrays."""
 
 
 class Reference:
-    """Float64 on the processor."""
+    """The reference renderer: float64 on the processor."""
 
     name = "reference"
     device = "processor, float64"
@@ -75,7 +75,7 @@ class Reference:
 
 
 class Gl:
-    """OpenGL, on the thread that made this object. cache: what is kept between frames; it may be emptied at will."""
+    """The OpenGL renderer, for the thread that made it. cache: values kept between frames; may be emptied."""
 
     name = "gl"
 
@@ -98,23 +98,23 @@ class Gl:
         settings: CausticSettings,
         refractive_index: float,
     ) -> Any:
-        """Return the caustics as textures of the device."""
+        """Return the caustics as textures on the device."""
         return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return the layer, and its output variables if asked for, drawn in tiles and read back."""
+        """Return the layer of a shot, and its output variables if asked for, read back from the device."""
         return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
 
     def download(self, stack: Any) -> CausticStack:
-        """Return textures as arrays."""
+        """Return the textures as arrays."""
         downloaded: CausticStack = stack.download()
         return downloaded
 
 
 def make_backend(name: BackendName | str = "auto") -> tuple[Backend, str]:
-    """Return a backend and, where `auto` had to fall back, one line that says why (else "").
+    """Return a backend and, if `auto` fell back to the reference, a line with the reason (else "").
 
-    Raises `GlError` where "gl" is asked for and cannot be had, `ParameterError` for another name.
+    Raises `GlError` if "gl" is asked for and OpenGL is not available, `ParameterError` for an unknown name.
     """
     if name == "reference":
         return Reference(), ""

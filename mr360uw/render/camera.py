@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a scene's camera is, how it is turned and how deep it is, at any time of the clip."""
+"""Camera path of a scene: position, rotation and depth over time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 
 _SHALLOWEST_M = 0.01
+"""Least depth [m] of a camera in water."""
 
 
 def level_track(scene: Scene) -> LevelTrack | None:
-    """Return how a plate is tilted over time: by a GoPro's gravity, by keys, or fixed; None where it is level."""
+    """Return the tilt of a plate over time, from a GoPro's gravity, keys or fixed angles; None if it is level."""
     camera = scene.camera
     if camera.gravity is not None:
         from mr360uw.video.metadata.gpmf import gpmf_payloads
@@ -36,10 +37,10 @@ def level_track(scene: Scene) -> LevelTrack | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPath:
-    """A camera over time, in the world, whose origin is `depth_m` below the mean surface.
+    """Camera over time in the world, whose origin is `depth_m` below the mean surface.
 
-    A track holds position and whole orientation. Without one the camera turns by its tilt and sinks by its keys, (n, 2)
-    of time [s] and depth [m]; with nothing it stands level at the origin.
+    track: position and orientation. Without one, `tilt` rotates the camera and `depth_keys` (n, 2), time [s] and depth
+    [m], move it vertically; without any of them it stands level at the origin.
     """
 
     depth_m: float
@@ -51,7 +52,7 @@ class CameraPath:
     def of(cls, scene: Scene) -> CameraPath:
         """Return the path of a scene's camera.
 
-        Raises `ParameterError` where it leaves the water, and with `VideoError` where its files say nothing.
+        Raises `ParameterError` if it leaves the water, `VideoError` if a file holds no gravity.
         """
         camera = scene.camera
         if camera.track is not None:
@@ -80,7 +81,7 @@ class CameraPath:
 
     @property
     def highest_m(self) -> float:
-        """The largest height [m] of the camera in the world."""
+        """Largest height [m] of the camera in the world."""
         return float(self.depth_m - self._depths().min())
 
     def at(self, time_s: float) -> tuple[Floats, Floats]:
@@ -96,7 +97,7 @@ class CameraPath:
         return self.depth_m - float(self.at(time_s)[0][1])
 
     def _depths(self) -> Floats:
-        """The depths [m] of all keys; between them it keeps within its neighbours."""
+        """Return the depths [m] of all keys. Interpolation is monotone between them, so they bound all depths."""
         if self.track is not None:
             return self.depth_m - self.track.position[:, 1]
         return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in the water a scene is lit, over all of its time: the depths and the size of its caustic maps."""
+"""Depth planes and map size of a scene's caustics, chosen from the depths that its objects reach over the clip."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from mr360uw.types import Floats
 
 @dataclass(frozen=True, slots=True)
 class CausticDepths:
-    """The planes of a scene, and the settings of its caustics with the maps' size that its pictures can show.
+    """Depth planes of a scene's caustics, and its settings with the map size reduced to what the frame resolves.
 
-    ground: depths of a receiver of caustics that is a mesh, or None.
+    ground: depth range of a mesh receiver that shows caustics, or None.
     """
 
     ladder: PlaneLadder
@@ -35,7 +35,7 @@ class CausticDepths:
         camera: CameraPath,
         frame_height: int,
     ) -> CausticDepths:
-        """Return those of a scene. receiver: its shape where that stays the same."""
+        """Return the planes and settings of a scene. receiver: None if its shape changes over time."""
         settings, surface = scene.caustics, scene.camera.depth_m
         cameras = _positions(camera)
         nearest = [_nearest(placed, cameras) for placed in objects]
@@ -64,7 +64,7 @@ class CausticDepths:
         return cls(ladder, ground, settings.model_copy(update={"size": size}))
 
     def planes(self, shot: Shot) -> Floats:
-        """Return the ascending depths of the planes that a frame needs."""
+        """Return the depths (n,) [m] of the planes that a shot needs, ascending."""
         spans = [] if self.ground is None else [self.ground]
         for placed in shot.objects:
             depth = shot.view.surface_y_m - placed.to_world(placed.mesh.hull)[..., 1]
@@ -73,7 +73,7 @@ class CausticDepths:
 
 
 def _positions(camera: CameraPath) -> Floats:
-    """Return positions (n, 3) of the camera that it stays between."""
+    """Return positions (n, 3) whose bounding box contains the camera at all times."""
     if camera.track is not None:
         return camera.track.position
     depths = np.array([camera.depth_m]) if camera.depth_keys is None else camera.depth_keys[:, 1]
@@ -81,9 +81,9 @@ def _positions(camera: CameraPath) -> Floats:
 
 
 def _levels(placed: SceneObject, cameras: Floats) -> Floats:
-    """Return the lowest and the highest point (n, 2) of an object at each of its keys.
+    """Return the heights (n, 2) [m] of the lowest and highest point of an object at each of its keys.
 
-    Between keys it may turn higher or lower than at any; that costs planes in a frame, and no more.
+    Between keys it may reach beyond them. Then a frame has more planes; the result is still right.
     """
     hull = np.concatenate([mesh.hull.reshape(-1, 3) for mesh in placed.meshes])
     poses = [placed.motion.at(time_s) for time_s in placed.motion.time_s.tolist()]
@@ -95,7 +95,7 @@ def _levels(placed: SceneObject, cameras: Floats) -> Floats:
 
 
 def _nearest(placed: SceneObject, cameras: Floats) -> float:
-    """Return a distance [m] that an object does not come nearer than; it may be below 0.
+    """Return a lower bound [m] of an object's distance from the camera; it may be negative.
 
     Between keys, positions and scales stay between those of the keys.
     """

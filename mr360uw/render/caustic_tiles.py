@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene's sea as tileable maps for other programs."""
+"""Export of a scene's sea as tileable, looping maps for other programs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of a scene would do, and everything that would stop it, found without rendering a frame."""
+"""Dry run of a scene: its plan, and every problem that would stop a run, without rendering a frame."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ from mr360uw.video import VideoReader, create_video
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
+"""Containers tried when no output is named."""
 
 
 def explain_plan(scene: Scene, backend: str = "auto") -> str:
-    """Return in words what a run of the scene will do and why; opens every file that it names."""
+    """Return the stages of a run with the reason for each, as text; opens every file that the scene names."""
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         return _explained(video, loaded, *make_backend(backend))
@@ -40,18 +41,18 @@ def check_scene(
     backend: str = "auto",
     where: str = "scene",
 ) -> str:
-    """Return in words what a run of the scene will do and why.
+    """Return the stages of a run with the reason for each, as text.
 
-    Opens whatever a run opens, the output too, which is taken away again; what is at `out` already stays. Without
-    `out`, the words say what kinds of video can hold the result. Raises `SceneError`, of the file `where`, with one
-    line for each problem.
+    Opens every file that a run opens. The output is opened too and removed again; a file already at `out` is left as
+    it is. Without `out`, the text lists the containers that can hold the result. Raises `SceneError`, of the file
+    `where`, with one line for each problem.
     """
     found = _Problems()
     video = found.of(lambda: open_plate(scene))
     loaded, renderer = None, found.of(lambda: make_backend(backend))
     if video is not None:
         loaded = found.of(lambda: load(scene, video.width, video.height, clip=not video.is_still))
-    if loaded is None:  # one problem was enough to stop it: look for the others
+    if loaded is None:  # loading stops at the first problem: look for the others
         for settings in scene.objects:
             found.of(partial(load_object, settings))
         if video is not None:
@@ -66,13 +67,13 @@ def check_scene(
 
 
 class _Problems:
-    """Collects the messages of what fails, each once, in order."""
+    """Collects the messages of failed actions, each once, in order."""
 
     def __init__(self) -> None:
         self.lines: dict[str, None] = {}
 
     def of(self, action: Callable[[], T]) -> T | None:
-        """Return what an action returns, or None where it fails."""
+        """Return the result of an action, or None if it fails."""
         try:
             return action()
         except SceneError as error:
@@ -83,7 +84,7 @@ class _Problems:
 
 
 def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int | None], found: _Problems) -> None:
-    """Check what goes along with the plate, frame by frame: mattes, the receiver's distances, the track of its sun."""
+    """Check the inputs that run in step with the plate: mattes, distance maps, the track of its sun."""
     size = (video.width, video.height)
     span = found.of(lambda: video.check_range(*frames))
     stop = 1 if span is None else span[1]
@@ -97,7 +98,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
-    """Return what the output is, or what it can be; raise `VideoError` where it cannot be begun."""
+    """Return a description of the output, or of the possible ones; raise `VideoError` if none can be opened."""
     if out is not None:
         keep_inputs(scene, out)
         create_video(out, video, scene.output, overwrite=True).abort()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The water of a frame: for the camera's depth, in the plate's exposure."""
+"""Medium table of a frame: for the camera's depth, its veil scaled to the plate's exposure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mr360uw.types import MediumTable
 
 
 def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) -> MediumTable | None:
-    """Return the table of the water at a time, its veil in the plate's own colour; None without water."""
+    """Return the table of the water at a time, its veil matched to the plate; None without water."""
     medium = surroundings.medium_at(time_s)
     if medium is None:
         return None

@@ -23,7 +23,7 @@ from mr360uw.video import VideoReader
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedSun:
-    """A sun that is the same in every frame, or None for none."""
+    """A sun that is the same in every frame; None for no sun."""
 
     sun: Sun | None
 
@@ -34,10 +34,10 @@ class FixedSun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipFacts:
-    """What was found over a whole clip, so that a frame looks the same in every run.
+    """Measurements over a whole clip, which make a frame look the same whatever range is rendered.
 
-    sun: its track, or None where each frame says its own. gain: (N, 3) of the veil, or None where each frame is fitted
-    alone. calm: its ground without caustics, or None where each frame says its own.
+    sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
+    frame by frame. calm: the ground without its caustics, or None if it is found frame by frame.
     """
 
     sun: SunTrack | FixedSun | None = None
@@ -50,7 +50,7 @@ class ClipFacts:
         return cls(None if isinstance(sun, str) else FixedSun(sun), None if gain is None else np.asarray(gain)[None])
 
     def sun_at(self, index: int) -> Sun | Literal["scene"] | None:
-        """Return the sun of frame `index`, None where its shot has none; "scene" where there is no track."""
+        """Return the sun of frame `index`, None if its shot has none; "scene" if there is no track."""
         return "scene" if self.sun is None else self.sun.at(index)
 
     def gain_at(self, index: int) -> Floats | None:
@@ -67,11 +67,11 @@ def first_pass(
     gain: bool = True,
     calm: CalmSeries | None = None,
 ) -> ClipFacts:
-    """Return the facts of a clip: its sun, the gain of its veil, and what `calm` collects, each as far as it is wanted.
+    """Return the facts of a clip. sun, gain: whether each is measured. calm: collects the ground without caustics.
 
-    The sun is the scene's own track, or found in a pass over the whole clip, in which the gain is fitted too, whatever
-    range is rendered. With nothing to find there is no pass. Raises `SceneError` where the scene's track belongs to
-    another clip.
+    The sun is the scene's stored track or measured in a pass over the whole clip, whatever range is rendered; the gain
+    is fitted in the same pass. With nothing to measure there is no pass. Raises `SceneError` if the stored track
+    belongs to another clip.
     """
     stored = surroundings.scene.light.track
     track = _stored_track(stored, video) if sun and stored is not None else None
@@ -112,7 +112,7 @@ def _stored_track(path: Path, video: VideoReader) -> SunTrack:
 
 
 class _MapSeries:
-    """What the small maps of a clip's frames, in order, say about the gain; the maps themselves are not kept."""
+    """Accumulates the gain, exposure change and picture change of successive small maps, which are not kept."""
 
     def __init__(self) -> None:
         self._gains: list[Floats] = []

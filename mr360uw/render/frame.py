@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One frame, from the plate to the composite: the one way for videos, stills, library calls and previews."""
+"""Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from mr360uw.video import VideoFrame
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One composited frame and everything it was made from; what the scene does not need is None.
+    """One composited frame and its intermediate results; stages that the scene does not need are None.
 
     picture: the plate with the layer over it. caustics: of the last instant, in the backend's own form. variables: the
-    layer's output variables, which have no motion blur, where they were asked for.
+    layer's output variables if they were asked for; they have no motion blur.
     """
 
     picture: VideoFrame
@@ -37,20 +37,21 @@ class Frame:
 
 
 Stages = Generator[None, None, Frame]
-"""A frame in the making: `next` takes it to where another thread may go on, the last one ends it."""
+"""Stages of a frame: each `next` runs one of the three and stops where another thread may continue."""
 
 
 def frame_stages(
     loaded: Loaded, facts: ClipFacts, backend: Backend, plate: VideoFrame, shutter_s: float, *, variables: bool = False
 ) -> Stages:
-    """Make a frame, a function of what is loaded, the clip's facts and the plate's frame alone.
+    """Compute a frame from what is loaded, the clip's facts and the plate's frame alone; return it.
 
-    shutter_s: how long the shutter is open [s]. Pauses once the plate's light is read, and once the layer is drawn.
+    shutter_s: exposure time [s], for motion blur. Yields after the plate's light is measured and after the layer is
+    drawn.
     """
     plan, water, found, layers = loaded.plan, None, None, []
     light = plate_light(loaded, facts, plate) if plan.environment.runs else None
     shot = None
-    yield  # what follows belongs to the thread of the backend
+    yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
         water = exposed_water(loaded.surroundings, light, plate.time_s)
@@ -59,14 +60,14 @@ def frame_stages(
             layer, found = backend.layer(shot, variables=variables)
             layers.append(layer)
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
-    yield  # what follows may go on beside the next frame
+    yield  # from here on any thread, beside the next frame
 
     picture = plate.over(layer, over_tile, loaded.scene.draw.grain)
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
 
 
 def finished(stages: Stages) -> Frame:
-    """Run a frame's stages to their end and return it."""
+    """Run the remaining stages of a frame and return it."""
     while True:
         try:
             next(stages)

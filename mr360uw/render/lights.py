@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a plate's frame as its scene says it is to be read: where the packages of light, sea and water meet."""
+"""Environment and sun of a plate's frame by the `[light]` settings of its scene, in the axes of the camera."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
 _CLEAR_SKY_DIRECT = 0.75
-"""Part of the irradiance just below the surface that is the beam of a high sun in a clear sky."""
+"""Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
+"""Sine of the elevation, in the water, of that sun."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
+"""Bounds of the ratio of direct to diffuse irradiance."""
 
 
 class LightReader:
-    """Finds the light of frames as a scene's `[light]` table says. table: of its water, or None.
+    """Measures the light of frames by a scene's `[light]` settings. table: of its water, or None.
 
-    The sun of a scene and of a track stands in the world; what `of` returns is in the axes of the camera.
+    Suns of the scene and of a track are in world axes; `of` returns its result in camera axes.
     """
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
@@ -54,8 +56,8 @@ class LightReader:
     ) -> Environment:
         """Return the light of a linear plate (H, W, 3) or of decoded planes.
 
-        sun: "scene" takes what the scene says; a smoothed track gives its own, or None. time_s: of the frame, for how
-        the camera is tilted.
+        sun: "scene" takes the scene's own; a smoothed track gives its own, or None. time_s: of the frame, for the
+        tilt of the camera.
         """
         world_from_camera = self.world_from_camera(time_s)
         chosen = self._sun if isinstance(sun, str) else sun
@@ -76,15 +78,15 @@ class LightReader:
         return self._camera.at(time_s)[1]
 
     def sun(self, plate: Floats | YuvImage, time_s: float) -> Sun | None:
-        """Return the sun of a plate's frame in the axes of the world; None where there is none."""
+        """Return the sun of a plate's frame in world axes; None if there is none."""
         sun = self.of(plate, time_s=time_s).sun
         return None if sun is None else replace(sun, direction=self.world_from_camera(time_s) @ sun.direction)
 
 
 def direct_to_diffuse(table: MediumTable) -> float:
-    """Return the sun's horizontal irradiance over all other, at the camera, that a clear sky above this water gives.
+    """Return the ratio of direct to diffuse horizontal irradiance at the camera, for a clear sky above this water.
 
-    The beam fades faster than the light as a whole; what it loses to forward scattering, the rest gains.
+    The beam fades faster than the total irradiance; light scattered out of it forwards becomes diffuse.
     """
     beam = float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
     whole = float(luminance(1.0 / ambient_ratio(table, 0.0)))

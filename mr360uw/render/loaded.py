@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene resolves to for frames of one size, loaded and solved once."""
+"""A scene resolved for frames of one size: files loaded, water solved, plan made, once before all frames."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from mr360uw.types import View
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loaded:
-    """A scene for frames of width x height; nothing resolves it a second time.
+    """A scene resolved for frames of width x height [pixels].
 
-    notes: what looked odd about its files and about where things are.
+    notes: warnings about its files and the placement of its objects.
     """
 
     scene: Scene
@@ -37,7 +37,7 @@ class Loaded:
     notes: tuple[str, ...]
 
     def view(self, time_s: float) -> View:
-        """Return what the camera sees at a time."""
+        """Return the camera's view at a time."""
         position, rotation = self.surroundings.camera.at(time_s)
         return View(self.width, self.height, position, rotation, self.scene.camera.depth_m)
 
@@ -60,8 +60,8 @@ class Loaded:
 def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     """Return a scene loaded for frames of width x height.
 
-    clip: the plate is more than one frame, which a first pass may read. Raises `SceneError`, `MeshError`, `VideoError`
-    or `ParameterError`.
+    clip: whether the plate has several frames, for a first pass. Raises `SceneError`, `MeshError`, `VideoError` or
+    `ParameterError`.
     """
     objects = load_objects(scene.objects)
     receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None

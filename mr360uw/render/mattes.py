@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures in step with the plate: mattes of what is in front of the objects, distances of what is behind them."""
+"""Grey pictures in step with the plate: mattes in front of the objects, and distance maps of the receiver."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
 
 _LOSSY_STEPS = 2.0
-"""Codes that a value of a lossy video is uncertain by, where one of a picture is by one."""
+"""Uncertainty of a value of a lossy video, in codes; that of a lossless picture is one code."""
 _FINEST = 1.0 / 4096.0
-"""Part of the range from which on the steps of a distance map are worth smoothing."""
+"""Step, as a fraction of the range, above which a distance map is smoothed: 12 bits and coarser."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grey:
-    """One picture. values: (h, w) float32, in parts of white, or where `metric` a floating point picture's own.
+    """One picture. values: (h, w) float32, as fractions of white, or as stored if `metric` (floating point files).
 
-    step: what the values are rounded to, 0 where they are not.
+    step: rounding step of the values, 0 for none.
     """
 
     values: Floats
@@ -38,9 +38,9 @@ class Grey:
 
 
 class GreyClip:
-    """A still, a sequence or a video with one grey picture for each of the plate's frames; a still serves all.
+    """A still, sequence or video with one grey picture for each frame of the plate; a still serves all frames.
 
-    depth: EXR pictures are read by their channel Z where they have one. Raises `VideoError`.
+    depth: take the channel Z of EXR pictures if there is one. Raises `VideoError`.
     """
 
     def __init__(self, path: Path, width: int, height: int, *, depth: bool = False) -> None:
@@ -55,7 +55,7 @@ class GreyClip:
             )
 
     def check(self, stop: int) -> None:
-        """Raise `VideoError` where the clip ends before the plate's frame `stop`."""
+        """Raise `VideoError` if the clip ends before the plate's frame `stop`."""
         count = self._reader.frame_count
         if not self._reader.is_still and count is not None and stop > count:
             raise VideoError(
@@ -64,7 +64,7 @@ class GreyClip:
             )
 
     def at(self, index: int) -> Grey:
-        """Return the picture of a frame, the same object while it is the same; ascending frames are decoded once."""
+        """Return the picture of a frame, the same object while it is unchanged; ascending frames are decoded once."""
         if self._reader.is_still:
             index = 0
         if index != self._index:
@@ -79,9 +79,10 @@ class GreyClip:
 
 
 def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
-    """Return the metres (h, w) of a distance map, infinite where it is 0, infinite or not a number: no surface.
+    """Return the distances (h, w) [m] of a map, infinite where it holds no surface (0, infinity, NaN).
 
-    range_m: of black and white; a floating point picture holds metres. 0 is what rounding may have made of it.
+    range_m: distances of black and white; a floating point picture holds metres. Values within half a step of 0 count
+    as 0.
     """
     metres = grey.values if grey.metric else map_range(grey.values, range_m)
     nothing = 0.5 * grey.step * abs(range_m[1] - range_m[0])
@@ -89,7 +90,7 @@ def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
 
 
 class Mattes:
-    """Every holdout of a scene, in step with the plate."""
+    """All holdouts of a scene, in step with the plate."""
 
     def __init__(self, scene: Scene, width: int, height: int) -> None:
         self._holdouts = [_Holdout(settings, width, height) for settings in scene.holdouts]
@@ -102,7 +103,7 @@ class Mattes:
     def at(self, index: int) -> tuple[Floats | None, Floats | None]:
         """Return the mask (H, W) in [0, 1] and the distances (H, W) [m] of a frame, each None where there is none.
 
-        Several masks add up to the strongest, several distances to the nearest.
+        Several masks combine to their maximum, several distances to their minimum.
         """
         masks = [h.at(index) for h in self._holdouts if h.settings.kind == "mask"]
         nearest = [h.at(index) for h in self._holdouts if h.settings.kind == "distance"]
@@ -120,10 +121,10 @@ class _Holdout:
         """Return the matte (H, W) of a frame: weights in [0, 1], or metres."""
         grey = self.clip.at(index)
         if self._matte is None or self._matte[0] is not grey:
-            self._matte = grey, self._made(grey)
+            self._matte = grey, self._matte_of(grey)
         return self._matte[1]
 
-    def _made(self, grey: Grey) -> Floats:
+    def _matte_of(self, grey: Grey) -> Floats:
         import cv2
 
         same = grey.values.shape == self._size[::-1]
@@ -135,9 +136,9 @@ class _Holdout:
 
 
 class ReceiverClip:
-    """A scene's receiver, frame by frame: the same object as long as its shape is the same.
+    """A scene's receiver, frame by frame: the same object while its shape does not change.
 
-    What is kept between frames for a receiver is kept by its identity.
+    Caches of renderers use the identity of that object as their key.
     """
 
     def __init__(self, settings: ReceiverSettings, width: int, height: int) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What looks odd about where a scene's objects are: it runs, but the picture is hardly what was meant."""
+"""Placement checks: notes on objects that are above the water, around the camera, or smaller than a pixel."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 
 _INSTANTS = 64
-"""Times, at most, that an object is looked at."""
+"""Most times at which an object is checked."""
 
 
 def placement_notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
-    """Return a line for every object that is out of the water, about the camera, or too small to be seen.
+    """Return a line for every object that is above the water, around the camera, or smaller than a pixel.
 
-    height: of the frame in pixels. Looks at the times of the object's and the camera's keys.
+    height: of the frame in pixels. Checked at the keys of the object and of the camera.
     """
     return tuple(
         f"object[{number}] {placed.settings.mesh.name} - {note}"
@@ -52,10 +52,10 @@ def _notes(scene: Scene, placed: SceneObject, camera: CameraPath, height: int) -
 
 def _times(placed: SceneObject, camera: CameraPath) -> Floats:
     """Return the times [s] at which the object or the camera has a key, thinned out where there are many."""
-    known = [np.zeros(1), placed.motion.time_s]
-    known += [] if camera.track is None else [camera.track.time_s]
-    known += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
-    times = np.unique(np.concatenate(known))
+    keys = [np.zeros(1), placed.motion.time_s]
+    keys += [] if camera.track is None else [camera.track.time_s]
+    keys += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
+    times = np.unique(np.concatenate(keys))
     return times[np.unique(np.linspace(0, len(times) - 1, _INSTANTS).round().astype(int))]
 
 

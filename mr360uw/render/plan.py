@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plan: which stages a scene needs, decided before the first frame. A stage that changes nothing does not run.
+"""Plan of a run: which stages a scene needs, with the reason for each, decided before the first frame.
 
-The plan is made from the scene, its meshes' materials, its water and the kind of plate alone, so that it can be printed
-(`--explain`) and tested. What only a frame can tell (no sun in it, nothing visible) is found frame by frame.
+A stage that changes nothing does not run. The plan depends on the scene, its meshes' materials, its water and the kind
+of plate alone, so it can be printed (`--explain`) and tested. Conditions of a single frame (no sun in it, nothing
+visible) are found frame by frame.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
 
 _NEGLIGIBLE_BEAM = 0.002
-"""Below this fraction of the surface's beam, caustics and shadows are less than half an 8-bit code value."""
+"""Fraction of the surface's beam below which caustics and shadows are less than half an 8-bit code value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +31,9 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The stages of a scene in the order in which they run, as the frame and its stages consult them.
+    """The stages of a scene in the order in which they run.
 
-    track_sun, track_gain: what a first pass over the clip finds; without them each frame is read by itself.
+    track_sun, track_gain: measured in a first pass over the clip; if they do not run, measured frame by frame.
     """
 
     environment: Stage
@@ -64,10 +65,10 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class ObjectFacts:
-    """What the plan asks of an object.
+    """Properties of an object that the plan depends on.
 
-    depth_m: of its highest point below the mean surface, the least over the whole clip. glossy: some material is
-    smoother than diffuse. moves: it does not rest in the world.
+    depth_m: least depth of its highest point below the mean surface over the clip. glossy: whether a material is
+    smoother than diffuse. moves: whether it moves in the world.
     """
 
     depth_m: float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plate's frame says about the light: environment, sun, and the colour of its water."""
+"""Light of a plate's frame: environment, sun, and the small map or gain that its water's veil is matched to."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mr360uw.video import VideoFrame
 class FrameLight:
     """The light of one frame.
 
-    environment: in the axes of the camera. plate_map: (32, 64, 3) of the plate as it is, not expanded, levelled; None
-    where the water does not need it. gain: (3,) of the veil, of a clip's track, or None. pattern: of caustics on the
-    receiver, which shadows take away.
+    environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled; None if the water
+    does not need it. gain: (3,) of the veil, from a clip's track, or None. pattern: caustics of the plate on the
+    receiver.
     """
 
     environment: Environment
@@ -30,7 +30,7 @@ class FrameLight:
 
 
 def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
-    """Return the light of a plate's frame; what the clip's facts do not hold is found in this frame alone."""
+    """Return the light of a plate's frame. Quantities that the clip's facts do not hold are measured in this frame."""
     surroundings, plan, water = loaded.surroundings, loaded.plan, loaded.scene.water
     sun = facts.sun_at(plate.index) if plan.sun.runs else None
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)

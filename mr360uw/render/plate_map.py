@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plate as a small map, just as it is: what the colour of its water is read from."""
+"""Small levelled map of a plate without expansion, to which the colour of its water is fitted."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, YuvImage
 
 _FINER = 8
-"""Planes are averaged as code values down to cells this many times finer than the map, which are smooth inside."""
+"""Planes are averaged as code values to cells this many times finer than the map, before they are decoded to light."""
 
 
 def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
     """Return the (32, 64, 3) means of a linear plate (H, W, 3) or of decoded planes over exact solid angles.
 
-    Codes beside the gamut give negative light, as deep blue water does in red; what is left of it in a mean is 0. up:
-    the direction (3,) of the world's up in the plate's axes; the map is levelled, its heading kept.
+    Codes outside the gamut (deep blue water in red) give negative light; means are clipped at 0. up: direction (3,) of
+    the world's up in the plate's axes; the map is levelled and its heading kept.
     """
     fine, up = _fine(plate), upward(up)
     if not is_level(up):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what is loaded to the shot of one instant: everything its layer depends on."""
+"""Shot of one instant: view, placed objects, lights, medium, receiver, mattes and caustics."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from mr360uw.render.plate_light import FrameLight
 from mr360uw.types import Floats, Light, MediumTable, Sun
 
 _LOWEST_SUN = 0.05
-"""Sine of the sun's elevation in air below which its beam is too oblique and too weak for caustics."""
+"""Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
 
 
 def shutter_times(loaded: Loaded, time_s: float, shutter_s: float) -> Floats:
-    """Return the instants (n,) [s] over which a frame is averaged: motion blur where the scene asks for it."""
+    """Return the instants (n,) [s] over which a frame is averaged for motion blur; one without it."""
     steps = loaded.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
     return time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
 
 
 def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int) -> Shot:
-    """Return the shot of an instant of frame `index`, but the caustics."""
+    """Return the shot of an instant of frame `index`, without caustics."""
     view = loaded.view(time_s)
     environment = turned(light.environment, view.world_from_camera)
     objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
@@ -49,7 +49,7 @@ def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_
 
 
 def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -> Shot:
-    """Return a shot with the caustics of its sun on planes about the objects' depths, where the plan has any."""
+    """Return the shot with the caustics of its sun on planes around the objects' depths, if the plan has caustics."""
     sun = sun_of(shot) if loaded.plan.caustics.runs else None
     if sun is None:
         return shot

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where and in what a plate was filmed: its camera, its water, and how its light is read."""
+"""Surroundings of a plate: its camera path, its medium, and the reader of its light."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mr360uw.scene.model import Scene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What a scene says of its plate, resolved. medium: for a camera at `camera.depth_m`; None without water."""
+    """Camera path, medium and light reader of a scene. medium: for a camera at `camera.depth_m`; None without water."""
 
     scene: Scene
     camera: CameraPath
@@ -28,7 +28,7 @@ class Surroundings:
 
 
 def load_surroundings(scene: Scene) -> Surroundings:
-    """Return the surroundings of a scene; raise `ParameterError` or `VideoError` where they are impossible."""
+    """Return the surroundings of a scene. Raises `ParameterError` or `VideoError`."""
     camera = CameraPath.of(scene)
     medium = scene.water.medium(scene.camera.depth_m)
     light = LightReader(scene, medium.unit_table if medium is not None else None, camera)

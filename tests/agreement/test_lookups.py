@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lookups of shading, Python against GLSL, on random tables and places."""
+"""The lookup of caustic stacks, Python against GLSL, for every way in which planes and colours are packed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import pytest
 
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
-from mr360uw.gl.context import gl_device, texture_array_from_array
-from mr360uw.ibl.lookup import environment_lookup, environment_texel, glossy_lookup
+from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
 from tests.agreement.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP, FLOAT32_TWIN
@@ -23,27 +22,6 @@ def padded(*columns: np.ndarray) -> np.ndarray:
     values = np.column_stack(columns)
     inputs[:, : values.shape[1]] = values
     return inputs.astype(np.float32).astype(np.float64)
-
-
-@pytest.mark.usefixtures("gl")
-def test_environment(rng: np.random.Generator) -> None:
-    levels = rng.uniform(0, 2, (4, 32, 64, 3))
-    roughness = np.array([0.1, 0.3, 0.6, 1.0])
-    inputs = padded(unit(rng.normal(size=(COUNT, 3))), rng.uniform(0, 1.2, COUNT))
-    textures = {"levels": texture_array_from_array(levels)}
-    declared = "uniform sampler2DArray levels;"
-    got = glsl_call("ibl/lookup.glsl", "environment_lookup(levels, 2, v.xyz)", 3, declared, textures, v=inputs)
-    np.testing.assert_allclose(got, environment_lookup(levels[2], inputs[:, :3]), atol=FLOAT32_LOOKUP)
-    column, row = rng.integers(-1, 65, COUNT), rng.integers(-1, 33, COUNT)
-    got = glsl_call(
-        "ibl/lookup.glsl", "environment_texel(levels, 1, ivec2(floor(v.xy)))", 3, declared, textures,
-        v=padded(column + 0.5, row + 0.5),
-    )  # fmt: skip
-    np.testing.assert_allclose(got, environment_texel(levels[1], column, row), rtol=FLOAT32_TWIN)
-    position = inputs.copy()
-    position[:, 3] = np.interp(inputs[:, 3], roughness, np.arange(4))
-    got = glsl_call("ibl/lookup.glsl", "glossy_lookup(levels, v.w, v.xyz)", 3, declared, textures, v=position)
-    np.testing.assert_allclose(got, glossy_lookup(levels, roughness, inputs[:, :3], inputs[:, 3]), atol=FLOAT32_LOOKUP)
 
 
 @pytest.mark.usefixtures("gl")

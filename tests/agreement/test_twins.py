@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every pure shader function against its Python partner, on random input.
+"""Every function of every shader outside the folders `gl`, against its Python partner on random input.
 
 The functions are found in the shaders: one without a partner of its name or without a case here fails.
 """
@@ -7,6 +7,7 @@ The functions are found in the shaders: one without a partner of its name or wit
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,27 +22,24 @@ from mr360uw import optics, sphere
 from mr360uw.caustics.flux import cell, coverage, refracted_rays
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.caustics.sea import detail, gerstner, surface
+from mr360uw.composite.lighting import shading
+from mr360uw.ibl import lookup as ibl_lookup
+from mr360uw.ibl.expansion import region_ramp
+from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable
-from tests import tolerances as tol
-from tests.agreement.tolerances import FILTER_WEIGHTS
+from tests.agreement import tolerances as tol
 from tests.caustics.seas import lattice_sea
-from tests.caustics.tolerances import COVERAGE_TWIN
 from tests.glsl import glsl_call
 
 ROOT = Path(mr360uw.__file__).parent
-SHADERS = ["optics.glsl", "sphere.glsl", "caustics", "medium"]
-"""Files and folders whose shader functions are compared here."""
 COUNT = 2000
 Columns = dict[str, np.ndarray]
 
 
 def shader_files() -> list[Path]:
-    files = [
-        f for name in SHADERS for f in ([ROOT / name] if name.endswith(".glsl") else (ROOT / name).rglob("*.glsl"))
-    ]
-    return sorted(f for f in files if "gl" not in f.relative_to(ROOT).parts)
+    return sorted(f for f in ROOT.rglob("*.glsl") if "gl" not in f.relative_to(ROOT).parts)
 
 
 def functions_of(shader: Path) -> list[str]:
@@ -187,7 +185,7 @@ def cell_case(name: str, rng: np.random.Generator) -> Case:
             "intensities(opened(Cell(a, b, c, d)), f.x, f.y)",
             row_by_row(cell.intensities, *spread.T, *flux.T),
         )
-        return Case(call, columns, expected, COVERAGE_TWIN)
+        return Case(call, columns, expected, tol.COVERAGE_TWIN)
     return Case("cell_light(Cell(a, b, c, d), f)", columns, row_by_row(cell.cell_light, *corners.T, *flux.T))
 
 
@@ -214,7 +212,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         return {"ratio": on_device.texture, "plane_depth": on_device.plane_depth}
 
     return Case(
-        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, FILTER_WEIGHTS,
+        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, tol.FILTER_WEIGHTS,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;", textures,
         {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
     )  # fmt: skip
@@ -233,10 +231,10 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
         "bilinear": ("bilinear(veil, 0.5 + 0.5 * v.y, 1.0 - 8.0 / (v.x + 8.0))", medium.bilinear(table.veil, *t)),
         "in_water_distance": ("in_water_distance(v.x, 5.0, v.y)", medium.in_water_distance(s, 5.0, up)),
         "veil_lookup": ("veil_lookup(medium, veil, v.x, v.y)", medium.veil_lookup(table, s, up)),
-        "optical_length": ("optical_length(medium, attenuation, v.x, v.y)", medium.optical_length(table, s, up)),
         "transmittance_lookup": (
             "transmittance_lookup(medium, attenuation, v.x, v.y)", medium.transmittance_lookup(table, s, up)
         ),
+        "optical_length": ("optical_length(medium, attenuation, v.x, v.y)", medium.optical_length(table, s, up)),
         "ambient_ratio": ("ambient_ratio(medium, diffuse, v.z)", medium.ambient_ratio(table, depth)),
         "path_attenuation": (
             "path_attenuation(medium, beam, 1.0, v.z, 0.8)",
@@ -262,6 +260,61 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
     )  # fmt: skip
 
 
+def expansion_case(name: str, rng: np.random.Generator) -> Case:
+    x, edge = rounded(rng.uniform(-1.5, 1.5, (2, COUNT)))
+    ramp = rounded(np.where(rng.uniform(size=COUNT) < 0.1, 0.0, rng.uniform(0.02, 0.5, COUNT)))
+    return Case(f"{name}(x, e, r)", {"x": x, "e": edge, "r": ramp}, row_by_row(region_ramp, x, edge, ramp))
+
+
+def environment_case(name: str, rng: np.random.Generator) -> Case:
+    levels, roughness = rng.uniform(0.0, 2.0, (4, 32, 64, 3)), np.array([0.1, 0.3, 0.6, 1.0])
+    d, r = rounded(unit(rng.standard_normal((COUNT, 3)))), rng.uniform(0.0, 1.2, COUNT)
+    column, row = rng.integers(-1, 65, COUNT), rng.integers(-1, 33, COUNT)
+    columns = {"d": d, "k": np.interp(r, roughness, np.arange(4)), "p": np.stack([column, row], axis=-1) + 0.5}
+    cases = {
+        "environment_texel": (
+            "environment_texel(levels, 1, ivec2(floor(p)))", ibl_lookup.environment_texel(levels[1], column, row)
+        ),
+        "environment_lookup": ("environment_lookup(levels, 2, d)", ibl_lookup.environment_lookup(levels[2], d)),
+        "glossy_lookup": ("glossy_lookup(levels, k, d)", ibl_lookup.glossy_lookup(levels, roughness, d, r)),
+    }  # fmt: skip
+    expression, expected = cases[name]
+
+    def textures() -> dict[str, Any]:
+        from mr360uw.gl.context import texture_array_from_array
+
+        return {"levels": texture_array_from_array(levels)}
+
+    return Case(expression, columns, expected, tol.FLOAT32_LOOKUP, "uniform sampler2DArray levels;", textures)
+
+
+def split_sum_case(name: str, rng: np.random.Generator) -> Case:
+    r, v = rounded(rng.uniform(0.05, 1.0, (2, COUNT)))
+    return Case(f"{name}(r, v)", {"r": r, "v": v}, np.stack(split_sum(r, v), axis=-1))
+
+
+def shading_case(name: str, rng: np.random.Generator) -> Case:
+    a, b, c, d, e = rounded(rng.uniform(0.05, 1.0, (5, COUNT)))
+    half_angle = rounded(rng.uniform(0.0, 0.1, COUNT))
+    f0, split = rounded(rng.uniform(0.0, 1.0, (COUNT, 3))), rounded(rng.uniform(0.05, 0.5, (COUNT, 2)))
+    normal, view = (rounded(unit(rng.standard_normal((COUNT, 3)))) for _ in range(2))
+    view = np.where(np.sum(normal * view, axis=-1, keepdims=True) < 0.0, -view, view)
+    cosine = rounded(np.sum(normal * view, axis=-1))
+    columns = {"a": a, "b": b, "c": c, "f": f0, "s": split, "n": normal, "v": view, "k": cosine}
+    more = {"q": np.stack([a, b, c, d], axis=-1), "r": np.stack([e, half_angle], axis=-1), "f": f0}
+    cases = {
+        "ggx_distribution": ("ggx_distribution(a, b)", columns, shading.ggx_distribution(a, b)),
+        "smith_visibility": ("smith_visibility(a, b, c)", columns, shading.smith_visibility(a, b, c)),
+        "grazing_reflectance": ("grazing_reflectance(f)", columns, shading.grazing_reflectance(f0)),
+        "lobe_axis": ("lobe_axis(n, v, k, a)", columns, shading.lobe_axis(normal, view, cosine, a)),
+        "reflectance": ("reflectance(f, s)", columns, shading.reflectance(f0, split)),
+        "highlight": (
+            "highlight(f, q.x, q.y, q.z, q.w, r.x, r.y)", more, shading.highlight(f0, a, b, c, d, e, half_angle)
+        ),
+    }  # fmt: skip
+    return Case(*cases[name], tol.GGX_LOBE)
+
+
 CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
     "optics.glsl": optics_case,
     "sphere.glsl": sphere_case,
@@ -272,6 +325,10 @@ CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
     "caustics/flux/cell.glsl": cell_case,
     "caustics/flux/refracted_rays.glsl": rays_case,
     "caustics/lookup.glsl": caustic_case,
+    "composite/lighting/shading.glsl": shading_case,
+    "ibl/expansion.glsl": expansion_case,
+    "ibl/lookup.glsl": environment_case,
+    "ibl/splitsum.glsl": split_sum_case,
     "medium/lookup.glsl": medium_case,
 }
 
@@ -296,4 +353,13 @@ def test_a_shader_function_is_its_python_partner(shader: str, function: str, rng
 def test_every_shader_function_has_a_partner_of_its_name(shader: Path) -> None:
     tree = ast.parse(shader.with_suffix(".py").read_text("utf-8"))
     python = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert functions_of(shader)
     assert set(functions_of(shader)) <= python
+
+
+@pytest.mark.parametrize("shader", shader_files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_constant_of_a_shader_is_its_partners(shader: Path) -> None:
+    name = ".".join(shader.relative_to(ROOT.parent).with_suffix("").parts)
+    constants = re.findall(r"^const (?:float|int) (\w+) = ([^;]+);", shader.read_text("utf-8"), re.MULTILINE)
+    for constant, value in constants:
+        assert float(value) == getattr(importlib.import_module(name), constant), constant

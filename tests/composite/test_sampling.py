@@ -6,10 +6,9 @@ import pytest
 
 from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.sampling import pattern
-from mr360uw.composite.tiles import even_tiles, joined, rectangle_of_mask, rectangle_of_triangles
+from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions, frame_from_direction, unit
-from mr360uw.types import Rectangle
 from tests.composite import tolerances as tol
 from tests.glsl import glsl_call
 
@@ -45,9 +44,7 @@ def test_rectangles_hold_triangles_over_seam_and_poles(rng: np.random.Generator)
     for _ in range(300):
         corners = rng.normal(size=(3, 3)) + 1.5 * unit(rng.normal(size=3))
         mask = covered(corners, width)
-        rectangle = rectangle_of_triangles(corners[None], width, width // 2)
-        assert rectangle is not None
-        column, row, columns, rows = rectangle
+        ((column, row, columns, rows),) = rectangles_of_bodies([corners[None]], width, width // 2)
         inside = np.zeros_like(mask)
         inside[row : row + rows, (column + np.arange(columns)) % width] = True
         assert not np.any(mask & ~inside)
@@ -105,13 +102,8 @@ def test_tiles_leave_out_what_is_far_apart() -> None:
     ]  # fmt: skip
 
 
-def test_joined_rectangles_overlap_nowhere_around_the_seam() -> None:
-    parts = [Rectangle(60, 0, 10, 4), Rectangle(2, 2, 6, 4), Rectangle(20, 0, 3, 3)]
-    assert joined(parts, 64) == [(20, 0, 3, 3), (60, 0, 12, 6)]
-
-
 @pytest.mark.usefixtures("gl")
-def test_twins(rng: np.random.Generator) -> None:
+def test_rays_and_rectangles_on_the_device_are_the_references(rng: np.random.Generator) -> None:
     count = 2000
     corners = (rng.normal(size=(count, 3, 3)) + 3.0 * unit(rng.normal(size=(count, 1, 3)))).astype(np.float32)
     towards = unit(np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], count), corners)).astype(np.float32)

@@ -8,7 +8,6 @@ from mr360uw.composite.gl.upload import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,
-    highlight,
     lobe_axis,
     reflectance,
     smith_visibility,
@@ -141,33 +140,7 @@ def test_lookups_at_texel_centres_and_wraps() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_shading_twins(rng: np.random.Generator) -> None:
-    a, b, c, d = (rng.uniform(0.05, 1.0, COUNT).astype(np.float32) for _ in range(4))
-    f0 = rng.uniform(0, 1, (COUNT, 3)).astype(np.float32)
-    split = rng.uniform(0.05, 0.5, (COUNT, 2)).astype(np.float32)
-    double = [x.astype(np.float64) for x in (a, b, c, d, f0, split)]
-    cases = {
-        "ggx_distribution(a, b)": ggx_distribution(double[0], double[1]),
-        "smith_visibility(a, b, c)": smith_visibility(*double[:3]),
-    }
-    for expression, expected in cases.items():
-        got = glsl_call("composite/lighting/shading.glsl", expression, a=a, b=b, c=c)
-        np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP, err_msg=expression)
-    got = glsl_call("composite/lighting/shading.glsl", "reflectance(f, s)", 3, f=f0, s=split)
-    np.testing.assert_allclose(got, reflectance(double[4], double[5]), rtol=tol.FLOAT32_LOOKUP)
-    got = glsl_call(
-        "composite/lighting/shading.glsl", "highlight(f, a, b, c, d, 0.5, 0.03)", 3, f=f0, a=a, b=b, c=c, d=d
-    )
-    expected = highlight(double[4], *double[:4], np.full(COUNT, 0.5), 0.03)
-    np.testing.assert_allclose(got, expected, rtol=tol.FLOAT32_LOOKUP)
-    n, v = (unit(rng.normal(size=(COUNT, 3))).astype(np.float32) for _ in range(2))
-    got = glsl_call("composite/lighting/shading.glsl", "lobe_axis(n, v, a, b)", 3, n=n, v=v, a=a, b=b)
-    expected = lobe_axis(n.astype(float), v.astype(float), double[0], double[1])
-    np.testing.assert_allclose(got, expected, atol=tol.FLOAT32_LOOKUP)
-
-
-@pytest.mark.usefixtures("gl")
-def test_texture_twin(rng: np.random.Generator) -> None:
+def test_texture_lookup_on_the_device_is_the_references(rng: np.random.Generator) -> None:
     image = rng.integers(0, 256, (16, 40, 4), dtype=np.uint8)
     uv = rng.uniform(-2, 3, (COUNT, 2)).astype(np.float32)
     change = rng.uniform(0, 0.2, (COUNT, 2)).astype(np.float32)

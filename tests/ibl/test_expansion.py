@@ -8,14 +8,12 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.color import TRANSFERS, decode, encode
-from mr360uw.ibl import expansion
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import OPERATORS, LightSettings
 from mr360uw.ibl.yuv import block_size, lit_frame, plate_of_yuv
 from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
 from mr360uw.yuv.coefficients import decode_polynomial
-from tests.glsl import glsl_call
 from tests.ibl.plates import angle_deg, clipped, planes, sky
 from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, FLOAT64, SUN_HDR_DEG, YUV_MEAN
 
@@ -100,17 +98,6 @@ def test_other_chroma_formats_are_decoded_in_full() -> None:
     wide = YuvImage(yuv.y, np.repeat(yuv.u, 2, 0), np.repeat(yuv.v, 2, 0), yuv.spec)
     a, b = ibl.environment_from_yuv(yuv), ibl.environment_from_yuv(wide)
     assert np.mean(np.abs(a.ambient - b.ambient)) < YUV_MEAN * b.ambient.mean()
-
-
-@pytest.mark.usefixtures("gl")
-def test_region_twins(rng: np.random.Generator) -> None:
-    x = rng.uniform(0.01, 1.0, 2000).astype(np.float32)
-    calls = {
-        "region_ramp(x, 0.4, 0.2)": expansion.region_ramp(x, 0.4, 0.2),
-    }
-    for call, expected in calls.items():
-        got = glsl_call("ibl/expansion.glsl", call, x=x)
-        np.testing.assert_allclose(got, expected, rtol=5 * FLOAT32_TWIN, atol=FLOAT32_TWIN, err_msg=call)
 
 
 @pytest.mark.usefixtures("gl")

@@ -13,11 +13,9 @@ from mr360uw.ibl.glossy import ggx_kernel
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.splitsum import split_sum, split_sum_integral
 from mr360uw.sphere import directions, row_solid_angle, unit
-from tests.glsl import glsl_call
 from tests.ibl.plates import sky
 from tests.ibl.tolerances import (
     ENERGY_FLOAT32,
-    FLOAT32_TWIN,
     GLOSSY_PEAK,
     IRRADIANCE_PEAK,
     KERNEL_QUADRATURE,
@@ -109,13 +107,6 @@ def test_split_sum_follows_its_integral_and_conserves_energy() -> None:
     assert split_sum(0.6, 1.0)[1] == 0.0
     assert np.all(fit.sum(axis=1) <= 1.0)
     assert np.all(fit >= 0.0)
-
-
-@pytest.mark.usefixtures("gl")
-def test_split_sum_twin(rng: np.random.Generator) -> None:
-    x = rng.uniform(0.05, 1.0, (2000, 2)).astype(np.float32).astype(np.float64)
-    got = glsl_call("ibl/splitsum.glsl", "split_sum(x.x, x.y)", 2, x=x)
-    np.testing.assert_allclose(got, np.stack(split_sum(x[:, 0], x[:, 1]), -1), atol=FLOAT32_TWIN, rtol=FLOAT32_TWIN)
 
 
 @pytest.mark.parametrize("size", [(100, 37), (64, 32), (33, 21), (1, 1), (700, 333)])

@@ -1,4 +1,4 @@
-// one axis of the sun's disc
+// Convolution along one axis of the sun's disc. Held to caustics/flux/sun_disc.py.
 uniform sampler2D image;
 uniform sampler2D weights;  // symmetric: the middle and one side
 uniform int reach;

@@ -1,4 +1,4 @@
-// the light of one cell in one pixel
+// Flux of one cell into one pixel. Held to caustics/flux/deposit.py.
 #include "caustics/flux/cell.glsl"
 #ifdef RECTANGLES
 #define cell_ab quad_ab

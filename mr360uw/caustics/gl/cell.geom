@@ -1,4 +1,4 @@
-// the bounding rectangle of cells that are larger than the driver's points
+// Bounding rectangle of a cell that is larger than the driver's points. Held to caustics/flux/deposit.py.
 layout(points) in;
 layout(triangle_strip, max_vertices = 4) out;
 uniform float size;

@@ -1,4 +1,5 @@
-// one cell of the grid: its refracted image in pixels of the target, relative to the corner of its bounding square
+// Image of one cell of the surface: its corners in pixels of the target, from the corner of its bounding square.
+// Held to caustics/flux/deposit.py.
 #include "caustics/flux/cell.glsl"
 uniform sampler2D rays;
 uniform sampler2D flux;

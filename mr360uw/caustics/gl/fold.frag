@@ -1,4 +1,5 @@
-// what was drawn beyond the tile's edge belongs to the other side; even light lies below
+// Sum of the flux inside the tile and of what was drawn beyond its edges, plus the even light below.
+// Held to caustics/flux/deposit.py.
 uniform sampler2D light;
 uniform int size;
 out float folded;

@@ -1,4 +1,4 @@
-// the full-screen triangle, into one layer of the target
+// Full-screen triangle into one layer of the target. Held to caustics/flux/irradiance.py.
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 3) out;
 uniform int layer;

@@ -1,4 +1,4 @@
-// the mean along one axis of the sum of an image's first two channels
+// Mean along one axis of the sum of an image's first two channels. Held to caustics/flux/irradiance.py.
 uniform sampler2D image;
 uniform ivec2 axis;
 uniform int count;

@@ -1,4 +1,5 @@
-// the refracted ray of each grid point, and the flux into the two triangles of the cell it starts
+// Refracted ray of each grid point, and the flux into the two triangles of the cell that starts there.
+// Held to caustics/flux/refracted_rays.py.
 #include "caustics/flux/refracted_rays.glsl"
 uniform sampler2D position;
 uniform sampler2D normal;

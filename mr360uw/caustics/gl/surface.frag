@@ -1,4 +1,5 @@
-// the displaced surface at the grid's points: position (shift x, height, shift z) in tiles, and normal
+// Displaced surface at the grid's points: position (shift x, height, shift z) in tiles, and normal.
+// Held to caustics/sea/surface.py.
 #include "caustics/sea/detail.glsl"
 #include "caustics/sea/gerstner.glsl"
 #ifdef FIELDS

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which triangles may be seen in which blocks of 4 x 4 pixels.
+"""Lists of the triangles that may cover each block of 4 x 4 pixels.
 
-Every triangle has a rectangle of the frame; a block lists the triangles whose rectangles touch it, and for each of them
-the pixels that are touched. Blocks that nothing touches are not there. A rectangle may pass the seam or run around the
-whole frame: neither the seam nor the poles are special. Twin: blocks.glsl.
+Every triangle has a rectangle of the frame. A block lists the triangles whose rectangles overlap it, with a mask of the
+overlapped pixels; blocks without triangles are left out. A rectangle may cross the seam or run around the whole frame,
+so neither the seam nor the poles are special. The device reads the lists with blocks.glsl.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from mr360uw.types import Floats
 
 BLOCK = 4
 LANE_COLUMNS = 256
-"""Targets that hold numbered things are so wide."""
+"""Width [texels] of targets that hold numbered items."""
 KINDS = 3
-"""Triangles are solid, cut out by a mask, or blended, in this order in every list."""
+"""Kinds of triangles: opaque, masked, blended, in this order in every list."""
 
-# what is sorted: (block, kind, place of the triangle, mask) in the bits of one integer, the first highest
+# sort key: (block, kind, position of the triangle, mask) in the bits of one integer, the first highest
 _MASK_BITS, _PLACE_BITS, _KIND_BITS = 16, 23, 2
 _KIND_AT = _MASK_BITS + _PLACE_BITS
 _BLOCK_AT = _KIND_AT + _KIND_BITS
@@ -34,10 +34,10 @@ _ROW_STARTS = np.array([0x0000, 0x0001, 0x0011, 0x0111, 0x1111], np.int32)
 class Blocks:
     """n blocks of pixels and their lists, row by row.
 
-    corner: (n, 2) column and row of the first pixel. bounds: (n, 4) where in `members` the solid triangles of a block
-    begin and end, and where the cut out and the blended ones end that follow. members: (m,) numbers of triangles, in
-    the order they were given in within their kind. masks: (m,) a bit for each pixel of the block that the triangle may
-    touch, row by row.
+    corner: (n, 2) column and row of the first pixel. bounds: (n, 4) indices into `members`: begin and end of a block's
+    opaque triangles, end of the masked and end of the blended ones that follow. members: (m,) numbers of triangles, in
+    their given order within each kind. masks: (m,) a bit for each pixel of the block that the triangle may cover, row
+    by row.
     """
 
     corner: NDArray[np.int64]
@@ -58,7 +58,7 @@ class Blocks:
 def make_blocks(
     rectangles: NDArray[np.integer], numbers: NDArray[np.integer], kinds: NDArray[np.integer], width: int
 ) -> Blocks:
-    """Return the blocks that triangles touch.
+    """Return the blocks that triangles may cover.
 
     rectangles: (T, 4) first column, first row, last column, last row of pixels; columns start inside the frame and may
     run beyond it, around the seam. numbers, kinds: (T,), T up to `MOST_TRIANGLES`.
@@ -67,7 +67,7 @@ def make_blocks(
     left, top, right, bottom = np.ascontiguousarray(rectangles.T, np.int32)
     places = np.arange(len(left))
     over = np.flatnonzero(right >= width)
-    if len(over):  # what passes the seam goes on at column 0
+    if len(over):  # rectangles across the seam continue at column 0
         top, bottom, places, kinds = (np.concatenate([a, a[over]]) for a in (top, bottom, places, kinds))
         left = np.concatenate([left, np.zeros(len(over), np.int32)])
         right = np.concatenate([np.minimum(right, width - 1), right[over] - width])
@@ -104,7 +104,7 @@ def make_blocks(
 def _masks(
     left: NDArray[np.int32], top: NDArray[np.int32], right: NDArray[np.int32], bottom: NDArray[np.int32]
 ) -> NDArray[np.int32]:
-    """Return the bits that a rectangle sets of a block at (0, 0)."""
+    """Return the mask of the pixels of a block at (0, 0) that a rectangle overlaps."""
     in_a_row = (2 << np.minimum(right, BLOCK - 1)) - (1 << np.maximum(left, 0))
     row_starts = _ROW_STARTS[np.minimum(bottom, BLOCK - 1) + 1] - _ROW_STARTS[np.maximum(top, 0)]
     return in_a_row * row_starts
@@ -118,5 +118,5 @@ def in_lane_order(image: Floats) -> Floats:
 
 
 def lane_rows(count: int) -> int:
-    """Return the rows of a target of `LANE_COLUMNS` that holds so many numbered things."""
+    """Return the rows of a target of `LANE_COLUMNS` columns that holds `count` numbered items."""
     return BLOCK * -(-count // (BLOCK * LANE_COLUMNS))

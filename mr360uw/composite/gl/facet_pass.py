@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The triangles of a shot on OpenGL as the camera sees them: what rays meet, and the pixels that each may touch.
+"""Triangles of a shot on OpenGL in camera axes: their vectors for ray intersection, and the pixels that each may cover.
 
-All visible objects share one numbering of triangles. An object that stands still before the camera keeps its rows.
+All visible objects share one numbering of triangles. The rows of an object are redrawn only if it or the camera moved.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Facets:
-    """The triangles of objects. textures: as visible.frag names them. first: number of each object's first triangle.
+    """Triangles of objects. textures: inputs of visible.frag by name. first: number of each object's first triangle.
 
-    numbers: (T,) of all that face the camera, the nearest first; kinds: (T,) places of their alpha modes in `MODES`;
-    rectangles: (T, 4) of the pixels that they may touch, as `make_blocks` takes them.
+    numbers: (T,) of the triangles that face the camera, nearest first. kinds: (T,) indices of their alpha modes in
+    `MODES`. rectangles: (T, 4) of the pixels that they may cover, as `make_blocks` takes them.
     """
 
     textures: dict[str, moderngl.Texture]
@@ -46,7 +46,7 @@ class Facets:
 
 
 class _Rows:
-    """A target with a texel for each triangle, what was read back of it, and what its rows hold."""
+    """A target with a texel for each triangle, its values read back, and the keys of the objects in its rows."""
 
     def __init__(self) -> None:
         self.target: moderngl.Framebuffer | None = None
@@ -56,7 +56,7 @@ class _Rows:
         self.drawn: list[object] = []
 
     def room(self, rows: int, masked: bool) -> moderngl.Framebuffer:
-        """Return the target, made anew where it is too small or has no place for cut-outs."""
+        """Return the target, made anew if it has too few rows or no attachments for masked triangles."""
         channels = (4,) * (1 + len(_FACETS)) + (1,) + (4,) * (len(_CUTOUTS) if masked else 0)
         target = self.target
         if target is not None and target.height >= rows and len(target.color_attachments) >= len(channels):
@@ -77,7 +77,7 @@ class _Rows:
         return self.target
 
     def read(self, first: int, end: int) -> None:
-        """Read rows back."""
+        """Read rows [first, end) back from the device."""
         assert self.target is not None
         part = Rectangle(0, first, FACET_COLUMNS, end - first)
         rows = slice(first * FACET_COLUMNS, end * FACET_COLUMNS)
@@ -87,20 +87,20 @@ class _Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cutouts:
-    """The alpha of all maps that cut triangles out, and the first number of each mesh's among them."""
+    """Alpha of all mask maps in one texture, and the index of each mesh's first map."""
 
     textures: dict[str, moderngl.Texture]
     first: dict[Mesh, int]
 
 
 class FacetPass:
-    """Draws triangles into one texel each. buffers: gives the device's copy of a mesh."""
+    """Draws triangles into one texel each. buffers: returns the device's copy of a mesh."""
 
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets, self._buffers, self._cache = targets, buffers, cache
 
     def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> Facets:
-        """Return the triangles of objects of a shot."""
+        """Return the triangles of a shot's objects."""
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
         masked = tuple(dict.fromkeys(p.mesh for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
@@ -169,7 +169,7 @@ class FacetPass:
 
 
 def _nearest_first(numbers: NDArray[np.int64], nearest: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return numbers of triangles in order of falling nearness."""
+    """Return numbers of triangles sorted by nearness (one over the distance), nearest first."""
     # positive floats sort like their bits, and one array of integers sorts faster than two
     key = ~nearest[numbers].view(np.uint32).astype(np.uint64) << np.uint64(32) | numbers.astype(np.uint64)
     key.sort()
@@ -177,7 +177,7 @@ def _nearest_first(numbers: NDArray[np.int64], nearest: NDArray[np.float32]) -> 
 
 
 def camera_centred(placed: PlacedObject, shot: Shot) -> Floats:
-    """Return the matrix (4, 4) from an object to the camera's place, in the world's axes."""
+    """Return the transform (4, 4) from an object to world axes with the camera at the origin."""
     matrix = placed.world_from_object.copy()
     matrix[:3, 3] -= shot.view.position
     return matrix

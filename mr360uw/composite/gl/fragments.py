@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of surface in pixels, and how they add up to the tiles of a layer."""
+"""Fragments: shaded pieces of surface in pixels, and their compositing into the tiles of a layer."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mr360uw.types import Floats, Tile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fragments:
-    """n pieces of surface in p pixels, the pieces of a pixel one after the other.
+    """n pieces of surface in p pixels, the pieces of a pixel in sequence.
 
-    row, column: (p,) of the pixels, each there once. first: (p,) the first piece of each. triangle: (n,) numbers.
-    place: (n, 2) in the frame, where each piece is lit. weight: (n,) part of the pixel's samples.
+    row, column: (p,) of the pixels, each once. first: (p,) index of the first piece of each. triangle: (n,) numbers.
+    place: (n, 2) frame coordinates at which each piece is shaded. weight: (n,) fraction of the pixel's samples.
     """
 
     row: NDArray[np.int64]
@@ -48,7 +48,7 @@ NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros(0))
 
 
 def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
-    """Return the fragments of several sets of pixels, none of which is in two."""
+    """Return the fragments of several disjoint sets of pixels as one."""
     shift = np.cumsum([0, *(len(part) for part in parts)])
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -59,7 +59,7 @@ def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
 
 
 def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
-    """Return the part (p,) of what lies behind tiles that is seen through them."""
+    """Return the transparency (p,) = 1 - alpha of tiles at the pixels of fragments."""
     free = np.ones(len(fragments.row), np.float32)
     for tile, inside, at in _places(tiles, fragments):
         free[inside] = 1.0 - tile.alpha.reshape(-1)[at]
@@ -67,7 +67,7 @@ def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
 
 
 def add_behind(tiles: Sequence[Tile], fragments: Fragments, color: Floats, distance_m: Floats) -> None:
-    """Lay premultiplied colours (p, 4) at distances (p,) behind what tiles hold."""
+    """Composite premultiplied colours (p, 4) at distances (p,) behind the contents of tiles."""
     for tile, inside, at in _places(tiles, fragments):
         radiance, alpha, distance = tile.radiance.reshape(-1, 3), tile.alpha.reshape(-1), tile.distance_m.reshape(-1)
         free = 1.0 - alpha[at]
@@ -77,7 +77,7 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, color: Floats, dista
 
 
 def _places(tiles: Sequence[Tile], fragments: Fragments) -> Iterator[tuple[Tile, NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield tiles, the pixels of fragments in each, and where they are in it, row by row."""
+    """Yield tiles, the pixels of fragments in each, and their flat indices in the tile."""
     for tile in tiles:
         rows, columns = tile.alpha.shape
         r, c = fragments.row - tile.row, fragments.column - tile.column

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What falls on the ground of the plate, found on the device: at listed places, and in the pixels of listed blocks."""
+"""Light on the receiver computed on the device: at listed points, and in the pixels of listed blocks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _PLACES_ACROSS = 256
 
 
 class GroundShader:
-    """Runs coarse.frag and receiver.frag with the light of the shot that `light` was last updated to."""
+    """Runs coarse.frag and receiver.frag with the shot that `light` was last updated to."""
 
     def __init__(self, targets: Targets, light: LightTextures) -> None:
         self._targets, self._light = targets, light
 
     @property
     def of_sun(self) -> frozenset[str]:
-        """What of the sun there is on the ground: SHADOW, CAUSTICS."""
+        """Features of the sun in the shot: SHADOW, CAUSTICS."""
         return frozenset(self._light.defines) & {"SHADOW", "CAUSTICS"}
 
     def sun_at(self, places: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what coarse.frag says of balls (n, 4), place and radius [m]: (n, 4)."""
+        """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""
         rows = -(-len(places) // _PLACES_ACROSS)
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
@@ -52,11 +52,11 @@ class GroundShader:
         wanted: frozenset[str],
         side: int,
     ) -> list[NDArray[np.float32]]:
-        """Return the images of receiver.frag of blocks, each (n, side, side, k).
+        """Return the outputs of receiver.frag for blocks, images (n, side, side, k).
 
-        halo: (n, 4) part of it seen at the corners of each block, negative where that does not tell the pixels.
-        wanted: of SHADOW, CAUSTICS, ROUGH for blocks that need all their light, and with it LAMPS. side: samples along
-        a block.
+        halo: (n, 4) visible fraction of the halo at the corners of each block, negative where block corners do not
+        represent the pixels inside. wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough
+        blocks) and, with ROUGH, LAMPS. side: samples along a block.
         """
         assert shot.receiver is not None
         rows = -(-len(j) // _BLOCKS_ACROSS)

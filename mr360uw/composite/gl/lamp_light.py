@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lamps of a shot on the device, as lamps.glsl reads them."""
+"""Lamps of a shot on the device: slots of the shadow atlas and the table that lamps.glsl reads."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Floats, Lamp
 
 _FARTHER = 1.25
-"""Times its own radius that a body must be away for one slot to hold it: within 53 degrees of the slot's axis."""
+"""Least distance of a body, in its radii, to fit one slot: it is then within 53 degrees of the slot's axis."""
 _MOST_BODIES = 16
-"""Bodies with a slot of their own for each lamp; more share the six faces of a cube. Bits of an integer hold them."""
+"""Most bodies with a slot of their own for a lamp; more share the six faces of a cube. Slots are bits of an integer."""
 _FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
 _CORNER_RAD = float(np.arccos(3.0**-0.5))
 """Angle between the axis of a cube's face and its corners."""
 
 
 def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
-    """Return what each lamp of a shot sees: bodies in its cone, a frame each where it does not stand among them."""
+    """Return the light frames of each lamp: one for each body in its cone, or faces of a cube for bodies around it."""
     return [_frames(lamp, shot.casters) if lamp.casts_shadow else [] for lamp in lamps_of(shot)]
 
 
@@ -42,7 +42,7 @@ def _frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
 
 
 def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[LightFrame]:
-    """Return the faces of a cube about a lamp that its cone reaches."""
+    """Return the faces of a cube around a lamp that its cone reaches."""
     if not bodies:
         return []
     centers = np.stack([placed.to_world(placed.mesh.center_m) for placed in bodies]) - lamp.position
@@ -56,7 +56,7 @@ def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[LightFrame]:
 
 
 def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
-    """Return whether a disc about a direction, as wide as a body and the lamp's own ball, reaches into the cone."""
+    """Return whether a disc about a unit direction, 1.5 times as wide as `radius_rad`, overlaps the lamp's cone."""
     if lamp.cos_edge <= -1.0:
         return True
     apart = float(np.arccos(np.clip(direction @ lamp.axis, -1.0, 1.0)))
@@ -66,8 +66,8 @@ def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
 def shadow_table(shot: Shot, atlas: Atlas, slots: list[int], lamp_rows: int) -> Floats:
     """Return the texture `casters` (rows, ROW_TEXELS, 4): the slots of an atlas, then the lamps.
 
-    slots: number of each lamp's first slot, and the end. lamp_rows: rows of the texture `diffuse`, of which the lamps'
-    attenuations are the last.
+    slots: index of each lamp's first slot, and the end. lamp_rows: rows of the texture `diffuse`, the last of which
+    are the lamps' attenuations.
     """
     lamps = lamps_of(shot)
     table = np.zeros((len(atlas.table) + len(lamps), ROW_TEXELS, 4))

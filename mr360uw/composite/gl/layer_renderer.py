@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layer of a frame on OpenGL 3.3: the same samples, groups and light as the reference renderer.
+"""The gl renderer: the layer of a frame on OpenGL 3.3, with the samples, groups and light of the reference renderer.
 
-Only what objects and their shadows touch is drawn and read back. What has not changed since the frame before is kept in
-the cache: meshes, shadow atlas, the samples of objects that stand still and the shape of the receiver.
+Only pixels that objects and their shadows may change are drawn and read back. The cache keeps meshes, the shadow atlas,
+the samples of objects at rest and the geometry of the receiver from frame to frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _KEPT_MESHES = 64
 
 
 class LayerRenderer:
-    """Draws shots. cache: keeps on the device what the next one can use. One for each OpenGL thread."""
+    """Draws the layers of shots. cache: values kept between shots. One renderer for each OpenGL thread."""
 
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a shot on the device: environment, water, caustics, lights and what shades, as the shaders read them."""
+"""Textures and uniforms of a shot's light: environment, water, caustics, lights and shadow atlas."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import moderngl
 
 _BIASED_SLOT = 256
-"""Texels across a slot of which `PlacedObject.bias_m` is one and a half."""
+"""Texels across a slot in which `PlacedObject.bias_m` is 1.5 texels."""
 
 
 class LightTextures:
@@ -42,7 +42,7 @@ class LightTextures:
         self._atlas = ShadowAtlas(cache, buffers)
 
     def update(self, shot: Shot) -> None:
-        """Bring everything to the state of a shot; what it shares with the one before is kept."""
+        """Set textures, defines and uniforms to those of a shot; unchanged textures come from the cache."""
         levels, lamps = min(len(shot.environment.glossy), MAXIMUM_GLOSSY_LEVELS), lamps_of(shot)
         self.defines = dict.fromkeys(sorted(sun_defines(shot)), 1)
         self.defines |= {name: 1 for name, there in (("MEDIUM", shot.medium), ("GLOSSY", levels)) if there}
@@ -67,7 +67,7 @@ class LightTextures:
         self._update_shadows(shot)
 
     def set(self, shader: moderngl.Program) -> None:
-        """Give a program the numbers of the light."""
+        """Set the uniforms of the light in a program."""
         set_uniforms(shader, **self._uniforms)
         for name, values in self._arrays.items():
             write_uniform(shader, name, np.asarray(values, np.float32))
@@ -129,7 +129,7 @@ def _no_caustics() -> dict[str, Any]:
 
 
 def _medium_textures(medium: MediumTable | None) -> dict[str, moderngl.Texture]:
-    """Return the tables of a medium as medium/lookup.glsl reads them."""
+    """Return the tables of a medium in the layout of medium/lookup.glsl."""
     blank = np.zeros((1, 1, 3))
     tables = {
         "veil": blank if medium is None else medium.veil,
@@ -141,7 +141,7 @@ def _medium_textures(medium: MediumTable | None) -> dict[str, moderngl.Texture]:
 
 
 def _pixels_across(shot: Shot) -> float:
-    """Return how many pixels of the frame the largest body is wide."""
+    """Return the width [pixels] of the body that is largest in the frame."""
     widest = 0.0
     for placed in shot.casters:
         radius = placed.mesh.radius_m * placed.scale

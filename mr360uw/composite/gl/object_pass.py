@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects on OpenGL 3.3: the surfaces that pixels show, lit one by one and added up.
+"""Objects on OpenGL 3.3: shading of the visible fragments, and their sum in pixels.
 
-What is lit is a list, a texel each (layer.frag), so that no pixel waits for another that shows more. Objects of one
-mesh are lit together.
+Fragments are shaded as a list, one texel each (layer.frag), so pixels with few do not wait for pixels with many.
+Objects that share a mesh are shaded together.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
 """Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
 _AT_ONCE = 1 << 19
 _KEPT = 1 << 21
-"""Fragments, about 100 bytes each, above which they are found anew for every frame."""
+"""Most fragments, about 100 bytes each, kept between frames."""
 
 
 class ObjectPass:
-    """Draws and lights the objects of shots; keeps the surfaces while objects and camera stand still.
+    """Draws and shades the objects of shots; caches the fragments while objects and camera are at rest.
 
-    buffers: gives the device's copy of a mesh.
+    buffers: returns the device's copy of a mesh.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class ObjectPass:
         self._surfaces = SurfacePass(targets, buffers, cache)
 
     def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None) -> None:
-        """Lay the objects of a shot behind what tiles hold. frame: gathers output variables where there is one."""
+        """Composite the objects of a shot behind the contents of tiles. frame: receives output variables, or None."""
         objects = [placed for placed in shot.objects if placed.visible]
         layers, first = self._find(shot, objects)
         for number, fragments in enumerate(layers):

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The receiver on OpenGL 3.3: what objects and waves change on the ground of the plate.
+"""The receiver on OpenGL 3.3: ratio and veil of the plate's ground.
 
-What varies slowly along the ground is found at the corners of blocks of pixels (ground.py) and followed by straight
-lines. Blocks in which a shadow has an edge, waves, or a shape of their own are drawn pixel by pixel; only those are
-read back.
+Light that varies slowly is evaluated at the corners of blocks of pixels (ground.py) and interpolated. Blocks with a
+shadow's edge, caustics or an uneven shape are drawn pixel by pixel; only those are read back.
 """
 
 from __future__ import annotations
@@ -34,18 +33,19 @@ from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Rectangle, Tile
 
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
-_OF_DISC, _ALL = 2.0, 3.0
-"""What bodies keep off: part of the sun's disc, all of it (coarse.frag)."""
+_PART_OF_DISC, _WHOLE_DISC = 2.0, 3.0
+"""Occlusion codes of coarse.frag: bodies may occlude part of the sun's disc, or occlude all of it."""
 _WIDE = 1.5
-"""A penumbra so many times as wide as a block reaches has no detail that the corners and the middle do not show."""
+"""Width of a penumbra, in radii of a block, above which corners and middle represent it. Half as large, narrow
+penumbrae are missed; twice as large, more blocks are drawn pixel by pixel."""
 _HALVED = 12.0
-"""What straight lines miss goes with the square of their length: with a sample at every second pixel, a sixteenth of
-what the corners of a block miss. Some of the sixteen are kept for penumbrae that bend unevenly."""
+"""Interpolation error at a block's middle, over `SMOOTH`, up to which samples at every second pixel are enough. The
+error grows with the square of the spacing, so they allow 16; the margin is for penumbrae of uneven curvature."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """Where a shot changes its receiver: rectangles of the frame, and cells of a grid."""
+    """Parts of the receiver that a shot may change: rectangles of the frame, and cells of a grid."""
 
     rectangles: list[Rectangle]
     grid: CoarseGrid
@@ -53,13 +53,13 @@ class Changes:
 
 
 class ReceiverPass:
-    """Draws the receivers of shots; keeps what is known of one that stands still before the camera."""
+    """Draws the receivers of shots; caches the geometry of a receiver while the camera is at rest."""
 
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
         self._shader, self._cache = GroundShader(targets, light), cache
 
     def find(self, shot: Shot) -> Changes | None:
-        """Return where the receiver may change; None without one."""
+        """Return the parts of the receiver that may change; None without a receiver."""
         if shot.receiver is None:
             return None
         grid = self._coarse_grid(shot, shot.receiver)
@@ -67,7 +67,7 @@ class ReceiverPass:
         return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
 
     def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile]) -> None:
-        """Write ratio and veil of what changes into the tiles."""
+        """Write ratio and veil of the changed parts into the tiles."""
         if changes is None or not changes.rectangles or shot.receiver is None:
             return
         ground = self._ground(shot, shot.receiver)
@@ -78,14 +78,14 @@ class ReceiverPass:
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
 
-    # --- what is kept ------------------------------------------------------------------------------------------------
+    # --- cached geometry ---------------------------------------------------------------------------------------------
 
     def _shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
         key = (receiver, shot.view.position.tobytes())
         return self._cache.get("receiver shape", key, lambda: ReceiverShape(receiver, shot.view.position))
 
     def _coarse_grid(self, shot: Shot, receiver: Receiver) -> CoarseGrid:
-        # of the water the grid needs what it lets through, which stays the same where its veil follows the plate
+        # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate
         through = None if shot.medium is None else Same(shot.medium.attenuation)
         key = (receiver, shot.view.key, through)
         return self._cache.get("receiver grid", key, lambda: coarse_grid(shot, self._shape(shot, receiver)))
@@ -94,7 +94,7 @@ class ReceiverPass:
         key = (receiver, shot.view.key)
         return self._cache.get("ground", key, lambda: Ground(shot, self._shape(shot, receiver)))
 
-    # --- what falls on blocks ----------------------------------------------------------------------------------------
+    # --- light on blocks ---------------------------------------------------------------------------------------------
 
     def _block_light(
         self,
@@ -115,8 +115,8 @@ class ReceiverPass:
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)
         if receiver.plane_y is None:
-            edge[edge == _SOFT] = _SHARP  # of other shapes the pixels are known, nothing between them
-        # blocks of one kind each: which, what is asked of them, samples along a block
+            edge[edge == _SOFT] = _SHARP  # other shapes are given at pixels only
+        # kinds of blocks: mask, features to compute, samples along a block
         kinds = (
             (~rough & (edge == _SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
             (~rough & (edge == _SHARP) & ~wavy, {"SHADOW"}, BLOCK),
@@ -154,10 +154,11 @@ class ReceiverPass:
         j: Indices,
         i: Indices,
     ) -> tuple[NDArray[np.int8], NDArray[np.bool_], NDArray[np.float32]]:
-        """Set the part of the sun seen at the corners of the shaded blocks (R, C).
+        """Set the visible fraction of the sun at the corners of the shaded blocks (R, C).
 
-        Returns which edge of a shadow each of the blocks (j, i) holds that its corners do not tell, which of them lie
-        wholly in the umbra, and the part of the halo seen at their corners (n, 4), as `GroundShader.pixels` takes it.
+        Returns, for each of the blocks (j, i): the kind of shadow edge inside that interpolation does not represent;
+        whether it lies in the umbra; and the visible fraction of the halo at its corners (n, 4), negative where block
+        corners do not represent the pixels inside.
         """
         edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
         halo = np.full((*shaded.shape, 4), -1.0, np.float32)
@@ -175,26 +176,26 @@ class ReceiverPass:
             reach = ground.reach_m[mj, mi]
             of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
             missed = np.abs(seen - ground.middle_between(corner[..., SEEN], mj, mi))
-            narrow = np.where(kept == _OF_DISC, of_disc, of_halo) < _WIDE * reach
+            narrow = np.where(kept == _PART_OF_DISC, of_disc, of_halo) < _WIDE * reach
             sharp = narrow | (missed > _HALVED * SMOOTH)
             found = np.where(sharp, _SHARP, np.where(missed > SMOOTH, _SOFT, _NO_EDGE))
-            umbra[mj, mi] = kept == _ALL
-            edge[mj, mi] = np.where((kept > 0.0) & (kept < _ALL), found, _NO_EDGE)
+            umbra[mj, mi] = kept == _WHOLE_DISC
+            edge[mj, mi] = np.where((kept > 0.0) & (kept < _WHOLE_DISC), found, _NO_EDGE)
             missed = np.abs(halo_seen - ground.middle_between(at_corners, mj, mi))
             missed *= scattered_share(shot, ground.middle_point[mj, mi])
-            told = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
-            halo[mj, mi] = np.where(told[:, None], ground.four(at_corners, mj, mi), -1.0)
+            interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
+            halo[mj, mi] = np.where(interpolable[:, None], ground.four(at_corners, mj, mi), -1.0)
         return edge[j, i], umbra[j, i], halo[j, i]
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:
-    """Return what of the sun a receiver shows."""
+    """Return the features of the sun that a receiver shows."""
     shown = {"SHADOW": receiver.shadow, "CAUSTICS": receiver.caustics}
     return frozenset(name for name, shows in shown.items() if shows)
 
 
 def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return images (n, s, s, 1) at the pixels of blocks, (n, B, B, 1): straight lines, also past the outer samples."""
+    """Return images (n, s, s, 1) resampled to the pixels of blocks, (n, B, B, 1), bilinearly, with extrapolation."""
     side = images.shape[1]
     place = (np.arange(BLOCK) + 0.5) * side / BLOCK - 0.5
     lower = np.clip(np.floor(place).astype(np.int64), 0, side - 2)
@@ -205,7 +206,7 @@ def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _blocks(grid: CoarseGrid, marks: NDArray[np.bool_], ground: Ground) -> NDArray[np.bool_]:
-    """Return the blocks (R, C) that some marked cell (n,) overlaps."""
+    """Return the mask (R, C) of blocks that overlap a marked cell (n,)."""
     blocks = np.zeros((ground.rows, ground.columns), np.bool_)
     width, height = grid.cell
     row, column = np.divmod(grid.index[marks], grid.shape[1])

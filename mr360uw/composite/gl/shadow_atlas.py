@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shadow atlas: bodies as lights see them, a square slot of columns for each, as shadow.glsl reads it.
+"""Shadow atlas: a square slot of columns along the light for each body, traced by shadow.glsl.
 
-A light gives frames: bodies and the axes in which its rays are parallel. For the sun those are its own axes; for a lamp
-the projective map that lamps.glsl describes makes them so.
+Each slot is drawn from a `LightFrame`: bodies, and axes in which the light's rays are parallel. For the sun these are
+orthogonal axes along its direction; for a lamp they follow the projective map of lamps.glsl.
 """
 
 from __future__ import annotations
@@ -26,29 +26,33 @@ if TYPE_CHECKING:
 SLOTS = (64, 128, 256, 512)
 """Texels across a slot."""
 ROW_TEXELS = 6
-"""Texels of a row of the table that goes with the atlas: extents, and for lamps the axes; see lamps.glsl."""
+"""Texels of a row of the atlas' table: extents, and for lamps the axes; see lamps.glsl."""
 _NARROW_RAD = 0.02
-"""The largest slot is for discs below this radius, whose penumbrae near the body are as narrow as its texels."""
+"""Angular radius of a light below which the largest slots are used: its penumbrae are as narrow as their texels."""
 _TEXELS_A_PIXEL = 2.0
 _MOST_TEXELS_A_PIXEL = 8.0
-"""Texels that a pixel is worth: penumbrae narrower than a pixel matter, too, but not much narrower."""
+"""Least and most texels for a pixel of the frame: penumbrae somewhat narrower than a pixel still matter."""
 _TEXELS_A_DISC = 7.0
 """Texels across the light's radius at the distance of a body's width."""
 _MOST_TEXELS = 1 << 21
+"""Texels of all slots together: bounds the memory."""
 _SUPERSAMPLING = 2
+"""Texels drawn along each side of a column."""
 _COLUMNS = 8
+"""Slots in a row of the atlas."""
 _MARGIN = 1.02
+"""Factor on the extent of the bodies in a slot, which keeps its border empty."""
 _NARROWEST = 1.0 / 16.0
-"""Shorter side of a slot's extent, at least, in terms of the longer one."""
+"""Least ratio of the shorter side of a slot's extent to the longer one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightFrame:
-    """What one slot shows. bodies: drawn over each other. axes: (3, 3) rows across, across and along, in the world.
+    """Projection of one slot. bodies: drawn over each other. axes: (3, 3) rows across, across and along, in the world.
 
-    For the sun `along` points to it. For a lamp: origin (3,) [m] in the world, along pointing away from it, and the
-    distance [m] at which lengths are true, `middle_m`; nearest_m: what is nearer does not shade. face: the slot shows
-    a quarter turn each way, whatever its bodies fill.
+    For the sun `along` points to it. For a lamp: origin (3,) [m] in the world, `along` pointing away from it, and
+    middle_m, the distance [m] at which lengths are metres; bodies nearer than nearest_m cast no shadow. face: the slot
+    is a face of a cube, 90 degrees wide, whatever its bodies' extents.
     """
 
     bodies: tuple[PlacedObject, ...]
@@ -60,7 +64,7 @@ class LightFrame:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """A value that is equal for frames that draw the same."""
+        """Cache key: equal for frames that draw the same."""
         origin = None if self.origin is None else self.origin.tobytes()
         return (*(body.key for body in self.bodies), self.axes.tobytes(), origin, self.middle_m, self.nearest_m)
 
@@ -72,7 +76,7 @@ class LightFrame:
         return matrix
 
     def extents(self) -> Floats:
-        """Return where the bodies lie: the centre across, half the size across, the ends along; two numbers each."""
+        """Return the bodies' extents (6,): centre across, half size across, ends along; two numbers each."""
         points = np.concatenate(
             [body.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for body in self.bodies for m in [self.matrix(body)]]
         )
@@ -95,7 +99,7 @@ class LightFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Atlas:
-    """A drawn atlas. table: (slots, ROW_TEXELS, 4), the first two texels filled. frames: what the slots show."""
+    """A drawn atlas. table: (slots, ROW_TEXELS, 4), the first two texels filled. frames: those of the slots."""
 
     texture: moderngl.Texture
     table: Floats
@@ -104,7 +108,7 @@ class Atlas:
 
 
 def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
-    """Return the texels across a slot that do for a light of this radius and bodies at most so many pixels wide."""
+    """Return the texels across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
     wanted = max(_TEXELS_A_PIXEL * pixels_across, _TEXELS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
     wanted = min(wanted, _MOST_TEXELS_A_PIXEL * pixels_across, SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2])
     most = np.sqrt(_MOST_TEXELS / max(slots, 1))
@@ -112,7 +116,7 @@ def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
 
 
 class ShadowAtlas:
-    """Draws atlases; the last one is kept. buffers: gives the device's copy of a mesh."""
+    """Draws atlases; the last one is cached. buffers: returns the device's copy of a mesh."""
 
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._cache, self._buffers = cache, buffers

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun of a shot on the device, as sun.glsl reads it."""
+"""Sun of a shot on the device: slots of the shadow atlas and uniforms of sun.glsl."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mr360uw.composite.lighting.sun import sun_of, sun_up, widest_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
 
 MAXIMUM_SLOTS = 30
-"""Bodies that have a slot of their own, the last takes all others; the shader keeps them as the bits of an integer."""
+"""Most slots of the sun; the last holds all further bodies. The shader keeps slots as the bits of an integer."""
 _STEPS = 64.0
-"""Slots are drawn along directions whose components are so many parts of one, within 0.8 degrees of the sun's: those
-of bodies that stand still serve many frames while the sun's track moves a little."""
+"""Slots are drawn along the sun's direction rounded to 1/64 in each component, within 0.8 degrees of it, so that those
+of bodies at rest stay valid while the sun's track moves a little. Twice as large: redrawn twice as often."""
 
 
 def sun_defines(shot: Shot) -> frozenset[str]:
@@ -32,7 +32,7 @@ def sun_defines(shot: Shot) -> frozenset[str]:
 
 
 def sun_frames(shot: Shot) -> list[LightFrame]:
-    """Return what the sun sees: one frame a body."""
+    """Return the light frames of the sun, one for each body."""
     sun, casters = sun_of(shot), shot.casters
     if sun is None or not casters:
         return []
@@ -44,7 +44,7 @@ def sun_frames(shot: Shot) -> list[LightFrame]:
 
 
 def sun_uniforms(shot: Shot) -> dict[str, Any]:
-    """Return the numbers of `Sun` in sun.glsl."""
+    """Return the uniforms of `Sun` in sun.glsl."""
     sun = sun_of(shot)
     if sun is None:
         return {"sun__direction": (0.0, 1.0, 0.0), "sun__casters": 0}

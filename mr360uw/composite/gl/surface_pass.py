@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which surfaces are seen in which pixels, on OpenGL 3.3.
+"""Visible surfaces of pixels on OpenGL 3.3.
 
-Triangles are listed by blocks of pixels (blocks.py), and rays look for the first that they meet among those of their
-block (visible.frag). Most pixels of a body show one smooth piece of surface and nothing else: eight rays and the
-triangles about tell them (`whole`). The others get the rays of the pattern, in the groups that reference.py defines.
+Triangles are listed by blocks of pixels (blocks.py), and rays are intersected with the triangles of their block
+(visible.frag). If eight classification rays hit one smooth piece and no other triangle reaches into the pixel, it is
+interior and becomes one fragment. Other pixels get all rays of the pattern, grouped as in raycast/pixel_samples.py.
 """
 
 from __future__ import annotations
@@ -30,16 +30,21 @@ from mr360uw.types import Floats, Rectangle
 _PROBES = np.array(
     [(0.5, 0.5), (0.5, 0.17), (0.79, 0.67), (0.21, 0.67), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
 )
-"""Rays that tell whole pixels: the centre, three around it, and the corners, which a straight edge parts."""
+"""Classification rays: eight per pixel, the centre, three around it and the corners. If all hit the same smooth
+surface, the pixel is interior and is shaded from one sample."""
 _BLOCKS_AT_ONCE = 8192
+"""Blocks in one draw call: bounds the size of targets."""
 _RANKS = 128
+"""Factor that packs a count of rays and the rank of one, below 128, in one number."""
 _SHOWN = GROUPS // 2
+"""Targets for the groups of a pixel, two in each."""
 _SAMPLES_AT_ONCE = 32
+"""Rays of a pixel in one draw call where every sample is kept: eight targets of four."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draw:
-    """What all rays of a set of blocks share."""
+    """Inputs that all rays of a set of blocks share."""
 
     shot: Shot
     textures: Mapping[str, Any]
@@ -48,14 +53,14 @@ class _Draw:
 
 
 class SurfacePass:
-    """Finds the surfaces of shots. buffers: gives the device's copy of a mesh."""
+    """Finds the visible surfaces of shots. buffers: returns the device's copy of a mesh."""
 
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets = targets
         self._facets = FacetPass(targets, buffers, cache)
 
     def find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
-        """Return the layers of surfaces, the nearest first and the opaque ones last; each object's first triangle."""
+        """Return the layers of fragments, nearest first, opaque ones last; and each object's first triangle."""
         facets = self._facets.draw(shot, objects)
         blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
@@ -73,7 +78,7 @@ class SurfacePass:
     def _layer(
         self, shot: Shot, blocks: Blocks, textures: Mapping[str, Any], defines: Mapping[str, int], layer: int = 0
     ) -> Fragments:
-        """Return the opaque surfaces in blocks, or with the define BLENDED a layer of those in front of them."""
+        """Return the opaque fragments in blocks, or with the define BLENDED a layer of blended ones in front."""
         parts = [NOTHING]
         for start in range(0, len(blocks.corner), _BLOCKS_AT_ONCE):
             chunk = blocks.some(np.s_[start : start + _BLOCKS_AT_ONCE])
@@ -109,7 +114,7 @@ class SurfacePass:
         column: NDArray[np.int64],
         number: NDArray[np.int64],
     ) -> Fragments:
-        """Return the groups of samples of pixels; `number` among those of all blocks."""
+        """Return the groups of samples of pixels; number: their indices among the pixels of all blocks."""
         per_block = BLOCK * BLOCK
         picked = list_texture(np.stack([number // per_block, number % per_block], axis=-1), 2)
         draw = replace(draw, textures={**draw.textures, "picked": picked})
@@ -130,7 +135,7 @@ class SurfacePass:
         column: NDArray[np.int64],
         inside: NDArray[np.bool_],
     ) -> Fragments:
-        """Return every sample by itself."""
+        """Return every sample as a fragment of its own."""
         shown = []
         for start in range(0, samples.count, _SAMPLES_AT_ONCE):
             positions = samples.positions[start : start + _SAMPLES_AT_ONCE]
@@ -153,7 +158,7 @@ class SurfacePass:
         channels: tuple[int, ...],
         cells: NDArray[np.int64] | None = None,
     ) -> Floats:
-        """Return what visible.frag shows of `count` pixels with rays at positions (r, 2): (count, channels)."""
+        """Return the outputs (count, channels) of visible.frag for `count` pixels with rays at positions (r, 2)."""
         if count == 0:
             return np.zeros((0, sum(channels)), np.float32)
         shot, fours = draw.shot, -(-len(positions) // 4)
@@ -181,7 +186,7 @@ class SurfacePass:
 
 
 def _turns(shot: Shot, positions: Floats) -> Floats:
-    """Return (cosine, sine) of longitude and latitude from a pixel's corner to positions (r, 2) in it: (r, 4)."""
+    """Return (cosine, sine) of longitude and latitude of positions (r, 2) relative to a pixel's corner, (r, 4)."""
     angles = positions * (2.0 * np.pi / shot.view.width, -np.pi / shot.view.height)
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(-1, 4)
     return turns.astype(np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs and targets that the passes of a layer share and keep from frame to frame."""
+"""Programs and render targets that the passes of a layer share, kept from frame to frame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Targets:
     def target(self, name: str, width: int, height: int, channels: tuple[int, ...]) -> moderngl.Framebuffer:
         """Return a kept target of at least width x height pixels, one texture for each number of channels.
 
-        One that has to grow is made anew: what it held is lost.
+        A target that has to grow is made anew, and its contents are lost.
         """
         target = self._targets.get(name)
         if target is None or target.width < width or target.height < height:
@@ -43,7 +43,7 @@ class Targets:
         return target
 
     def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:
-        """Run a full-screen program on a part of a target that keeps what it discards."""
+        """Run a full-screen program on a part of a target; discarded pixels keep their values."""
         if shader not in self._triangles:
             self._triangles[shader] = gl_context().vertex_array(shader, [])
         target.use()
@@ -62,7 +62,7 @@ class Targets:
     ) -> moderngl.Texture:
         """Run a full-screen program on width x height pixels of a kept target, or a part of them.
 
-        What it discards is zero. Returns the first of the target's textures, which may be larger.
+        Discarded pixels are zero. Returns the first of the target's textures, which may be larger.
         """
         target = self.target(name, width, height, channels)
         part = part or Rectangle(0, 0, width, height)

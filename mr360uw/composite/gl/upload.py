@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes and light as textures and buffers, in the layouts that geometry.glsl and light.glsl read."""
+"""Meshes as textures and buffers, in the layouts that geometry.glsl and texture.glsl read."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
-    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
-    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say. cut_maps: the maps whose alpha
-    cuts triangles out, as the materials number them.
+    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: number of smooth
+    pieces. triangles, materials, store: as in geometry.glsl and texture.glsl. cut_maps: the maps used as alpha masks,
+    in the order of the materials' indices.
     """
 
     mesh: Mesh
@@ -87,9 +87,9 @@ def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
 
 
 def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
-    """Return chosen channels of all levels of textures in one texture, and what texture.glsl wants of each.
+    """Return chosen channels of all levels of textures in one texture, and each one's entry for texture.glsl.
 
-    Raises `MeshError` where it is larger than OpenGL allows.
+    Raises `MeshError` if it is larger than OpenGL allows.
     """
     pieces: list[Any] = []
     entries: dict[Texture, MapEntry] = {}
@@ -117,7 +117,7 @@ def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderng
 
 
 def _cut_maps(mesh: Mesh) -> tuple[Texture, ...]:
-    """Return the maps whose alpha cuts triangles out."""
+    """Return the maps used as alpha masks."""
     maps = (m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
     return tuple(dict.fromkeys(maps))
 
@@ -139,7 +139,7 @@ def _material_texels(m: Material, entries: dict[Texture, MapEntry], cut_maps: Se
 
 
 def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
-    """Set an array of numbers or vectors, float32 or int32; what the compiler removed of it is passed over."""
+    """Set an array of numbers or vectors, float32 or int32; elements that the compiler removed are ignored."""
     import moderngl
 
     uniform = shader.get(name, None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shading and receivers ask of a light that has a direction of its own."""
+"""Interface of directed lights: arriving light, caustic factor and visibility at points."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from mr360uw.types import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrival:
-    """Light of one source at n places, before shadow and waves.
+    """Light of one source at n points, without shadows and caustics.
 
-    direction: (n, 3), or (3,) for all, unit, towards the light. irradiance: (n, 3) across it, in plate radiance times
-    sr. half_angle_rad: (n,), or a number for all, angular radius of the source.
+    direction: (n, 3), or (3,) for all, unit, towards the light. irradiance: (n, 3) perpendicular to it, in plate
+    radiance times sr. half_angle_rad: (n,), or a number for all, angular radius of the source.
     """
 
     direction: Floats
@@ -27,17 +27,17 @@ class LightSource(Protocol):
 
     @property
     def variable(self) -> str:
-        """Name of the output variable that its light adds to."""
+        """Name of the output variable of its light."""
 
     @property
     def in_plate(self) -> bool:
-        """Whether it lights the plate already."""
+        """Whether it already lights the plate."""
 
     def arrival(self, point: Floats) -> Arrival:
-        """Return its light at places (n, 3)."""
+        """Return its light at points (n, 3)."""
 
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
-        """Return the factor (n, 3) of the waves, a mean over footprints (n,) [m]; 1 for light that they do not bend."""
+        """Return the caustic factor (n, 3), a mean over footprints (n,) [m]; 1 for light that waves do not refract."""
 
     def visibility(self, start: Floats) -> Floats:
-        """Return the fraction (n,) of its light that bodies let pass to places (n, 3)."""
+        """Return the fraction (n,) of the source that bodies leave visible from points (n, 3)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies in the way of light: shadow rays of the reference renderer."""
+"""Shadow rays of the reference renderer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mr360uw.types import Floats
 
 
 class Blockers:
-    """The triangles of a shot that shade: opaque ones, and masked ones where their mask is closed."""
+    """The triangles of a shot that cast shadows: opaque ones, and masked ones where their mask is closed."""
 
     def __init__(self, shot: Shot) -> None:
         self._opaque = RayScene(occluding(shot.objects, shot.view.position))
@@ -22,9 +22,9 @@ class Blockers:
 
     @property
     def there(self) -> bool:
-        """Whether anything shades."""
+        """Whether there is any such triangle."""
         return len(self._opaque.triangles) > 0 or self._masked.there
 
     def block(self, start: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
-        """Return whether something lies on each ray (n,) within `reach_m` of its start; points are from the camera."""
+        """Return whether each ray (n,) is blocked within `reach_m` [m] of its start, (n, 3) from the camera."""
         return self._opaque.occluded(start, directions, reach_m) | self._masked.occluded(start, directions, reach_m)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lamps on surfaces: inverse square, dimmed by the water on the way there and back, shadowed by bodies.
+"""Irradiance of lamps: inverse square, attenuated by the water on the way there and back, shadowed by bodies.
 
     E = I spot(angle) T(r + S)/(r^2 T_object(S)) V
 
 with I the intensity, r the distance from the lamp, S that from the camera, T the transmittance of the water for the
-lamp's own spectrum over a whole path, and T_object the one that shading applies to everything on the way to the camera:
-the water takes more from light that has lost less before, so the way there and the way back are one path. V is the
-visible fraction of the ball that shines. On the device: lamps.glsl.
+lamp's own spectrum over the whole path, and T_object the transmittance that shading applies to everything on the way to
+the camera. Attenuation depends on the light already lost, so the way there and the way back are taken as one path. V is
+the visible fraction of the luminous ball. On the device: lamps.glsl.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from mr360uw.medium.lookup import linear, optical_length, table_coordinate
 from mr360uw.types import Floats, Lamp
 
 NEAREST_M = 1e-3
-"""Least distance from a lamp that is told apart: nearer, the inverse square would have no bound."""
+"""Least distance [m] from a point lamp: bounds the inverse square."""
 
 
 def lamps_of(shot: Shot) -> tuple[Lamp, ...]:
-    """Return the lamps of a shot that shine."""
+    """Return the lamps of a shot with any intensity."""
     return tuple(light for light in shot.lights if isinstance(light, Lamp) and np.any(light.intensity > 0.0))
 
 
 def nearest_m(lamp: Lamp) -> float:
-    """Return the distance [m] from a lamp's middle within which nothing is lit more, and nothing shades."""
+    """Return the distance [m] from a lamp's centre within which irradiance is constant and nothing casts a shadow."""
     return max(lamp.radius_m, NEAREST_M)
 
 
 def spot_factor(lamp: Lamp, towards: Floats) -> Floats:
-    """Return the share (n,) of the intensity that leaves a lamp against unit directions `towards` it (n, 3).
+    """Return the fraction (n,) of the axial intensity that a lamp emits against unit directions `towards` it (n, 3).
 
     1 within the core of the cone, 0 beyond its edge, a smooth step of the cosine between.
     """
@@ -48,7 +48,7 @@ def spot_factor(lamp: Lamp, towards: Floats) -> Floats:
 
 
 class LampSource:
-    """One lamp of a shot, as `LightSource` says. blockers: what shades; None for nothing."""
+    """One lamp of a shot as a `LightSource`. blockers: None for no shadows."""
 
     variable = "lamps"
     in_plate = False
@@ -59,16 +59,16 @@ class LampSource:
         self._place = lamp.position - shot.view.position
 
     def arrival(self, point: Floats) -> Arrival:
-        """Return the light at places (n, 3), as the camera sees it through the water that shading applies."""
+        """Return the light at points (n, 3), such that shading's transmittance to the camera completes the path."""
         away = self._place - point
         distance = np.maximum(np.linalg.norm(away, axis=-1), nearest_m(self._lamp))
         towards = away / distance[:, None]
         irradiance = self._lamp.intensity * (spot_factor(self._lamp, towards) / distance**2)[:, None]
         sine = np.minimum(self._lamp.radius_m / distance, 1.0)
-        return Arrival(towards, irradiance * self._through(point, distance), np.arcsin(sine))
+        return Arrival(towards, irradiance * self._path_ratio(point, distance), np.arcsin(sine))
 
-    def _through(self, point: Floats, distance: Floats) -> Floats:
-        """Return the transmittance (n, 3) there and back over that of an object's own light on the way back."""
+    def _path_ratio(self, point: Floats, distance: Floats) -> Floats:
+        """Return the ratio (n, 3) of the transmittance there and back to that of an object's light on the way back."""
         medium = self._shot.medium
         if medium is None or self._lamp.attenuation is None:
             return np.ones((len(point), 3))
@@ -78,12 +78,12 @@ class LampSource:
         lost = linear(self._lamp.attenuation, table_coordinate(path, medium.length_m)) * path[:, None]
         return np.exp(optical_length(medium, back, up) - lost)
 
-    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:  # noqa: ARG002 - what the sun needs
-        """Return 1: the waves do not bend this light."""
+    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:  # noqa: ARG002 - arguments of the interface
+        """Return 1: waves do not refract this light."""
         return np.ones((len(point), 3))
 
     def visibility(self, start: Floats) -> Floats:
-        """Return the visible fraction (n,) of the ball, as a disc that faces each place."""
+        """Return the visible fraction (n,) of the ball, taken as a disc that faces each point."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
         offsets = self._lamp.radius_m * disc_offsets(self._samples)
@@ -103,7 +103,7 @@ class LampSource:
 
 
 def _axes(away: Floats) -> Floats:
-    """Return two unit vectors (n, 2, 3) across each vector (n, 3)."""
+    """Return two unit vectors (n, 2, 3) perpendicular to each vector (n, 3) and to each other."""
     w = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
     level = np.stack([w[:, 2], np.zeros(len(w)), -w[:, 0]], axis=-1)
     length = np.linalg.norm(level, axis=-1, keepdims=True)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ambient light that bodies keep off a place: the sum of the form factors of their surfels (Bunnell 2005),
+"""Ambient occlusion: the fraction of ambient irradiance that bodies block, by form factors of surfels (Bunnell 2005),
 
     F = sum A |n.w| max(0, N.w) / (pi r^2 + A)
 
-with w the direction towards the surfel, r its distance, A n its area vector, N the normal of the place.
+with w the direction towards the surfel, r its distance, A n its area vector, N the normal of the point.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
 
 
 def surfel_table(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the surfels of bodies as (7, s): place from the camera, area vector, area."""
+    """Return the surfels of bodies as (7, s): position from the camera, area vector, area."""
     columns = [np.zeros((7, 0))]
     for placed in objects:
         place = placed.to_world(placed.mesh.surfel_position) - camera_position
@@ -33,9 +33,9 @@ def surfel_table(objects: Sequence[PlacedObject], camera_position: Floats) -> Fl
 
 
 def ambient_blocked(point: Floats, normal: Floats, surfels: Floats) -> Floats:
-    """Return the part (...,) of the ambient irradiance on (point, normal), each (..., 3), that surfels block.
+    """Return the fraction (...,) of the ambient irradiance on (point, normal), each (..., 3), that surfels block.
 
-    Not clipped to 1, because several bodies add up. surfels: of `surfel_table`. In the precision of the points.
+    Not clipped: several bodies may add up to more than 1. surfels: of `surfel_table`. In the precision of the points.
     """
     number = point.dtype.type
     points, normals = (np.ascontiguousarray(a, point.dtype).reshape(-1, 3) for a in (point, normal))
@@ -46,7 +46,7 @@ def ambient_blocked(point: Floats, normal: Floats, surfels: Floats) -> Floats:
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
 def _sum(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, surfels: Any, pi: Any, nearest: Any) -> Any:
-    """Return twice the sum at one place. The two numbers are arguments to be of the arrays' precision."""
+    """Return twice the sum at one point. pi and nearest are arguments so that they have the arrays' precision."""
     sx, sy, sz, ax, ay, az, area = surfels[0], surfels[1], surfels[2], surfels[3], surfels[4], surfels[5], surfels[6]
     total = px - px
     for k in range(len(area)):
@@ -69,10 +69,10 @@ def _sums(point: Any, normal: Any, surfels: Any, pi: Any, nearest: Any, out: Any
 def mark_occluded(
     point: Any, normal: Any, reach_m: Any, center: Any, radius: Any, surfels: Any, least: Any, marks: Any
 ) -> None:
-    """Set the marks (n,) of places that a body touches, or of whose ambient light it blocks at least this part.
+    """Set the marks (n,) of points that a body may touch, or where it blocks more than the fraction `least`.
 
-    center, radius: of a ball around the body. reach_m: (n,) of the receiver around each place, which stands for it.
-    Places that have a mark are passed over.
+    center, radius: of the body's bounding ball. reach_m: (n,) radius of the receiver around each point, which the point
+    represents. Marked points are skipped.
     """
     area = 0.0
     for k in range(surfels.shape[1]):
@@ -88,17 +88,17 @@ def mark_occluded(
             marks[i] = True
             continue
         gap = max(np.sqrt(squared) - near, 0.1 * radius)
-        # no surfel blocks more than its area in the nearest place
+        # upper bound: all surfels at the nearest distance
         if area * max(x * n[0] + y * n[1] + z * n[2] + near, 0.0) > least * np.pi * gap * gap * gap:
             marks[i] = _sum(p[0], p[1], p[2], n[0], n[1], n[2], surfels, np.pi, 1e-12) > 2.0 * least
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread: Any, marks: Any) -> None:
-    """Set the marks (n,) of places between which and the sun a body's box may be.
+    """Set the marks (n,) of points that may be in the shadow of a body's bounding box.
 
     axes: (3, 3), one a row, the last towards the sun. low, high: (3,) of the box along them. spread: tangent of the
-    sun's radius. reach_m: as above.
+    sun's angular radius. reach_m: as in `mark_occluded`.
     """
     for i in range(len(marks)):
         p, reach = point[i], reach_m[i]

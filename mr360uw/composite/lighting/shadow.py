@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps the sun's light off: its disc behind a body.
+"""Directions over a light's disc, for the fraction of it that bodies leave visible.
 
-The sun's visibility is the mean over directions that fill its disc. What the water has scattered forwards comes from a
-wider one: a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 =
-half_angle^2 + 4 sigma^2. Twin: shadow.glsl.
+Visibility is the mean over directions that fill the disc. Light that the water has scattered forwards comes from a
+wider disc: a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 =
+half_angle^2 + 4 sigma^2. The device traces the same directions through filtered columns (gl/shaders/shadow.glsl).
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from mr360uw.types import Floats
 _PIECES = 2.7
 """Points in the innermost ring."""
 _TURN = np.pi * (3.0 - np.sqrt(5.0))
-"""From ring to ring, so that no pieces line up."""
+"""Rotation from ring to ring, the golden angle [rad], so that pieces do not line up."""
 
 
 def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Floats:
-    """Return the angular radius (...,) of the disc that has the second moment of the sun's and the water's spread."""
+    """Return the radius (...,) [rad] of the disc with the second moment of the sun's disc and the water's spread."""
     return np.sqrt(np.square(half_angle_rad) + 4.0 * np.square(spread_rad))
 
 
 def basis(axis: ArrayLike) -> Floats:
-    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; u is level, so that all turn with a yaw."""
+    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; u is level, so a yaw rotates all three alike."""
     w = unit(axis)
     level = np.array([w[2], 0.0, -w[0]])
     length = float(np.hypot(w[0], w[2]))
@@ -37,10 +37,10 @@ def basis(axis: ArrayLike) -> Floats:
 
 
 def disc_offsets(count: int) -> Floats:
-    """Return points (count, 2) of the unit disc that stand for equal parts of it; a single one is its centre.
+    """Return points (count, 2) of the unit disc that represent equal areas; a single one is its centre.
 
-    The parts are pieces of rings of equal width, each point as far out as is the root mean square of its piece. Over
-    the straight edge of a shadow they err by half of what a Fermat spiral of as many points does.
+    The areas are pieces of rings of equal width, each point at the root mean square radius of its piece. At the
+    straight edge of a shadow the error is half that of a Fermat spiral of as many points.
     """
     rings = max(round(np.sqrt(count / _PIECES)), 1)
     ends = np.round(count * (np.arange(rings + 1) / rings) ** 2).astype(np.int64)

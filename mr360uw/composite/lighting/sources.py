@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lights of a shot as shading and receivers walk over them (reference renderer): one entry for each kind."""
+"""Light sources of a shot in the reference renderer, over which shading and receivers loop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mr360uw.composite.shot import Shot
 
 
 def light_sources(shot: Shot, blockers: Blockers | None = None) -> tuple[LightSource, ...]:
-    """Return a source for every light of a shot that shines. blockers: what shades; None for nothing."""
+    """Return a source for the sun and every lamp of a shot. blockers: None for no shadows."""
     sun = sun_of(shot)
     suns = [] if sun is None else [SunSource(sun, shot, blockers)]
     return (*suns, *(LampSource(lamp, shot, blockers) for lamp in lamps_of(shot)))

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun on surfaces: its beam through the water, the waves' pattern in it, and how much of it bodies let pass.
+"""Irradiance of the sun: its beam through the water, the caustic factor, and its visibility behind bodies.
 
     E = irradiance beam_ratio(d) (1 + (C - 1) s(d)) V        V = s(d) V_disc + (1 - s(d)) V_halo
 
-with d the depth, C the caustic ratio, s the share of the beam that the water has not scattered, V_disc the visible
-fraction of the sun's disc and V_halo that of the wider disc from which the rest of the beam comes. On the device:
-sun.glsl.
+with d the depth, C the caustic ratio, s the unscattered fraction of the beam, V_disc the visible fraction of the sun's
+disc and V_halo that of the wider disc from which forward-scattered light comes. On the device: sun.glsl.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.types import Floats, Sun
 
 REFERENCE_SUN_FACTOR = 4
-"""The reference takes so many times the directions over a light's disc that are asked for: it stands for the limit."""
+"""Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
 MINIMUM_SUN_UP = 0.05
-"""Least sine of the sun's elevation in the water: the path of a level beam would be infinite."""
+"""Least sine of the sun's elevation in the water: the path of a horizontal beam would be infinite."""
 
 
 def sun_of(shot: Shot) -> Sun | None:
@@ -39,7 +38,7 @@ def sun_up(sun: Sun) -> float:
 
 
 def spread_rad(shot: Shot) -> float:
-    """Return the standard deviation [rad] of the directions of what the water scatters forwards; 0 without water."""
+    """Return the standard deviation [rad] of the directions of forward-scattered light; 0 without water."""
     return float(np.radians(shot.draw.sun_spread_deg)) if shot.medium is not None else 0.0
 
 
@@ -52,13 +51,13 @@ def scattered_share(shot: Shot, point: Floats) -> Floats:
 
 
 def widest_half_angle(shot: Shot) -> float:
-    """Return the angular radius [rad] of the disc that a shot's sunlight comes from: with water, that of its halo."""
+    """Return the angular radius [rad] of the widest disc of a shot's sunlight: that of the halo in water."""
     sun = sun_of(shot)
     return 0.0 if sun is None else float(effective_half_angle(sun.half_angle_rad, spread_rad(shot)))
 
 
 class SunSource:
-    """The sun of a shot, as `LightSource` says. blockers: what shades; None for nothing."""
+    """The sun of a shot as a `LightSource`. blockers: None for no shadows."""
 
     variable = "sun"
     in_plate = True
@@ -68,7 +67,7 @@ class SunSource:
         self._up = sun_up(sun)
 
     def arrival(self, point: Floats) -> Arrival:
-        """Return the beam at places (n, 3); its disc has the second moment of the sun's and the halo's."""
+        """Return the beam at points (n, 3); its disc has the second moment of sun and halo together."""
         shot, sun = self._shot, self._sun
         depth = shot.view.depth_of(point)
         ratio = 1.0 if shot.medium is None else beam_ratio(shot.medium, depth, self._up)
@@ -77,7 +76,7 @@ class SunSource:
         return Arrival(sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread))
 
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
-        """Return the factor (n, 3) of the caustics."""
+        """Return the caustic factor (n, 3), faded by scattering, as a mean over footprints (n,) [m]."""
         shot = self._shot
         if shot.caustics is None:
             return np.ones((len(point), 3))
@@ -91,7 +90,7 @@ class SunSource:
         return mip_levels(self._shot.caustics.ratio)
 
     def visibility(self, start: Floats) -> Floats:
-        """Return the visible fraction (n,) of the disc, and of the halo for the light that comes from there."""
+        """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
         seen, scattered = self._disc_seen(start, self._sun.half_angle_rad), scattered_share(self._shot, start)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What surfaces send to the camera: ambient light and every light source, then the water in front (reference renderer).
+"""Radiance of surfaces towards the camera, from ambient light and all light sources (reference renderer).
 
     ambient  E = ambient(N) ambient_ratio(d)        L = T L_surface + veil
 
-with d the depth. The gl renderer's layer.frag follows the same order.
+with d the depth, T and veil those of the water in front. On the device: layer.frag.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from mr360uw.types import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reflected:
-    """Light of one source that surfaces send to the camera before the water takes its part, each (n, 3).
+    """Light of one source that surfaces reflect to the camera, before attenuation by the water, each (n, 3).
 
-    variable: the output variable it belongs to. pattern: the part of diffuse and glossy that waves added or took.
+    variable: its output variable. pattern: the change of diffuse and glossy by the waves, of either sign.
     """
 
     variable: str
@@ -39,9 +39,9 @@ class Reflected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radiance:
-    """What surfaces send to the camera before the water takes its part, each (n, 3).
+    """Radiance of surfaces towards the camera, before attenuation by the water, each (n, 3).
 
-    diffuse, glossy: ambient light. direct: of every source.
+    diffuse, glossy: reflected ambient light. direct: reflected light of every source.
     """
 
     diffuse: Floats
@@ -51,7 +51,7 @@ class Radiance:
 
     @property
     def total(self) -> Floats:
-        """The sum; patterns are parts of what is reflected, so they are not added again."""
+        """Sum of all light. Patterns are contained in the reflected light, so they are not added again."""
         total = self.diffuse + self.glossy
         for light in self.direct:
             total = total + light.diffuse + light.glossy
@@ -64,14 +64,14 @@ class Radiance:
 
     @property
     def caustics(self) -> Floats:
-        """The part of the direct light that waves added or took."""
+        """Change of the direct light by the waves, (n, 3), of either sign."""
         return sum((light.pattern for light in self.direct), np.zeros_like(self.diffuse))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Coat:
-    """The reflecting layers of surfaces: to the camera, (n, 3); n.v (n,); reflectance at normal incidence and albedo
-    (n, 3) of what lies below.
+    """Reflection of surfaces: direction to the camera (n, 3), n.v (n,), reflectance at normal incidence (n, 3), diffuse
+    albedo (n, 3).
     """
 
     view: Floats
@@ -81,7 +81,7 @@ class _Coat:
 
 
 def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
-    """Return the ambient irradiance (n, 3) on surfaces without bodies around."""
+    """Return the unoccluded ambient irradiance (n, 3) on surfaces."""
     return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point)
 
 
@@ -92,7 +92,7 @@ def _ambient_factor(shot: Shot, point: Floats) -> Floats:
 
 
 def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits) -> Radiance:
-    """Return the light that surfaces send towards the camera."""
+    """Return the radiance of surfaces towards the camera."""
     environment, view = shot.environment, -hits.direction
     n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
     dielectric = dielectric_f0(hits.refractive_index, shot.refractive_index)[:, None]
@@ -118,7 +118,7 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits) -> 
 
 
 def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> Reflected:
-    """Return what surfaces reflect of one source."""
+    """Return the light of one source that surfaces reflect to the camera."""
     arrival = source.arrival(hits.point)
     n_dot_l = np.sum(hits.normal * arrival.direction, -1)
     lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * arrival.direction, -1) > 0.0))
@@ -137,7 +137,7 @@ def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> 
 
 
 def water_ahead(shot: Shot, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Return (transmittance, veil), each (n, 3), over camera rays of these lengths whose directions' y is `up`."""
+    """Return (transmittance, veil), each (n, 3), of camera rays of length `distance_m`; up: y of their directions."""
     if shot.medium is None:
         return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
     return transmittance_lookup(shot.medium, distance_m, up), veil_lookup(shot.medium, distance_m, up)

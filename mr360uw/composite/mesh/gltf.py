@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The container of glTF 2.0: its JSON, buffers, accessors and images (glTF 2.0 specification, sections 3.6 and 4.4).
 
-What the JSON says is taken as it stands: a missing key or an index out of range raises what Python raises, and
-`gltf_scene.read_gltf` turns that into a `MeshError`.
+The JSON is not validated first: a missing key or an index out of range raises a Python exception, which
+`gltf_scene.read_gltf` turns into a `MeshError`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FOLLOWED = frozenset(
         "KHR_texture_transform",
     }
 )
-"""Extensions that are read; others get a note, or an error where the file requires them."""
+"""Extensions that are read; others get a note, or an error if the file requires them."""
 _SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_materials_variants", "KHR_animation_pointer"})
 """Extensions without effect on a picture at rest."""
 _HINTS = {
@@ -104,7 +104,7 @@ class Gltf:
         return places
 
     def image(self, number: int) -> bytes:
-        """Return the file of an image."""
+        """Return the bytes of an image file."""
         entry = self.entry("images", number)
         if "bufferView" in entry:
             return self.view(entry["bufferView"])
@@ -119,7 +119,7 @@ def dequantised(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def open_gltf(path: Path) -> Gltf:
-    """Return an opened .gltf or .glb; raise `MeshError` where it is none, or requires what is not supported."""
+    """Return an opened .gltf or .glb; raise `MeshError` if it is no glTF or requires an unsupported extension."""
     try:
         text, binary = _chunks(path)
         tree = dict(json.loads(text))
@@ -174,7 +174,7 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
 
 
 def extension_notes(gltf: Gltf) -> list[str]:
-    """Return a note for every extension that is used and not followed."""
+    """Return a note for every extension that is used and not read."""
     return [
         f"{gltf.path} - the extension {name} is not drawn - it looks as without"
         for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT)

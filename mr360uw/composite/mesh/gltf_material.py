@@ -20,7 +20,7 @@ _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """Which texture coordinates a map is looked up with: the number of the set, and KHR_texture_transform."""
+    """Texture coordinates of a map: the index of the set, and KHR_texture_transform."""
 
     texcoord: int = 0
     offset: tuple[float, float] = (0.0, 0.0)
@@ -45,7 +45,7 @@ class GltfMaterial:
 
 
 BARE = GltfMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), Coordinates())
-"""What stands for no material: glTF's white, but not metallic, and drawn on both sides."""
+"""Default material: glTF's white, but not metallic, and drawn on both sides."""
 
 
 class MaterialReader:
@@ -154,6 +154,6 @@ def _coordinates(reference: dict[str, Any]) -> Coordinates:
 
 
 def _index(extensions: dict[str, Any]) -> float:
-    """Return the refractive index; 0 stands for a perfect mirror in the extension, here a very large index does."""
+    """Return the refractive index; 0, a perfect mirror in the extension, becomes a very large index."""
     index = float(extensions.get("KHR_materials_ior", {}).get("ior", 1.5))
     return index if index > 0.0 else 1e3

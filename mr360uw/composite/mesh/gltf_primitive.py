@@ -95,7 +95,7 @@ def _columns(gltf: Gltf, entry: dict[str, Any]) -> Columns:
 
 
 def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
-    """Return the triangles (T, 3) of a list, strip or fan of vertices, each wound as section 3.7.2.1 says."""
+    """Return the triangles (T, 3) of a list, strip or fan of vertices, with the winding of section 3.7.2.1."""
     if mode == _TRIANGLES:
         return order[: len(order) // 3 * 3].reshape(-1, 3)
     k = np.arange(max(len(order) - 2, 0))

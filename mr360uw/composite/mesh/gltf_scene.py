@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The meshes of a glTF file where its nodes put them (glTF 2.0 specification, sections 3.5 and 3.7), at rest.
+"""Meshes of a glTF file, placed by its nodes, at rest (glTF 2.0 specification, sections 3.5 and 3.7).
 
-Nothing is played: morph targets have the weights and skins the joints that the file gives.
+Animations are not evaluated: morph targets have the weights and skins the joints of the file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
 _BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error)
-"""What Python raises where a file contradicts itself."""
+"""Exceptions that an inconsistent file causes."""
 
 
 def read_gltf(path: Path) -> MeshFile:
@@ -99,7 +99,7 @@ class _SceneReader:
             yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True)
 
     def _primitive(self, node: dict[str, Any], mesh: dict[str, Any], k: int) -> Primitive | None:
-        """Return a primitive, read once where several nodes show it without weights of their own."""
+        """Return a primitive, read once for all nodes that use it without weights of their own."""
         key = (node["mesh"], k)
         if "weights" in node:
             return read_primitive(self.gltf, mesh["primitives"][k], node["weights"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a surface is made of: the metallic-roughness model of glTF 2.0."""
+"""Material of a surface: the metallic-roughness model of glTF 2.0."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Material:
     base_color: (r, g, b, a). Every map multiplies its factor: `metallic_roughness_map` the roughness in its
     green and the metallic in its blue channel, `occlusion_map` in its red; `normal_map` is in tangent space,
     (x, y, z) = 2 rgb - 1.
-    refractive_index: of the surface, against vacuum; below water it acts relative to the water's.
+    refractive_index: relative to vacuum; below water its ratio to that of water applies.
     """
 
     name: str = ""
@@ -41,10 +41,10 @@ class Material:
 
     @property
     def maps(self) -> tuple[Texture, ...]:
-        """The maps that it has."""
+        """The maps that are set."""
         return tuple(texture for texture in (getattr(self, name) for name in _MAPS) if texture is not None)
 
     def without_maps(self) -> Material:
-        """Return the material with its factors alone."""
+        """Return the material without maps."""
         none: dict[str, Any] = dict.fromkeys(_MAPS)
         return replace(self, **none)

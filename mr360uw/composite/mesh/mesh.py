@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes as the renderers want them: triangles with everything of their corners, in metres.
+"""Meshes in the form that renderers take: separate triangles with all attributes of their corners, in metres.
 
 Corners are not shared between triangles, so flat, creased and smooth surfaces, seams of the texture and several
-materials need no special cases. Besides the triangles a mesh carries what is asked of it every frame: its convex hull
-(where it is in the frame) and a few surfels (how much ambient light it keeps off a receiver).
+materials need no special cases. A mesh also has the proxies used every frame: its convex hull, for its bounds in the
+frame, and surfels, for ambient occlusion.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from mr360uw.types import Floats
 _METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _LARGE_M = 20.0
 _SMALL_M = 0.02
+"""Sizes above and below which a note suggests another unit or a scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,9 +35,9 @@ class Mesh:
 
     positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left.
     colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
-    the smooth piece that a triangle belongs to. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
+    the smooth piece of a triangle. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
     and surfel_area (s, 3): discs of the surface as area vectors; those of closed parts count half, because a line
-    through them crosses two. notes: what looked odd, for the user.
+    through them crosses two. notes: warnings for the user.
     """
 
     positions: Floats
@@ -64,7 +65,7 @@ class Mesh:
 
     @property
     def radius_m(self) -> float:
-        """Radius about `center_m` that holds every vertex."""
+        """Radius of the ball about `center_m` that contains every vertex."""
         return float(np.max(np.linalg.norm(self.hull.reshape(-1, 3) - self.center_m, axis=-1)))
 
     @property
@@ -74,11 +75,11 @@ class Mesh:
 
 
 def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "") -> Mesh:
-    """Return the mesh of a glTF, GLB, OBJ, PLY or STL file, all its parts placed as the file says.
+    """Return the mesh of a glTF, GLB, OBJ, PLY or STL file, all its parts in the world of the file.
 
     unit: of the file; "auto" takes metres and notes sizes that look wrong. part: keep the parts whose name contains it.
-    Raises `MeshError` where the file cannot be read, has no triangles, vertices that are not finite, no extent, or
-    names a texture that is not there.
+    Raises `MeshError` if the file cannot be read, has no triangles, vertices that are not finite or no extent, or
+    names a missing texture.
     """
     path = Path(path)
     file = read_mesh_file(path)
@@ -170,7 +171,7 @@ def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
 def _without_useless_maps(
     where: str, parts: list[Part], materials: list[Material]
 ) -> tuple[list[Part], list[Material], tuple[str, ...]]:
-    """Return parts and materials such that maps are only where there are texture coordinates, and what to tell."""
+    """Return parts, materials and notes, with maps removed from parts without texture coordinates."""
     materials, bare, notes = list(materials), {}, []
     changed = []
     for part in parts:

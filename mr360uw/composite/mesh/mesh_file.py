@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files by their format: glTF by `gltf_scene`, the others through trimesh."""
+"""Reads mesh files: glTF by `gltf_scene`, other formats through trimesh."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     scene = _load_scene(path)
     parts: list[Part] = []
     materials: list[Material] = []
-    known: dict[Same, int] = {}
+    indices: dict[Same, int] = {}
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -44,7 +44,7 @@ def read_mesh_file(path: Path) -> MeshFile:
             notes += (f"{path} - has points or lines - they are not drawn",)
             continue
         source = getattr(geometry.visual, "material", None)
-        index = known.setdefault(Same(source), len(materials))
+        index = indices.setdefault(Same(source), len(materials))
         if index == len(materials):
             materials.append(Material(double_sided=True) if source is None else simple_material(source))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))
@@ -57,13 +57,13 @@ def _load_scene(path: Path) -> Any:
     try:
         with _quiet_trimesh():
             return trimesh.load_scene(path, process=False)
-    except Exception as error:  # trimesh lets everything through that its parsers meet in a broken file
+    except Exception as error:  # trimesh does not catch the exceptions of its parsers
         raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
 
 
 @contextmanager
 def _quiet_trimesh() -> Iterator[None]:
-    """Keep trimesh's log lines off the terminal: what matters of them is raised as `MeshError`."""
+    """Suppress trimesh's log; its errors are raised as `MeshError`."""
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -76,7 +76,7 @@ def _quiet_trimesh() -> Iterator[None]:
 def _part(name: str, geometry: Any, transform: Floats, material: int) -> Part:
     positions: Floats = np.asarray(geometry.vertices, np.float64)
     normals: Floats | None = None
-    if "vertex_normals" in geometry._cache.cache:  # those of the file; asking for them would make some
+    if "vertex_normals" in geometry._cache.cache:  # normals of the file; the attribute would compute missing ones
         own = np.asarray(geometry.vertex_normals, np.float64)
         normals = own if own.shape == positions.shape and np.any(own) else None
     positions, normals, faces = placed(transform, positions, normals, np.asarray(geometry.faces, np.int64))

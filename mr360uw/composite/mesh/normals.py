@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Normals of triangles that have none, and the smooth pieces that triangles with normals make."""
+"""Normals for meshes without any, and the partition of triangles into smooth pieces."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def crease_normals(positions: Floats) -> Floats:
     )
     weight = np.arccos(np.clip(cosine, -1.0, 1.0)).ravel()
     vertex = welded(positions)
-    # in the order of the vertices, so that the corners about one are neighbours
+    # sorted by vertex, so that the corners of one vertex are adjacent
     order = np.argsort(vertex, kind="stable")
     normal, weight = face[order // 3], weight[order]
     size = np.bincount(vertex)
@@ -39,7 +39,7 @@ def crease_normals(positions: Floats) -> Floats:
     start, count = np.repeat(first, size), np.repeat(size, size)
     corner = np.flatnonzero(~is_round)
     total[corner] = 0.0
-    for k in range(int(count[corner].max(initial=0))):  # the k-th face about every vertex that has as many
+    for k in range(int(count[corner].max(initial=0))):  # the k-th face of every vertex that has more than k
         corner = corner[count[corner] > k]
         other = start[corner] + k
         n = normal[other]
@@ -54,9 +54,9 @@ def crease_normals(positions: Floats) -> Floats:
 def _vertex_sums(
     normal: Floats, weight: Floats, first: NDArray[np.int64], size: NDArray[np.int64]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return for every corner the weighted sum (n, 3) of all normals about its vertex, and whether that is round (n,).
+    """Return for every corner the weighted sum (n, 3) of all normals at its vertex, and whether it is round (n,).
 
-    There all normals are within half the angle of a crease of one axis, so that no two of them make one.
+    A vertex is round if all normals are within half the crease angle of one axis: then no two of them make a crease.
     first, size: (v,) of the vertices' runs of corners.
     """
     total = np.add.reduceat(weight[:, None] * normal, first, axis=0)
@@ -67,9 +67,9 @@ def _vertex_sums(
 
 
 def smooth_patches(place: NDArray[np.int64], normals: Floats, piece: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Number the smooth pieces: triangles are of one piece where they share a corner's place and normal.
+    """Return the index (T,) of each triangle's smooth piece: those of one piece share a corner's position and normal.
 
-    place: (3 T,) the number of every corner's place.
+    place: (3 T,) index of every corner's position.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -86,16 +86,16 @@ def smooth_patches(place: NDArray[np.int64], normals: Floats, piece: NDArray[np.
 
 
 def welded(positions: Floats) -> NDArray[np.int64]:
-    """Return the number (3 T,) of the place of every corner; nearer than a millionth of the extent is one place."""
+    """Return the index (3 T,) of every corner's position; positions are equal within a millionth of the extent."""
     points = positions.reshape(-1, 3)
     resolution = 1e-6 * max(float(np.max(np.ptp(points, axis=0))), 1e-30)
     return _labels(list(np.round(points / resolution).astype(np.int64).T))
 
 
 def _labels(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return a number (n,) for every row of integer columns, from 0 without gaps; equal rows have equal numbers.
+    """Return a label (n,) for every row of integer columns, from 0 without gaps; equal rows have equal labels.
 
-    Rows become single integers, as digits do, for they are sorted many times faster.
+    Rows are packed into single integers, which sort many times faster.
     """
     label, count = np.zeros(len(columns[0]), np.int64), 1
     for column in columns:

@@ -18,7 +18,7 @@ _NOT_DRAWN = ("map_d", "map_bump", "bump", "norm", "map_ks", "map_ke", "map_pr",
 
 
 def obj_notes(path: Path) -> tuple[str, ...]:
-    """Return notes on what the libraries of an OBJ hold besides; raise `MeshError` where an image is not there."""
+    """Return notes on unsupported properties in the libraries of an OBJ; raise `MeshError` if an image is missing."""
     notes: dict[str, None] = {}
     for library in _libraries(path):
         for line in library.read_text("utf-8", errors="replace").splitlines():
@@ -34,7 +34,7 @@ def obj_notes(path: Path) -> tuple[str, ...]:
 
 
 def _libraries(path: Path) -> Iterator[Path]:
-    """Yield the material libraries that an OBJ names and that are there: without one it still has a shape."""
+    """Yield the material libraries of an OBJ that exist; without one it is drawn with a default material."""
     for line in path.read_text("utf-8", errors="replace").splitlines():
         word, _, name = line.strip().partition(" ")
         if word == "mtllib" and (path.parent / name.strip()).is_file():
@@ -42,11 +42,11 @@ def _libraries(path: Path) -> Iterator[Path]:
 
 
 def simple_material(source: Any) -> Material:
-    """Return a trimesh material's diffuse colour (encoded) or its image; without either, a middle grey."""
+    """Return a trimesh material's diffuse colour (encoded) or its image; middle grey without either."""
     from mr360uw.color import decode
 
     image = getattr(source, "image", None)
-    real = image is not None and max(image.size) > 2  # trimesh stands in a 2 x 2 image where there is none
+    real = image is not None and max(image.size) > 2  # trimesh makes a 2 x 2 image if there is none
     if real:
         texture = make_texture(pixels(image), srgb=True)
         return Material(base_color=(1.0, 1.0, 1.0, 1.0), base_map=texture, double_sided=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a mesh file holds, whatever its format: placed, indexed parts and their materials."""
+"""Contents of a mesh file of any format: placed, indexed parts and their materials."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mr360uw.types import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Triangles `faces` (T, 3) over vertices (V, 3), placed as the file says.
+    """Triangles `faces` (T, 3) over vertices (V, 3), in the world of the file.
 
-    normals: (V, 3) of any length. flat: without normals, whether every triangle is flat (as glTF asks for) or round up
-    to its creases. uv: (V, 2) right and down from the image's top left. colors: (V, 4) linear. material: an index.
+    normals: (V, 3) of any length. flat: shading of a part without normals: flat (as glTF requires) or smooth between
+    creases. uv: (V, 2) right and down from the image's top left. colors: (V, 4) linear. material: an index.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFile:
-    """The contents of a file; notes: what it holds that is not drawn, or drawn in another way, for the user."""
+    """The contents of a file. notes: for the user, on features that are not drawn or drawn in another way."""
 
     parts: tuple[Part, ...]
     materials: tuple[Material, ...]
@@ -42,7 +42,7 @@ class MeshFile:
 def placed(
     transform: Floats, positions: Floats, normals: Floats | None, faces: NDArray[np.int64]
 ) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
-    """Return positions, normals and faces under a (4, 4) transform; a mirror turns the faces' winding round."""
+    """Return positions, normals and faces under a (4, 4) transform; a mirror reverses the faces' winding."""
     linear = transform[:3, :3]
     mirrored = bool(np.linalg.det(linear) < 0.0)
     if normals is not None:
@@ -51,9 +51,9 @@ def placed(
 
 
 def cofactors(linear: Floats) -> Floats:
-    """Return what normals transform by (..., 3, 3), scaled to norm 1: cofactors, determinant times inverse transpose.
+    """Return the transform of normals (..., 3, 3): cofactors (determinant times inverse transpose), scaled to norm 1.
 
-    They exist for transforms that flatten, too.
+    Cofactors exist for singular transforms, too.
     """
     a, b, c = (linear[..., k, :] for k in range(3))
     matrix = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)

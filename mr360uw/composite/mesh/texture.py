@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Textures: linear light, box-filtered levels, trilinear lookup with a footprint.
 
-The footprint comes from the rays of the neighbouring pixels (Igehy 1999), so it knows how the sphere stretches.
-Twin: texture.glsl, which keeps all levels of all maps one after the other in a single store.
+The footprint is computed from the rays of the neighbouring pixels (Igehy 1999), so it includes the stretch of the
+equirectangular frame. On the device: texture.glsl, with all levels of all maps in one store.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Texture:
 def make_texture(
     image: NDArray[np.uint8] | NDArray[np.uint16], *, srgb: bool, wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
 ) -> Texture:
-    """Return a texture of an image (h, w, 3 or 4) of 8 or 16 bit code values; `srgb` where its colours are encoded.
+    """Return a texture of an image (h, w, 3 or 4) of 8 or 16 bit code values; srgb: whether its colours are encoded.
 
     Levels below the first average the colour weighted by alpha, so that the colour of clear texels does not leak.
     """
@@ -69,7 +69,7 @@ def make_texture(
 
 
 def wrapped(index: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
-    """Return texel indices brought into [0, size)."""
+    """Return texel indices wrapped into [0, size)."""
     if wrap == "clamp":
         return np.clip(index, 0, size - 1)
     if wrap == "mirror":
@@ -95,8 +95,8 @@ def bilinear_level(texture: Texture, level: int, uv: Floats) -> Floats:
 def texture_level(texture: Texture, du: ArrayLike, dv: ArrayLike) -> Floats:
     """Return the fractional level (...,) for changes of (u, v), each (..., 2), from one pixel to the next.
 
-    The geometric mean of both footprints, the shorter one counted as a sixteenth of the longer at least: the longer
-    alone would blur what is seen at a glance.
+    The geometric mean of both footprints, with the shorter one at least a sixteenth of the longer: the longer alone
+    would blur surfaces at grazing angles.
     """
     size = np.asarray(texture.size, np.float64)
     a, b = (np.linalg.norm(np.asarray(change) * size, axis=-1) for change in (du, dv))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image files to textures. Profiles and gamma tags of the files are not followed, as glTF asks."""
+"""Reads image files as textures. Colour profiles and gamma tags are ignored, as glTF requires."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mr360uw.errors import MeshError
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTH = 24
-"""Place of the bit depth in a PNG file, in its first chunk."""
+"""Byte offset of the bit depth in a PNG file."""
 
 
 def read_texture(path: Path, *, srgb: bool) -> Texture:

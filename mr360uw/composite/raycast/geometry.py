@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The triangles of a shot, camera-centred, and what is known of the surface where a ray meets one."""
+"""Camera-centred triangles of a shot, and the surface at the intersection of a ray: normals and material."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mr360uw.types import Floats, Rectangle
 class Geometry:
     """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
 
-    object, material, patch: numbers that are unique in the whole shot; `materials` are the materials' own.
+    object, material, patch: indices, unique in the whole shot; `material` is an index into `materials`.
     """
 
     positions: Floats
@@ -35,7 +35,7 @@ class Geometry:
 
 
 def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
-    """Return the triangles of objects, placed."""
+    """Return the triangles of objects in world axes, from the camera."""
     empty = {
         "positions": np.zeros((0, 3, 3)), "normals": np.zeros((0, 3, 3)), "uv": np.zeros((0, 3, 2)),
         "colors": np.zeros((0, 3, 4)),
@@ -62,7 +62,7 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
 
 
 def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the opaque triangles (T, 3, 3) that shade, from the camera; blended ones let light through."""
+    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera; blended ones cast none."""
     shading = [placed for placed in objects if placed.casts_shadow]
     opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
     solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
@@ -83,11 +83,11 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """Where rays meet triangles, arrays (n, ...).
+    """Surfaces at the intersections of n rays and triangles.
 
-    triangle, object: their numbers. point: from the camera [m]. distance_m, direction: of the ray.
-    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3)
-    linear, alpha (n,). footprint_m: width of a pixel at that distance.
+    triangle, object: indices. point: (n, 3) [m] from the camera. distance_m, direction: of the ray. geometric_normal,
+    normal: unit, on the camera's side; the second is interpolated and bumped by the normal map. base: (n, 3) linear,
+    alpha: (n,). footprint_m: width of a pixel at that distance.
     """
 
     triangle: NDArray[np.int64]
@@ -108,7 +108,7 @@ class Hits:
 
 
 def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
-    """Return factor, vertex colour and base map (n, 4) at barycentric weights (n, 3).
+    """Return the base colour (n, 4), factor x vertex colour x map, at barycentric weights (n, 3).
 
     level_scale: (n, 2, 2) changes of (u, v) from a pixel to the next, along both axes.
     """
@@ -127,18 +127,18 @@ def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
 
 
 def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats) -> Floats:
-    """Return the change (n, 2, 2) of (u, v) to where the rays of the next column and row (n, 2, 3) meet the plane."""
+    """Return the change (n, 2, 2) of (u, v) to the hits of the next column's and row's rays (n, 2, 3) on the plane."""
     here = np.einsum("nc,nck->nk", weights, uv)
     change = np.empty((len(uv), 2, 2))
     for k in range(2):
         there, _ = barycentric(triangles, neighbours[:, k])
         change[:, k] = np.einsum("nc,nck->nk", there, uv) - here
-    # a neighbour beyond the plane's horizon says nothing: then the coarsest level is right
+    # a neighbour beyond the plane's horizon has no hit: use the coarsest level
     return np.where(np.isfinite(change), np.clip(change, -1e3, 1e3), 1e3)
 
 
 def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, pixel: float) -> Hits:
-    """Return what the rays at frame coordinates (n,) meet on known triangles; `pixel` is the width to filter over."""
+    """Return the surfaces at frame coordinates (n,) on given triangles; pixel: filter width of textures [pixels]."""
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
     corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]

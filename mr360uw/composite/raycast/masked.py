@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays towards the light through triangles whose material has a mask, for the reference renderer."""
+"""Shadow rays through triangles with an alpha mask, for the reference renderer."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
 _MAXIMUM_HITS = 64
+"""Masked triangles that one ray passes at most; it counts as free after that."""
 
 
 class MaskedScene:
-    """The masked triangles of bodies that cast shadows. A mask is read at its finest level: a ray has no width."""
+    """Masked triangles of bodies that cast shadows. Masks are read at their finest level: a ray has no width."""
 
     def __init__(self, objects: Sequence[PlacedObject], camera_position: Floats) -> None:
         masked = [
@@ -33,11 +34,11 @@ class MaskedScene:
 
     @property
     def there(self) -> bool:
-        """Whether there are any."""
+        """Whether there are any such triangles."""
         return len(self._triangle) > 0
 
     def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
-        """Return whether each ray (n,) meets a triangle where its mask is closed, nearer than `reach_m`."""
+        """Return whether each ray (n,) hits a triangle where its mask is closed, within `reach_m` [m]."""
         blocked = np.zeros(len(origins), np.bool_)
         if not self.there:
             return blocked

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays against triangles, for the reference renderer.
+"""Ray-triangle intersection of the reference renderer.
 
-embree finds the triangle in single precision; the place on it is computed again in double precision. Where embree has
-no wheel, trimesh's own (slow) intersector does the same.
+embree finds the triangle in single precision; the point on it is computed again in double precision. On platforms
+without a wheel of embree, trimesh's own (slow) intersector is used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mr360uw.types import Floats
 
 
 class RayScene:
-    """Triangles (T, 3, 3) to shoot rays at; nothing is hit where there are none."""
+    """Triangles (T, 3, 3), possibly none, with an acceleration structure for ray queries."""
 
     def __init__(self, triangles: Floats) -> None:
         self.triangles = np.asarray(triangles, np.float64)
@@ -37,7 +37,7 @@ class RayScene:
             self._trimesh = trimesh.Trimesh(self.triangles.reshape(-1, 3), faces, process=False).ray
 
     def first_hit(self, origins: Floats, directions: Floats) -> NDArray[np.int64]:
-        """Return the number of the nearest triangle along each ray (n,), -1 for none."""
+        """Return the index (n,) of the nearest triangle along each ray, -1 for none."""
         return self._query(origins, directions, "INTERSECT")
 
     def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
@@ -62,10 +62,10 @@ class RayScene:
 
 
 def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """Return weights (n, 3) of the corners and the distance (n,) where rays from the origin meet triangles' planes.
+    """Return barycentric weights (n, 3) and distances (n,) at which rays from the origin hit the planes of triangles.
 
     By triple products: the ray d is the sum of a, b, c weighted by d.(b x c), d.(c x a), d.(a x b).
-    Twin: visibility.glsl.
+    On the device: gl/shaders/rays.glsl.
     """
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     bc, ca, ab = np.cross(b, c - b), np.cross(c, a - c), np.cross(a, b - a)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface of the plate that catches shadows and caustics."""
+"""The receiver: the surface of the plate that shows shadows and caustics."""

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What falls on blocks of the receiver without the sun's shadow: at their corners, and where that is not enough in each
-of their pixels.
-"""
+"""Unshadowed irradiance on the receiver, at block corners and per pixel where interpolation is not accurate enough."""
 
 from __future__ import annotations
 
@@ -27,18 +25,19 @@ from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
 
 SMOOTH = 0.004
-"""What a straight line between the corners of a block may miss in its middle: less than a code value."""
+"""Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
+show in smooth shadows."""
 
 
 def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return the corners (R + 1, C + 1, 8) of blocks as receiver_kernel.py reads them, all of the sun's disc seen."""
+    """Return the corner light (R + 1, C + 1, 8) of blocks for receiver_kernel.py, with the sun fully visible."""
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
     of = slice(None)
     if shot.receiver is not None and shot.receiver.plane_y is not None:
         there = int(np.argmax(point[:, 1] != 0.0))
-        of = slice(there, there + 1)  # a level plane has one share all over
+        of = slice(there, there + 1)  # a horizontal plane has the same share everywhere
     corner[j, i, SHARE] = ambient_share(shot, light_sources(shot), point[of], normal[of])
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
@@ -49,7 +48,7 @@ def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArr
 
 
 def free_images(shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indices) -> PixelImages:
-    """Return the part of the ambient light that bodies leave in the pixels of the blocks whose corners do not tell."""
+    """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate."""
     rough = ground.rough[j, i]
     at_middle = _free(shot, ground.middle_point[j, i], ground.middle_normal[j, i])
     uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)) > SMOOTH)
@@ -64,14 +63,14 @@ def free_images(shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indic
 
 
 def _free(shot: Shot, point: Floats, normal: Floats) -> Floats:
-    """Return the part (...,) of the ambient light that bodies leave on places (..., 3), float32."""
+    """Return the fraction (...,) of the ambient light that bodies leave unblocked at points (..., 3), float32."""
     if shot.receiver is None or not shot.receiver.occlusion:
         return np.ones(point.shape[:-1], np.float32)
     return unblocked(ambient_blocked(point, normal, surfel_table(shot.casters, shot.view.position)))
 
 
 def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
-    """Return points and normals (n, B, B, 3) of the pixels of blocks, float32."""
+    """Return points and normals (n, B, B, 3) of the receiver at the pixels of blocks, float32."""
     pixels = ground.pixels(shot, j, i)
     inside = np.arange(BLOCK) + 0.5
     x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]

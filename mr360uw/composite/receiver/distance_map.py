@@ -6,9 +6,9 @@ On a plane n.x = c the inverse distance is linear in the direction d, so it is w
     1/r = g.d        g = n/c        the normal towards the camera is -g/|g|
     u = 1/r          g = u d + (du/dlon / cos lat) e_lon + (du/dlat) e_lat        at any direction d
 
-Each texel stands for the plane that touches the surface there. Differences over 2 sin of the step, not the step, are
-exact on planes; along a row they span more texels towards the poles, where columns lie close together. Where the two
-sides of a texel differ far more than those of one surface, there is an edge, and the smaller difference alone counts.
+Each texel represents the tangent plane of the surface there. Differences over 2 sin of the step, not the step, are
+exact on planes; along a row they span more texels towards the poles, where columns lie close together. If the
+differences to the two sides of a texel are far apart, there is an edge, and the smaller difference alone counts.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.types import Floats
 
 JUMP = 4.0
-"""A side whose difference is so many times that of the other belongs to another surface ..."""
+"""Ratio of the differences to the two sides of a texel above which the larger one is an edge ..."""
 LEAST_JUMP = 0.04
-"""... if it is this part of the inverse distance at least."""
+"""... if it is at least this fraction of the inverse distance."""
 WIDEST = 16
-"""A difference along a row spans at most this part (1/n) of a turn to each side."""
+"""A difference along a row spans at most 1/16 of a turn to each side."""
 SMOOTHING_DEG = (21.0, 10.5, 10.5, 5.2, 5.2, 5.2, 2.6, 2.6, 2.6, 1.05, 1.05, 1.05)
-"""Widths of the passes that take the steps off a rounded map. Held within the same bounds, more narrow passes and
-fewer wide ones leave terraces; two boxes a pass, or a Gaussian, mix more of what lies behind an edge."""
+"""Widths [degrees] of the running means that smooth the steps of a rounded map. More narrow and fewer wide ones leave
+terraces; two boxes a pass, or a Gaussian, mix more across edges."""
 
 
 def inverse_distance(distance_m: Floats) -> NDArray[np.float32]:
@@ -87,9 +87,9 @@ def touching_planes(distance_m: Floats) -> NDArray[np.float32]:
 
 
 def without_steps(distance_m: Floats, step_m: float) -> Floats:
-    """Return a map that was rounded to steps [m] made smooth, everywhere within half a step of what it was.
+    """Return a map that was rounded to steps [m], smoothed, everywhere within half a step of its values.
 
-    Running means of the inverse distance, wide to narrow, each held within these bounds, which keep every edge.
+    Running means of the inverse distance, wide to narrow, each clipped to these bounds, which preserves every edge.
     """
     inverse = inverse_distance(distance_m)
     seen = inverse > 0.0
@@ -112,7 +112,7 @@ def without_steps(distance_m: Floats, step_m: float) -> Floats:
 
 
 def _running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
-    """Return the means (h, w) over squares of a panorama, closed over the seam; what is beyond the top repeats it."""
+    """Return the means (h, w) over squares of a panorama, periodic over the seam, edge rows repeated."""
     import cv2
 
     pad = width // 2

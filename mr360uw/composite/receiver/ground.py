@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The receiver on blocks of BLOCK x BLOCK pixels of the frame, for renderers that look at few places.
+"""Receiver geometry on blocks of BLOCK x BLOCK pixels, for interpolation of light between block corners.
 
-What falls on the ground mostly varies slowly along it: then the corners of a block tell the pixels inside. A block is
-*rough* where its shape does not vary slowly (an edge, an end, the belt in which the receiver fades out), and in small
-frames, where it spans so large an angle that its corners tell little.
+Light on the ground mostly varies slowly, so pixels of a block are interpolated from its corners. A block is *rough* if
+its corners do not represent the pixels inside: at an edge or end of the receiver, in the belt in which it fades out,
+and in small frames, where a block spans a large angle. Rough blocks are evaluated pixel by pixel.
 """
 
 from __future__ import annotations
@@ -17,25 +17,26 @@ from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
 BLOCK = 8
+"""Pixels along a block."""
 _EVEN_DISTANCE = 0.01
 _EVEN_NORMAL = 0.005
-"""Distance (relative) and normal within a block that may be off what its corners tell: less than a code value each."""
+"""Interpolation errors of distance (relative) and normal above which a block is rough: below a code value each."""
 
 _REACH, _REACH_OF_SHAPE = 1.1, 1.5
-"""The farthest corner, and the largest step in distance, with what lies between and across them."""
+"""Factors on the distance to the farthest corner, and on the largest step in distance, to bound all of a block."""
 _WIDEST_TURN = 1.0 / 48.0
-"""Part of a turn that a block may span. Those of frames less than 384 pixels wide span more, and with it the
-whole shadow of a small body: corners and middle may all miss what is between them."""
+"""Fraction of a turn that a block may span. In frames narrower than 384 pixels it spans more, and may contain the whole
+shadow of a small body, which corners and middle then miss: all blocks are rough."""
 
 Indices = NDArray[np.int64]
 
 
 class Ground:
-    """The receiver before a camera that stands still: points and normals of the blocks that `load_blocks` was given.
+    """Points and normals of the receiver for one camera pose, on the blocks given to `load_blocks`.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
-    corner (j, i) is the frame's point (8 i, 8 j). reach_m: (R, C) a ball of that radius about the middle holds the
-    block. rough: (R, C).
+    corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about the middle that contains
+    the block. rough: (R, C).
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
@@ -47,7 +48,7 @@ class Ground:
         self.middle_point, self.middle_normal = np.zeros((2, *blocks, 3), np.float32)
         self.reach_m = np.zeros(blocks, np.float32)
         self.rough = np.full(blocks, _WIDEST_TURN * shot.view.width < BLOCK)
-        self._known_corner, self._known_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
+        self._loaded_corner, self._loaded_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
         self._image_at = np.full(blocks, -1, np.int64)
         self._images = np.zeros((0, BLOCK, BLOCK, 4), np.float32)
 
@@ -60,18 +61,18 @@ class Ground:
         return corners
 
     def load_blocks(self, shot: Shot, blocks: NDArray[np.bool_]) -> None:
-        """Find points and normals of a set of blocks (R, C) and their corners, where that has not been done."""
-        new = blocks & ~self._known_block
+        """Compute points and normals of a set of blocks (R, C) and their corners, unless they are loaded already."""
+        new = blocks & ~self._loaded_block
         if not np.any(new):
             return
-        j, i = np.nonzero(self.corners_of(new) & ~self._known_corner)
-        self.corner_point[j, i], self.corner_normal[j, i] = self._look(
+        j, i = np.nonzero(self.corners_of(new) & ~self._loaded_corner)
+        self.corner_point[j, i], self.corner_normal[j, i] = self._intersect(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
         )
-        self._known_corner[j, i] = True
+        self._loaded_corner[j, i] = True
         j, i = np.nonzero(new)
         below = np.minimum(BLOCK * (j + 1), self._height)
-        self.middle_point[j, i], self.middle_normal[j, i] = self._look(
+        self.middle_point[j, i], self.middle_normal[j, i] = self._intersect(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
         corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
@@ -80,25 +81,25 @@ class Ground:
         self.rough[j, i] |= np.any((far == 0.0) | (far > limit), axis=1)
         self.reach_m[j, i] = _REACH * np.linalg.norm(corner - middle, axis=-1).max(axis=1)
         if shot.receiver is None or shot.receiver.plane_y is None:
-            self._look_closely(shot, j, i)
-        self._known_block |= new
+            self._classify(shot, j, i)
+        self._loaded_block |= new
 
-    def _look(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-        """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is none."""
+    def _intersect(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+        """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
         distance, normal = self._shape.meet(shot, x, y)
         there = np.isfinite(distance)
         point = shot.view.directions(x, y) * np.where(there, distance, 0.0)[..., None]
         return point, np.where(there[..., None], normal, 0.0)
 
-    def _look_closely(self, shot: Shot, j: Indices, i: Indices) -> None:
-        """Find which blocks are rough, and how far they reach, from all their pixels."""
+    def _classify(self, shot: Shot, j: Indices, i: Indices) -> None:
+        """Set `rough` and `reach_m` of blocks from all their pixels."""
         pixels = self.pixels(shot, j, i)
         distance, normal = pixels[..., 3], pixels[..., :3]
-        told = self.between(self.corner_point, j, i), self.between(self.corner_normal, j, i)
-        expected = np.linalg.norm(told[0], axis=-1)
+        interpolated = self.between(self.corner_point, j, i), self.between(self.corner_normal, j, i)
+        expected = np.linalg.norm(interpolated[0], axis=-1)
         uneven = np.abs(distance - expected) > _EVEN_DISTANCE * expected
-        uneven |= np.abs(normal - told[1]).max(axis=-1) > _EVEN_NORMAL
+        uneven |= np.abs(normal - interpolated[1]).max(axis=-1) > _EVEN_NORMAL
         self.rough[j, i] |= np.any(uneven, axis=(1, 2))
         beyond = np.abs(distance - np.linalg.norm(self.middle_point[j, i], axis=-1)[:, None, None]).max(axis=(1, 2))
         self.reach_m[j, i] = np.maximum(self.reach_m[j, i], _REACH_OF_SHAPE * beyond)
@@ -119,7 +120,7 @@ class Ground:
         return self._images[self._image_at[j, i]]
 
     def between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
-        """Return what corners (R + 1, C + 1, k) tell of the pixels of blocks, (n, BLOCK, BLOCK, k)."""
+        """Return corner values (R + 1, C + 1, k) interpolated to the pixels of blocks, (n, BLOCK, BLOCK, k)."""
         t = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
         down = np.minimum((np.arange(BLOCK) + 0.5) / np.minimum(self._height - BLOCK * j, BLOCK)[:, None], 1.0)
         down = down.astype(np.float32)[:, :, None, None]
@@ -134,5 +135,5 @@ class Ground:
         return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
 
     def middle_between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
-        """Return what corners (R + 1, C + 1) tell of the middles of blocks, (n,)."""
+        """Return corner values (R + 1, C + 1) interpolated to the middles of blocks, (n,)."""
         return np.asarray(self.four(corner, j, i).mean(axis=1))

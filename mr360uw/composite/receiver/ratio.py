@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The factor by which objects, waves and lamps change the light on the receiver: E_with/E_without.
+"""Irradiance ratio E_with/E_without of the receiver: its change by objects, waves and lamps.
 
     ratio = 1 + w (share free + (1 - share) seen waves + added - 1)
 
-with share the ambient fraction of what lights the plate, free the fraction of it that bodies leave, seen and waves the
-visible fraction of the plate's own direct light and the waves' factor on it, added the irradiance of lamps that the
-plate does not know over all that lights it, and w the fading towards the receiver's end.
+with share the ambient fraction of the plate's irradiance, free the fraction of it that bodies leave unblocked, seen the
+visible fraction of the plate's direct light, waves the caustic factor on it, added the irradiance of lamps over that of
+the plate, and w the weight that fades out towards the receiver's end.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
 UNNOTICED = 0.02
-"""A body that blocks less than this fraction of the ambient light leaves it: two code values of 8 bits over metres."""
+"""Ambient occlusion below this fraction is ignored: two 8-bit code values, spread over metres. Twice as large, soft
+contact shadows end visibly early; half as large, bodies change a larger area."""
 FADE_FROM = 0.8
-"""Fraction of its extent from which the receiver fades out: no line across the ground where shadow or waves end."""
+"""Fraction of its extent from which the receiver fades out, so that shadow and waves end without a line."""
 BRIGHTEST = 64.0
 """Most light that lamps add, as a multiple of the plate's own: past six stops its noise is what would be seen."""
 DARK = 1e-9
-"""Irradiance below which a place counts as dark: its direct light is all of it."""
+"""Least irradiance in ratios, which bounds them in the dark."""
 
 
 def ambient_share(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> Floats:
-    """Return the ambient fraction (n, 3) of what falls on the plate's own receiver; 0 in the dark."""
+    """Return the ambient fraction (n, 3) of the plate's irradiance on the receiver; 0 in the dark."""
     ambient, beam = _plate_light(shot, sources, point, normal)
     return ambient / np.maximum(ambient + beam, DARK)
 
 
 def _plate_light(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> tuple[Floats, Floats]:
-    """Return the ambient and the direct irradiance (n, 3) that the plate was filmed in."""
+    """Return the ambient and the direct irradiance (n, 3) of the plate on the receiver."""
     ambient, beam = ambient_irradiance(shot, point, normal), np.zeros((len(point), 3))
     for source in sources:
         if source.in_plate:
@@ -50,7 +51,7 @@ def _plate_light(shot: Shot, sources: Sequence[LightSource], point: Floats, norm
 def added_light(
     shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats, *, shadows: bool = True
 ) -> Floats:
-    """Return the light (n, 3) of sources that the plate does not know, over all that lights the plate."""
+    """Return the irradiance (n, 3) of sources that are not in the plate, over that of the plate."""
     added = np.zeros((len(point), 3))
     for source in sources:
         if source.in_plate:
@@ -96,14 +97,14 @@ def receiver_ratio(
 
 
 def unblocked(blocked: Floats) -> Floats:
-    """Return the fraction (...,) of the ambient light that bodies leave.
+    """Return the unblocked fraction (...,) of the ambient light for blocked fractions (...,).
 
-    What is blocked fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
+    Occlusion fades to zero at `UNNOTICED`, so that a body changes a bounded area of the receiver.
     """
     return 1.0 - np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
 
 
 def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:
-    """Return how much (...,) of its change the receiver shows: 1, and from `FADE_FROM` of its extent on less, to 0."""
+    """Return the weight (...,) of the receiver's change: 1 up to `FADE_FROM` of its extent, then falling to 0."""
     t = np.clip((np.asarray(distance_m) / extent_m - FADE_FROM) / (1.0 - FADE_FROM), 0.0, 1.0)
     return 1.0 - t * t * (3.0 - 2.0 * t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Receivers from the files that a scene names: meshes and height maps; distance maps come frame by frame."""
+"""Receivers read from files: meshes and height maps; distance maps are filled in frame by frame."""
 
 from __future__ import annotations
 

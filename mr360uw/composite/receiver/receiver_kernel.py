@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what is known of blocks of the receiver to the ratio and veil of their pixels: one compiled pass.
+"""Ratio and veil of the receiver's pixels from the light on its blocks, in one compiled pass.
 
     ratio = 1 + weight ((share free + (r - share) seen waves + added)/r - 1)
 
-with the symbols of ratio.py and pattern.py; r is 1 without a pattern. Each is a straight line between the corners of a
-block unless an image of the block's own pixels is there.
+with the symbols of ratio.py and pattern.py; r is 1 without a pattern. Each quantity is interpolated between the corners
+of a block, or taken from an image of the block's pixels if there is one.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from mr360uw.types import Tile
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), 6, 7
 CORNER_CHANNELS = 8
 _CHANGED = 1e-4
+"""Least change of the plate, as a fraction, that is written."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,11 +35,11 @@ class PixelImages:
 
 
 Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
-"""Images (m, B, B, k) and the m of n blocks (n,) that they are of, some such pairs."""
+"""Pairs of a mask (n,) of m blocks and their images (m, B, B, k)."""
 
 
 def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
-    """Return images of some of `count` blocks, each block in one part at most."""
+    """Return the images of `count` blocks from parts, each block in one part at most."""
     at, first = np.full(count, -1, np.int32), 0
     for which, images in parts:
         at[which] = first + np.arange(len(images))
@@ -49,10 +50,11 @@ def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockLight:
-    """What falls on blocks of the receiver.
+    """Light on blocks of the receiver.
 
-    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 8) float32, channels SHARE, VEIL, FREE, SEEN. own: images of
-    pixels instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil), added (3; none: 0).
+    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 8) float32, channels SHARE, VEIL, FREE, SEEN. Images of
+    pixels, used instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil), added (3; 0 if
+    there is none).
     """
 
     row: NDArray[np.int64]
@@ -87,7 +89,7 @@ def _lay(
     width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
 ) -> None:  # fmt: skip
     one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
-    # one row of a block: its light as `corner` has it, the change of the plate, how much of it is shown
+    # one row of a block: channels of `corner`, relative change of the plate, weight of the change
     line, change = np.empty((8, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
     weight = np.empty(BLOCK, np.float32)
     rows, columns = ratio.shape[:2]

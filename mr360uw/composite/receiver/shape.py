@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface of the plate under the objects: where it is, and which part of the frame they change.
+"""Receiver geometry along camera rays, and the parts of the frame in which objects change the receiver.
 
-Its radiance is multiplied by E_with/E_without (see over.py). The part of the frame is found on a coarse grid: a cell
-counts where a body's shadow, widened by the sun's disc and by the cell, can fall on it, or where the body blocks more
-than `UNNOTICED` of its ambient light.
+Changed parts are found on a coarse grid. A cell is marked if a body's shadow, widened by the sun's disc and by the
+cell, can fall on it, or if the body blocks about `UNNOTICED` of its ambient light.
 """
 
 from __future__ import annotations
@@ -26,16 +25,17 @@ from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats, Rectangle
 
 RECTANGLE_COST_PX = 16384
-"""Pixels that take as long as what every further rectangle costs by itself."""
+"""Fixed cost of one rectangle, in pixels that take as long. Twice as large: fewer rectangles, more untouched pixels."""
 NEGLIGIBLE = 0.004
-"""Changes of linear light below this are less than half a code value of an 8-bit video at white."""
+"""Change of linear light that is ignored: half a code value of an 8-bit video at white."""
 EDGE_ON = 0.003
 """Cosine between ray and normal below which a distance map's surface is taken to stand edge-on."""
 _COLUMNS = 128
+"""Cells across the frame."""
 
 
 class ReceiverShape:
-    """Where camera rays meet a receiver; keeps what is needed to shoot many."""
+    """Intersection of camera rays with a receiver."""
 
     def __init__(self, receiver: Receiver, camera_position: Floats) -> None:
         self._receiver = receiver
@@ -79,7 +79,7 @@ class ReceiverShape:
         return distance.reshape(direction.shape[:-1]), normal.reshape(direction.shape)
 
     def _meet_map(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """Distance map: the plane that touches the surface in the nearest texel."""
+        """Return distances and normals of a distance map, from the tangent plane of the nearest texel."""
         assert self._planes is not None
         rows, columns = self._planes.shape[:2]
         i = np.floor(x * columns / shot.view.width).astype(np.int64) % columns
@@ -95,7 +95,7 @@ class ReceiverShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseGrid:
-    """The receiver at the middles of cells of the frame, those that meet it and can be seen, (n, ...).
+    """The receiver at the middles of n cells of the frame in which it is visible.
 
     cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
     (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
@@ -110,8 +110,8 @@ class CoarseGrid:
 
 
 def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
-    """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height: towards the horizon
-    a cell reaches far along the ground.
+    """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height, because towards the
+    horizon a cell reaches far along the ground.
     """
     width, height = shot.view.width, shot.view.height
     cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
@@ -133,7 +133,7 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touched:
-    """Which cells of a grid (n,) something changes: at most the sun's shadow, the light of lamps, and anything."""
+    """Masks (n,) of cells that may change: by the sun's shadow, by the light of lamps, and by anything."""
 
     by_shadow: NDArray[np.bool_]
     by_lamps: NDArray[np.bool_]
@@ -141,7 +141,7 @@ class Touched:
 
 
 def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
-    """Return which cells of the receiver objects, caustics or lamps change."""
+    """Return the cells of the receiver that objects, caustics or lamps may change."""
     receiver, sun = shot.receiver, sun_of(shot)
     assert receiver is not None
     casters = shot.casters
@@ -155,7 +155,7 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
     if receiver.occlusion:
         for placed, box in zip(casters, boxes, strict=True):
             surfels = surfel_table([placed], shot.view.position)
-            # a cell's middle stands for all of it
+            # a margin, because a cell's middle represents all of it
             least = 0.75 * UNNOTICED
             mark_occluded(grid.point, grid.normal, grid.reach_m, box.center, box.radius, surfels, least, marks)
     if receiver.caustics and shot.caustics is not None and sun is not None:
@@ -165,7 +165,7 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
 
 
 def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
-    """Return which cells lamps light, and those around them: the middle of a cell stands for it."""
+    """Return the mask (n,) of cells that lamps light at their middle, and of the cells around those."""
     if not lamps_of(shot):
         return np.zeros(len(grid.index), np.bool_)
     lit = added_light(shot, light_sources(shot), grid.point, grid.normal, shadows=False).max(axis=-1) > NEGLIGIBLE
@@ -181,8 +181,8 @@ def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Box:
-    """A box around a body: its axes (3, 3), one a row, where it begins and ends along them (3,), and a ball about its
-    centre (3,) that holds the body.
+    """Oriented bounding box of a body: axes (3, 3), one a row, and bounds along them (3,). center, radius: of a ball
+    that contains the body.
     """
 
     axes: Floats
@@ -193,7 +193,7 @@ class _Box:
 
 
 def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
-    """Return a box whose third axis is given and whose first is that of the greatest extent across it."""
+    """Return the box whose third axis is that of `axes` and whose first is along the greatest extent across it."""
     linear, offset = placed.world_from_object[:3, :3], placed.world_from_object[:3, 3] - camera_position
     corners = linear @ placed.mesh.hull.reshape(-1, 3).T + offset[:, None]
     across = axes[:2] @ (corners - corners.mean(axis=1, keepdims=True))
@@ -206,7 +206,7 @@ def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
 
 
 def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[Rectangle]:
-    """Return rectangles of the frame around the cells that are changed."""
+    """Return rectangles of the frame that cover the cells that may change."""
     mask = np.zeros(grid.shape, bool)
     mask.flat[grid.index[touched.at_all]] = True
     width, height = grid.cell

@@ -1,3 +1,4 @@
+// Plate at listed frame coordinates, bilinear, closed over the seam. Held to ibl/plate.py.
 uniform sampler2D plate, places;
 out vec4 seen;
 vec3 texel(ivec2 p) {

@@ -1,3 +1,4 @@
+// Coarse map of a plate: mean expanded radiance and brightest luminance of each cell. Held to ibl/plate.py.
 #include "ibl/gl/reduce.glsl"
 uniform sampler2D plate, gains, curve;
 uniform Expansion expansion;

@@ -1,7 +1,8 @@
+// Means of the expanded plate over the cells of a coarse map. Held to ibl/plate.py.
 #include "ibl/expansion.glsl"
 #include "sphere.glsl"
 // `gains` is a row of gains over the luma of code values; `curve` a row of the transfer's inverse over linear light's
-// square root: both are tables that the twin fills from its own functions
+// square root: tables that reduction.py fills from the functions of the reference
 struct Expansion {
     vec3 luma_weight;
     float edge;

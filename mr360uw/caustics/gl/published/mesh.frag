@@ -1,4 +1,4 @@
-// a triangle's intensity at a pixel's centre
+// Intensity of a triangle at a pixel's centre. Held to caustics/published/divided_areas.py.
 flat in float intensity;
 in vec2 light_jacobian;
 out float light;

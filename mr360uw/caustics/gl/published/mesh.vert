@@ -1,4 +1,4 @@
-// one triangle of the grid, refracted, where its first tile begins
+// One triangle of the grid, refracted, at the place of its first tile. Held to caustics/published/divided_areas.py.
 #include "caustics/flux/coverage.glsl"
 uniform sampler2D rays;
 uniform sampler2D flux;

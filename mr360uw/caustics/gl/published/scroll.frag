@@ -1,4 +1,4 @@
-// the darker of two scrolled copies, the second one turned by a quarter
+// The darker of two scrolled copies of a map, the second turned by a quarter. Held to caustics/published/scrolling.py.
 uniform sampler2D light;
 uniform int size;
 uniform ivec4 shift;

@@ -1,4 +1,5 @@
-// light and Jacobian of the refraction at each grid point, from the six triangles around it
+// Light and Jacobian of the refraction at each grid point, from the six triangles around it.
+// Held to caustics/published/divided_areas.py.
 #include "caustics/flux/coverage.glsl"
 uniform sampler2D rays;
 uniform sampler2D flux;

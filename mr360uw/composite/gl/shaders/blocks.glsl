@@ -1,4 +1,6 @@
-// targets hold numbered things in blocks of 4 x 4 texels, because software drivers draw such blocks at once
+// Numbering of lists and of pixels in blocks of 4 x 4, and the members of a list that may cover a pixel. Targets hold
+// numbered items in blocks of 4 x 4 texels, because software drivers draw such blocks at once. Held to
+// composite/gl/blocks.py.
 const int LANE_COLUMNS = 256;
 const int MASKS_AT_ONCE = 6;
 const int MEMBERS_AT_ONCE = 4 * MASKS_AT_ONCE;
@@ -7,18 +9,18 @@ int lane_number(ivec2 at) {
     return (((at.y >> 2) * (LANE_COLUMNS >> 2) + (at.x >> 2)) << 4) + ((at.y & 3) << 2) + (at.x & 3);
 }
 
-// lists stand in rows of 2048 texels: shifts, because software drivers divide integers one lane at a time
+// texel of an entry of a list in rows of 2048: shifts, because software drivers divide integers one lane at a time
 ivec2 list_place(int index) {
     return ivec2(index & 2047, index >> 11);
 }
 
-// where in its block a pixel is
+// column and row of a pixel within its block
 ivec2 place_in_block(int number) {
     return ivec2(number & 3, (number >> 2) & 3);
 }
 
-// which of the members [first, end) of a list may be seen in a pixel: a bit each, counted from the multiple of 4
-// below `first`, for as many as are looked at at once
+// bits of the members [first, end) of a list that may cover a pixel, counted from the multiple of 4 at or below
+// `first`; MEMBERS_AT_ONCE of them
 int members_of_pixel(sampler2D masks, int first, int end, int pixel) {
     int wanted = 0, from = first & ~3, bit = 1 << (pixel & 15);
     for (int k = 0; k < MASKS_AT_ONCE; ++k) {
@@ -31,7 +33,7 @@ int members_of_pixel(sampler2D masks, int first, int end, int pixel) {
     return wanted;
 }
 
-// the place of the lowest bit that is set
+// index of the lowest set bit
 int lowest_bit(int bits) {
     return int(log2(float(bits & -bits)) + 0.5);
 }

@@ -1,5 +1,6 @@
-// the sun at listed places, each with a ball around it: part of it seen from the place, and of its halo; what of it
-// bodies may keep off the ball (0 nothing, 1 of the halo, 2 of the disc, 3 all); how far the nearest of them is
+// Sun visibility at listed places, each with a ball around it: visible fraction of the disc and of the halo at the
+// place; which of them bodies may occlude within the ball (0 neither, 1 the halo, 2 part of the disc, 3 all of both);
+// distance to the nearest such body [m]. Held to composite/lighting/sun.py.
 #include "composite/gl/shaders/sun.glsl"
 uniform sampler2D places, beam, sun_map, casters;
 uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];

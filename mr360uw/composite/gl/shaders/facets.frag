@@ -1,4 +1,5 @@
-// the triangles of a body as the camera sees them: the pixels that each may touch, and what rays meet (rays.glsl)
+// Per triangle of a body: the rectangle of pixels that it may cover, and its vectors for ray intersection (rays.glsl).
+// Held to composite/tiles.py and composite/raycast/rays.py.
 #include "composite/gl/shaders/geometry.glsl"
 #include "composite/gl/shaders/tiles.glsl"
 uniform sampler2D triangles, materials;
@@ -19,11 +20,11 @@ layout(location = 6) out vec4 cutout_b;
 layout(location = 7) out vec4 cutout_c;
 #endif
 
-// how far beyond its rectangle a triangle may be met, for rounding
+// pixels added around the rectangle of a triangle, for rounding in single precision
 const float MARGIN = 0.02;
 
-// one over a distance that nothing of a triangle is nearer than: that of its plane, or of its nearest corner less what
-// the middle of an equilateral triangle is off its corners
+// upper bound of one over the distance to a triangle: from its plane, or from its nearest corner less the circumradius
+// of an equilateral triangle of its longest edge (0.578 of the edge)
 float nearest_of(Triangle t, Facet facet) {
     float plane = 1.0 / length(facet.a + facet.b + facet.c);
     float edge = max(distance(t.a, t.b), max(distance(t.b, t.c), distance(t.c, t.a)));

@@ -1,6 +1,7 @@
-// a triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
-// a material is nine of `materials`: see gl_upload.py.
-// maps are switched at compile time: software drivers run both sides of every branch
+// Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
+// A triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
+// A material is nine texels of `materials`, which upload.py writes.
+// Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/rays.glsl"
 #include "composite/gl/shaders/texture.glsl"
 
@@ -29,12 +30,12 @@ struct Surface {
     float footprint_m;
 };
 
-// rows of 2048: shifts, because software drivers divide integers one lane at a time
+// an entry of a list in rows of 2048 texels: shifts, because software drivers divide integers one lane at a time
 vec4 listed(sampler2D list, int index) {
     return texelFetch(list, ivec2(index & 2047, index >> 11), 0);
 }
 
-// placed: (3 rows of the linear part and translation) from the object's axes to the camera's place, world axes
+// a triangle with its corners from the camera in the world's axes; `placed` transforms the object's axes to those
 Triangle fetch_triangle(sampler2D triangles, mat4 placed, int number) {
     int first = number * TRIANGLE_TEXELS;
     vec4 last = listed(triangles, first + 9);

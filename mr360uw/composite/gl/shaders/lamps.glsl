@@ -1,8 +1,9 @@
-// lamps at a place: inverse square, cone, water on the way there and back, and shadows of bodies (lighting/lamps.py).
-// `casters` has a row for every slot of the shadow atlas and, below those, one for each lamp.
-// A slot of a lamp shows bodies through the projective map (x, y, z) -> (x m/z, y m/z, m^2/z), z the distance along its
-// axis and m its middle distance: lines through the lamp become parallel, straight lines stay straight, and lengths at
-// the middle distance stay metres, so that shadow.glsl traces it as it traces the sun's
+// Light of lamps at a place: inverse square, cone, water on the way there and back, and visibility behind bodies.
+// Held to composite/lighting/lamps.py.
+// `casters` has a row for every slot of the shadow atlas and, below those, one for each lamp. A slot of a lamp shows
+// bodies through the projective map (x, y, z) -> (x m/z, y m/z, m^2/z), z the distance along its axis and m its middle
+// distance. Lines through the lamp become parallel, straight lines stay straight, and lengths at the middle distance
+// stay metres, so shadow.glsl traces it like a slot of the sun.
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"
 
@@ -52,7 +53,7 @@ LampLight lamp_light(Lamp lamp, MediumTable medium, sampler2D diffuse, sampler2D
     return light;
 }
 
-// a place in the projective axes of a slot; z <= 0 where it lies behind the lamp
+// a point in the projective axes of a slot; z <= 0 if it lies behind the lamp
 vec3 in_slot(sampler2D casters, int slot, vec3 point, out float middle) {
     vec4 q = vec4(point, 1.0);
     vec3 p = vec3(dot(texelFetch(casters, ivec2(2, slot), 0), q), dot(texelFetch(casters, ivec2(3, slot), 0), q),
@@ -62,7 +63,7 @@ vec3 in_slot(sampler2D casters, int slot, vec3 point, out float middle) {
     return vec3(p.xy * middle, middle * middle) / p.z;
 }
 
-// visible fraction of a lamp from a point; without `wanted` the answer does not count
+// visible fraction of a lamp from a point; undefined unless `wanted`
 float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D casters,
                       vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, bool wanted) {
     int between = 0, number = 0;

@@ -1,4 +1,5 @@
-// the light of fragments: each a place on a triangle of a body, seen through the water (composite/lighting/light.py)
+// Radiance of fragments at the camera: each is a place on a triangle of a body, seen through the water.
+// Held to composite/lighting/surfaces.py.
 #include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
@@ -29,7 +30,7 @@ layout(location = 0) out vec4 radiance;
 layout(location = 1) out float distance_m;
 #endif
 
-// bodies are lit at fewer directions than the ground: their own light varies more than what their halo misses
+// step through the halo's directions on bodies: 2 takes half of them; the error is below the variation of their shading
 const int HALO_EVERY = 2;
 
 vec3 world_direction(vec2 place) {

@@ -1,6 +1,6 @@
-// light on surfaces: ambient light, and what a surface sends back of light from one direction (lighting/surfaces.py).
-// what a shot has is known at compile time (MEDIUM, SUN, CAUSTICS, LAMPS, GLOSSY): software drivers run both sides of
-// branches
+// Light reflected by a surface: ambient light, and light from one direction. Held to composite/lighting/surfaces.py.
+// Features of a shot (MEDIUM, SUN, CAUSTICS, LAMPS, GLOSSY) are switched at compile time, because software drivers
+// execute both sides of every branch.
 #include "composite/gl/shaders/geometry.glsl"
 #include "composite/lighting/shading.glsl"
 #include "ibl/lookup.glsl"
@@ -21,7 +21,8 @@ struct Parts {
     vec3 emission;
 };
 
-// reflecting layers of a surface: towards the camera, reflectance at normal incidence, albedo of what lies below
+// reflection of a surface towards the camera: view direction, n.v, reflectance at normal incidence, diffuse albedo, and
+// the fraction of uniform light that the coat reflects
 struct Coat {
     vec3 view;
     float n_dot_v;
@@ -60,7 +61,7 @@ Coat make_coat(Surface s, float outside_index) {
     return coat;
 }
 
-// `level` is the place of the roughness among the glossy levels; `scale` the ambient light at the surface's depth
+// level: fractional glossy level of the roughness. scale: ambient light at the surface's depth over that at the camera
 Parts ambient_light(Coat coat, Surface s, sampler2DArray ambient, sampler2DArray glossy, float level, vec3 scale) {
     Parts parts;
     vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
@@ -76,7 +77,7 @@ Parts ambient_light(Coat coat, Surface s, sampler2DArray ambient, sampler2DArray
     return parts;
 }
 
-// what a surface sends back of an irradiance across a beam from one direction
+// radiance reflected to the camera of a beam from one direction; irradiance: across the beam
 vec3 reflected_light(Coat coat, Surface s, vec3 towards, vec3 irradiance, float half_angle) {
     float n_dot_l = max(dot(s.normal, towards), 0.0);
     vec3 half_vector = coat.view + towards;

@@ -1,5 +1,6 @@
-// three vectors of a triangle: a ray d meets it where d.a, d.b, d.c are not negative; their sum is one over the
-// distance, and divided by it they are the weights of the corners
+// Ray-triangle intersection, one ray or four at once. Held to composite/raycast/rays.py.
+// A facet is three vectors of a triangle: a ray d meets it if d.a, d.b, d.c are not negative. Their sum is one over the
+// distance, and divided by it they are the barycentric weights of the corners.
 struct Facet {
     vec3 a;
     vec3 b;
@@ -20,13 +21,13 @@ vec4 barycentric(Facet facet, vec3 direction) {
     return vec4(weights, 1.0) / total;
 }
 
-// four rays, and the first they meet: triangle + 1, one over the distance, its smooth piece; 0 for nothing
+// four rays and their nearest hits: triangle + 1, one over the distance, smooth piece; 0 for no hit
 struct Four {
     vec4 x, y, z;
     vec4 triangle, nearness, piece;
 };
 
-// longitude, latitude: (cosine, sine) of one direction. turns: (cosine, sine, cosine, sine) of what is added to them
+// longitude, latitude: (cosine, sine) of one direction. turns: (cosine, sine, cosine, sine) of the angles added to them
 Four four_rays(vec2 longitude, vec2 latitude, vec4 turns[4]) {
     Four four;
     for (int k = 0; k < 4; ++k) {
@@ -45,14 +46,14 @@ vec4 products(Four four, vec3 v) {
     return v.x * four.x + v.y * four.y + v.z * four.z;
 }
 
-// one over the distance at which a triangle is met, 0 where it is not
+// one over the distance at which each ray hits a triangle, 0 for no hit
 vec4 hits(Four four, Facet facet) {
     vec4 u = products(four, facet.a), v = products(four, facet.b), w = products(four, facet.c);
     vec4 inside = step(0.0, min(u, min(v, w)));
     return inside * (u + v + w);
 }
 
-// keep a triangle where it is met before everything else so far
+// record a triangle as the hit of the rays that it is nearest for
 void keep(inout Four four, vec4 hit, float triangle, float piece) {
     for (int k = 0; k < 4; ++k) {
         bool nearer = hit[k] > four.nearness[k];

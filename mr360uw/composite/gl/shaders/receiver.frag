@@ -1,4 +1,5 @@
-// light on the receiver in listed blocks, each SIDE samples wide that are SPACING pixels apart (receiver/ratio.py)
+// Light on the receiver in listed blocks of SIDE x SIDE samples, SPACING pixels apart: sun visibility, caustics and, on
+// request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 uniform sampler2D blocks, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
@@ -42,7 +43,7 @@ void main() {
 #if defined(SHADOW)
     float halo = -1.0;
 #if defined(HALO)
-    vec4 corners = texelFetch(halos, block, 0);  // of the block; negative where straight lines do not tell the rest
+    vec4 corners = texelFetch(halos, block, 0);  // at the block's corners; negative: found for each pixel
     vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), below = mix(corners.xz, corners.yw, at.x);
     if (corners.x >= 0.0) halo = mix(below.x, below.y, at.y);
 #endif

@@ -1,15 +1,15 @@
-// visible fraction of lights behind bodies, on the device alone (the reference casts rays: lighting/shadow.py).
-// `sun_map` holds for every body (or group of them) a square slot of columns along the light: (part that is filled, top,
-// bottom), the last two times the first, metres above the lowest; and its levels are means of 2x2, 4x4, ... of them.
-// Loops test at their end, because software drivers run a body once more to
-// leave.
+// Visible fraction of a directed light behind bodies, traced through filtered columns; the reference casts rays
+// instead. Held to composite/lighting/sun.py and composite/lighting/lamps.py.
+// `sun_map` holds for every body (or group of bodies) a square slot of columns along the light: (filled fraction, top,
+// bottom), the last two times the first, in metres above the lowest point. Its mip levels are means of 2x2, 4x4, ...
+// Loops test at their end, because software drivers execute a body once more to leave.
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
-const float SHARPEST = 0.2;   // part of RAMP that an edge may be sharpened to
+const float SHARPEST = 0.2;   // least width of a sharpened edge, as a fraction of RAMP
 const float SMALLEST = 4.0;   // texels across the last level of a slot
 const int MAXIMUM_STEPS = 16;
 
-// of all directed lights: texels across a slot of the atlas; directions over a light's disc; scale of how far off a body
-// its shadow rays start
+// for all directed lights: texels across a slot of the atlas; directions over a light's disc; factor on the offset of
+// shadow rays from the surface
 struct Shadows {
     float slot_size;
     int samples;
@@ -33,14 +33,14 @@ float power_below(float x) {
     return uintBitsToFloat(floatBitsToUint(x) & 0x7f800000u);
 }
 
-// (part that is filled, top, bottom) at a place of a slot in [0, 1]^2, from the level whose texels are `texels` of the
-// finest wide: nothing beyond the slot
+// (filled fraction, top, bottom), the last two times the first, at a place of a slot in [0, 1]^2, from the level whose
+// texels are `texels` of the finest wide; clamped to the slot
 vec3 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
     vec2 inside = clamp(place * slot_size, 0.5 * texels, slot_size - 0.5 * texels);
     return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels)).xyz;
 }
 
-// (part that is filled, top, bottom) at a place across the sun, a mean over `width` metres; edges are as wide, too
+// (filled fraction, top, bottom) at a place across the light, a mean over `width` metres; edges are that wide, too
 vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, float width) {
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     float wanted = max(width / (RAMP * texel), SHARPEST);
@@ -48,14 +48,14 @@ vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, floa
     vec2 place = (at - caster.center) / caster.half_size * 0.5 + 0.5;
     vec3 column = sun_texel(sun_map, caster, slot_size, texels, place);
     vec2 ends = column.yz / max(column.x, 1e-6) + caster.reach.x;
-    // what is filled in part is thinner at its edge than in its middle
+    // a partly filled column is taken as thinner, in proportion to the filled fraction
     float middle = 0.5 * (ends.x + ends.y), half_height = 0.5 * (ends.x - ends.y) * column.x;
     float filled = clamp((column.x - 0.5) * max(1.0 / wanted, 1.0) + 0.5, 0.0, 1.0);
     bool there = column.x > 0.0 && place == clamp(place, 0.0, 1.0);
     return vec3(there ? filled : 0.0, middle + half_height, middle - half_height);
 }
 
-// how much of a ray is blocked between two heights, whose columns are a and b; straight lines between them
+// blocked fraction of a ray between two heights, whose columns are a and b; linear between them
 float blocked_between(vec3 a, vec3 b, float height_a, float height_b, float margin) {
     if (a.x <= 0.0) a.yz = b.yz;
     if (b.x <= 0.0) b.yz = a.yz;
@@ -67,8 +67,8 @@ float blocked_between(vec3 a, vec3 b, float height_a, float height_b, float marg
     return beside ? 0.0 : max(mix(a.x, b.x, enter), mix(a.x, b.x, leave));
 }
 
-// how much of the ray from p, `slope` metres across for a metre along the sun, is blocked; it stands for all directions
-// around that widen by `widening` metres for a metre
+// blocked fraction of the ray from p, `slope` metres across for a metre along the light. It represents a cone of
+// directions that widens by `widening` metres for a metre
 float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, float widening) {
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     vec2 range = max(caster.reach - p.z, 0.0);
@@ -86,8 +86,8 @@ float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec
     return blocked;
 }
 
-// the bodies, one bit each, that may keep part of the sun's disc off part of a ball about p. gap: how far [m] the nearest
-// of them is. umbra: whether one of them keeps all of the disc off all of the ball
+// bits of the bodies that may occlude part of the light's disc from part of a ball about p. gap: distance [m] to the
+// nearest of them. umbra: whether one of them occludes all of the disc from all of the ball
 int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, float radius,
                    float spread, out float gap, out bool umbra) {
     int near = 0, between = 0, number = 0;
@@ -100,7 +100,7 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
         if (above > 0.0 && max(across.x, across.y) <= radius + spread * above) near |= 1 << number;
         ++number;
     } while (number < caster_count);
-    // a filtered column is empty, or full, only where everything within a texel of that level is
+    // a filtered column is empty, or full, only if everything within a texel of that level is
     do {
         int lowest = near & -near;
         Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
@@ -120,9 +120,9 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
     return between;
 }
 
-// p: in the map's axes (two across, one along). middle: slope of the sun's middle, which the map's axis is near. slopes:
-// of directions over a unit disc, of which each `every`-th is taken. spread: tangent of its radius.
-// without `wanted` the answer does not count, and costs nothing where a whole block of pixels does not want it
+// visible fraction of the sun's disc from p in the map's axes (two across, one along); undefined unless `wanted`, and
+// free where a whole block of pixels does not want it. middle: slope of the disc's centre. slopes: of directions over a
+// unit disc, of which each `every`-th is taken. spread: tangent of the disc's radius
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
                      vec2 middle, vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
     float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count));

@@ -1,3 +1,5 @@
+// (top, -bottom) of a body along the light in one texel, for MAX blending; masked texels are left out.
+// Held to composite/lighting/blockers.py.
 #include "composite/gl/shaders/geometry.glsl"
 #if defined(MASKED)
 uniform sampler2D materials, store;

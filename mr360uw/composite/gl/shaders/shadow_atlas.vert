@@ -1,3 +1,5 @@
+// Projection of a body's corners into its slot of the shadow atlas; lamps use the projective map of lamps.glsl.
+// Held to composite/lighting/blockers.py.
 #include "composite/gl/shaders/geometry.glsl"
 uniform mat4 light_from_object;
 #if defined(PROJECTED)
@@ -16,7 +18,7 @@ flat out int material_row;
 void main() {
     vec3 place = (light_from_object * vec4(corner.xyz, 1.0)).xyz;
 #if defined(PROJECTED)
-    // as lamps.glsl maps it; the near plane cuts off what does not shade
+    // the map of lamps.glsl; the near plane clips what is too near to cast a shadow
     gl_Position = vec4((place.xy * middle - slot.xy * place.z) * slot.zw, place.z - 2.0 * nearest, place.z);
 #else
     gl_Position = vec4((place.xy - slot.xy) * slot.zw, 0.0, 1.0);

@@ -1,4 +1,5 @@
-// (top, -bottom) of shadow_atlas.frag as the columns that shadow.glsl reads, each the mean of 2x2
+// Columns of the shadow atlas as shadow.glsl reads them: means of 2 x 2 texels of shadow_atlas.frag.
+// Held to composite/lighting/blockers.py.
 uniform sampler2D drawn, casters;
 uniform int slot_size;
 uniform int slot_columns;

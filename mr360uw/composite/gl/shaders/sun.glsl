@@ -1,10 +1,11 @@
-// the sun at a place: its beam, the waves' pattern in it, and how much of it bodies let pass (lighting/sun.py)
+// Light of the sun at a place: attenuated beam, caustic factor, and visibility behind bodies.
+// Held to composite/lighting/sun.py.
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"
 #include "caustics/lookup.glsl"
 
-// `axes` has the rows (across, across, along), all in the world's axes, the last one near the sun's direction, and
-// `slope` is that direction in them; `up` the sine of its elevation
+// axes: rows (across, across, along) in the world's axes, the last one near the sun's direction. slope: that direction
+// in these axes, across over along. up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad]
 struct Sun {
     vec3 irradiance;
     vec3 direction;
@@ -50,7 +51,7 @@ float scattered_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 
 #endif
 }
 
-// of the disc with the second moment of what the beam comes from
+// radius [rad] of the disc that has the second moment of the beam's directions
 float half_angle_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
     vec2 squared = vec2(sun.half_angle * sun.half_angle, sun.halo_angle * sun.halo_angle);
     return sqrt(mix(squared.x, squared.y, scattered_at(sun, view, medium, beam, point)));
@@ -60,15 +61,15 @@ vec3 in_sun_axes(Sun sun, View view, vec3 point) {
     return sun.axes * (point + view.position);
 }
 
-// visible fraction of a disc about the sun from p, in the sun's axes; by each `every`-th of its directions
+// visible fraction of a disc about the sun from p, in the sun's axes, over each `every`-th of its directions
 float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
                 float half_angle, int every, bool wanted) {
     return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sun.slope, slopes,
                           (shadows.samples + every - 1) / every, every, tan(half_angle), wanted);
 }
 
-// visible fraction of the beam from a point. halo: visible fraction of the halo where that is known, else -1; then it is
-// found by each `every`-th direction
+// visible fraction of the beam from a point. halo: visible fraction of the halo if known, else -1: then it is computed
+// over each `every`-th direction
 float visibility(Sun sun, Shadows shadows, View view, MediumTable medium, sampler2D beam, sampler2D sun_map,
                  sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, int every, bool wanted) {
     vec3 p = in_sun_axes(sun, view, point);

@@ -1,5 +1,5 @@
-// texture maps on the device; the reference reads the same levels with mesh/texture.py
-// every level of every map lies in one store, row after row; a map is (address / 64, width, height, wrap)
+// Trilinear lookup of texture maps. Held to composite/mesh/texture.py.
+// All levels of all maps lie in one store, row after row; a map is (address / 64, width, height, wrap).
 const int STORE_COLUMNS = 4096;
 const int STORE_ALIGNMENT = 64;
 

@@ -1,6 +1,7 @@
+// Exact rectangle of longitudes and latitudes of a triangle seen from the origin. Held to composite/tiles.py.
 #include "sphere.glsl"
 
-// (south, north) of the great circle from p to q, both unit
+// (south, north) latitude of the great circle arc from p to q, both unit
 vec2 edge_latitudes(vec3 p, vec3 q) {
     vec3 normal = cross(p, q);
     float squared = max(dot(normal, normal), 1e-20);
@@ -21,7 +22,7 @@ float pole_of_triangle(vec3 a, vec3 b, vec3 c) {
     return sign(cross(b - a, c - a).y * dot(a, cross(b, c)));
 }
 
-// frame coordinates of three directions in one turn: the second and third as near to the first as can be
+// frame coordinates of three directions, unwrapped: the second and third as near to the first as possible
 mat3x2 unwrapped(vec3 p, vec3 q, vec3 r, vec2 size) {
     mat3x2 places = mat3x2(frame_from_direction(p, size), frame_from_direction(q, size), frame_from_direction(r, size));
     places[1].x += size.x * floor((places[0].x - places[1].x) / size.x + 0.5);

@@ -1,7 +1,8 @@
-// what the rays of a pixel meet first, among the triangles that its block lists (reference.py: trace, groups). Tells
-//   WHOLE: triangle + 1 at the centre where one smooth piece fills the pixel, 0 where nothing is, -1 for anything else
+// First surface hit by each ray of a pixel, among the triangles listed for its block. Held to
+// composite/raycast/pixel_samples.py. It writes
+//   WHOLE: triangle + 1 at the centre if one smooth piece fills the pixel, 0 if nothing is hit, -1 otherwise
 //   BY_SAMPLE: triangle + 1 of every ray
-//   neither: groups of rays on one smooth piece, (triangle + 1, RANKS * rays + the ray that stands for them) each
+//   neither: groups of rays on one smooth piece, (triangle + 1, RANKS * rays + the representative ray) each
 #include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/geometry.glsl"
 #include "sphere.glsl"
@@ -30,7 +31,7 @@ uniform vec2 cells[4 * FOURS];
 layout(location = 0) out vec4 shown[GROUPS / 2];
 #endif
 
-// EACH_FOUR writes a line for every four rays: arrays whose places are known stay in registers
+// EACH_FOUR writes a line for every four rays: arrays with constant indices stay in registers
 Four fours[FOURS];
 vec2 longitude, latitude;
 
@@ -38,7 +39,7 @@ ivec2 facet_place(int triangle) {
     return ivec2(triangle & (FACET_COLUMNS - 1), triangle / FACET_COLUMNS);
 }
 
-// piece: number of the smooth piece; nearest: nothing of the triangle, nor of those after it, is met nearer
+// piece: number of the smooth piece. nearest: upper bound of one over the distance to this triangle and all after it
 Facet fetch_facet(int triangle, out float piece, out float nearest) {
     ivec2 at = facet_place(triangle);
     vec4 a = texelFetch(facet_a, at, 0), b = texelFetch(facet_b, at, 0);
@@ -51,13 +52,13 @@ vec3 plane_of(Facet facet) {
     return facet.a + facet.b + facet.c;
 }
 
-// how far off a plane a ray may end, as a part of its length, to be lit with another at a distance
+// distance from a plane within which hits share one shading evaluation, as a fraction of the ray's length
 float tolerance(vec3 plane, float nearness) {
     return PLANE_TOLERANCE * PIXEL_FILTER * PI / frame_size.y / nearness * length(plane);
 }
 
 #if defined(CUTOUTS) || defined(BLENDED)
-// what is let pass of a triangle, and what lies in front already
+// per ray: whether a triangle is solid there, and one over the distance from which hits count
 vec4 solid[FOURS], limit[FOURS];
 #define FREE(f) solid[f] = vec4(1.0); limit[f] = vec4(1e30);
 #define HITS(f) before(solid[f] * hits(fours[f], facet), limit[f])
@@ -105,7 +106,7 @@ float smallest(vec4 v) {
 }
 
 #if defined(WHOLE)
-// what reaches into the pixel, as near as it may be at the corners: the piece that is seen so far, and all others
+// nearness at the corners of everything that reaches into the pixel: the piece that is visible so far, and all others
 float current = -1.0;
 vec4 same = vec4(0.0), others = vec4(0.0);
 bool touched = false;
@@ -114,7 +115,7 @@ float largest(vec4 v) {
     return max(max(v.x, v.y), max(v.z, v.w));
 }
 
-void notice(Facet facet, float piece) {
+void note_reach(Facet facet, float piece) {
     vec4 u = products(fours[1], facet.a), v = products(fours[1], facet.b), w = products(fours[1], facet.c);
     vec4 near = max(u + v + w, 0.0);
     bool reaches = min(largest(u), min(largest(v), largest(w))) >= 0.0;
@@ -130,9 +131,9 @@ void notice(Facet facet, float piece) {
 }
 #endif
 
-// members stand in the order of their nearness: once all rays have met something nearer than the rest can be, it is over.
-// Loops test at their end, because software drivers run a body once more to leave
-void look(int first, int end, int pixel, bool cut) {
+// Intersects members [first, end), which are sorted by nearness: stops once all rays have hit something nearer than the
+// rest can be. Loops test at their end, because software drivers execute a body once more to leave
+void intersect_members(int first, int end, int pixel, bool cut) {
     int from = first & ~3;
     bool over = first >= end;
     if (!over) do {
@@ -146,7 +147,7 @@ void look(int first, int end, int pixel, bool cut) {
             if (cut) cut_out(triangle, facet);
 #endif
 #if defined(WHOLE)
-            notice(facet, piece);
+            note_reach(facet, piece);
 #endif
             EACH_FOUR(MEET)
             vec4 farthest = vec4(1e30);
@@ -163,18 +164,18 @@ void look(int first, int end, int pixel, bool cut) {
 #define PASS(f) limit[f] = pass(fours[f]);
 #define LEAVE(f) fours[f].nearness *= min(fours[f].triangle, 1.0);
 
-// one over the distance from which the next surface counts
+// one over the distance from which the next surface counts, just behind the last one
 vec4 pass(Four four) {
     return min(four.triangle, 1.0) * four.nearness / (1.0 + 4e-6 + 1e-7 * four.nearness);
 }
 
-// one blended surface after the other, in front of the opaque one that is known
-void look_into(int first, int end, int pixel) {
+// peels blended surfaces one after the other, in front of the opaque one
+void peel(int first, int end, int pixel) {
     vec4 wall[FOURS];
     EACH_FOUR(BEGIN)
     for (int k = 0; k <= layer; ++k) {
         EACH_FOUR(BACK)
-        look(first, end, pixel, false);
+        intersect_members(first, end, pixel, false);
         EACH_FOUR(PASS)
     }
     EACH_FOUR(LEAVE)
@@ -182,7 +183,7 @@ void look_into(int first, int end, int pixel) {
 #endif
 
 #if defined(WHOLE)
-// what lies so many tolerances in front of a piece is another part of it
+// tolerances in front of a piece from which on a surface of the same piece is another part of it
 const float APART = 4.0;
 
 bool all_near(Four four, vec3 plane, float slack, float piece) {
@@ -191,7 +192,7 @@ bool all_near(Four four, vec3 plane, float slack, float piece) {
         && all(lessThanEqual(off, vec4(slack)));
 }
 
-void tell() {
+void write_result() {
     float center = fours[0].triangle.x, piece, nearest;
     vec3 plane = plane_of(fetch_facet(max(int(center) - 1, 0), piece, nearest));
     float slack = tolerance(plane, fours[0].nearness.x);
@@ -203,7 +204,7 @@ void tell() {
 }
 #elif defined(BY_SAMPLE)
 #define SHOW(f) shown[f] = fours[f].triangle;
-void tell() {
+void write_result() {
     EACH_FOUR(SHOW)
 }
 #else
@@ -218,7 +219,7 @@ struct Group {
     float closest;
 };
 
-// the first ray that is in no group yet
+// the first ray without a group
 void find_seed(Four four, inout Group group, int first) {
     for (int k = 3; k >= 0; --k) {
         bool left = four.nearness[k] > 0.0;
@@ -229,7 +230,7 @@ void find_seed(Four four, inout Group group, int first) {
     }
 }
 
-// rays of a group are marked by a negative nearness, until its end
+// adds rays to a group; until it is complete they are marked by a negative nearness
 void gather(inout Four four, inout Group group, int first) {
     vec4 off = abs(products(four, group.plane) / four.nearness - 1.0);
     for (int k = 0; k < 4; ++k) {
@@ -241,7 +242,7 @@ void gather(inout Four four, inout Group group, int first) {
     }
 }
 
-// the ray closest to the middle of a group stands for it
+// the ray closest to the mean of a group represents it
 void represent(inout Four four, inout Group group, int first) {
     for (int k = 0; k < 4; ++k) {
         vec2 away = group.rays * cells[first + k] - group.sum;
@@ -259,7 +260,7 @@ void represent(inout Four four, inout Group group, int first) {
 
 const Group NONE = Group(0.0, 0.0, 0.0, -1, vec3(0.0), 0.0, false, 0.0, vec2(0.0), 1e9);
 
-void tell() {
+void write_result() {
     fours[FOURS - 1].nearness *= LAST;
     vec4 found[GROUPS / 2];
     for (int k = 0; k < GROUPS / 2; ++k) found[k] = vec4(0.0);
@@ -305,14 +306,14 @@ void main() {
     EACH_FOUR(FREE)
     vec2 more = texelFetch(more_lists, list_place(block), 0).xy;
 #endif
-    look(first, end, pixel, false);
+    intersect_members(first, end, pixel, false);
 #if defined(CUTOUTS)
-    look(end, int(more.x), pixel, true);
+    intersect_members(end, int(more.x), pixel, true);
     EACH_FOUR(FREE)
     end = int(more.x);
 #endif
 #if defined(BLENDED)
-    look_into(int(more.x), int(more.y), pixel);
+    peel(int(more.x), int(more.y), pixel);
 #endif
-    tell();
+    write_result();
 }
