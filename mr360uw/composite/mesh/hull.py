@@ -51,8 +51,8 @@ def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
 
 def slabs(points: Floats) -> Floats:
     """Return the least and the greatest coordinate (13, 2) of points (n, 3) along `SLAB_AXES`."""
-    along = points @ SLAB_AXES.T
-    return np.stack([along.min(axis=0), along.max(axis=0)], axis=-1)
+    along = SLAB_AXES @ points.T
+    return np.stack([along.min(axis=1), along.max(axis=1)], axis=-1)
 
 
 def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
@@ -110,11 +110,16 @@ def surfel_clusters(positions: Floats, piece: NDArray[np.int32]) -> tuple[list[N
 
 def surfels(positions: Floats, clusters: Sequence[NDArray[np.int64]], weight: Floats) -> tuple[Floats, Floats]:
     """Return a disc (position, area vector) for each cluster of triangles, as `surfel_clusters` returns them."""
-    vector = 0.5 * np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    area = np.maximum(np.linalg.norm(vector, axis=-1), _NO_AREA)
-    center = positions.mean(axis=1)
-    place = np.stack([np.average(center[c], axis=0, weights=area[c]) for c in clusters])
-    total = np.array([np.sum(weight[c] * area[c]) for c in clusters])
-    facing = np.stack([vector[c].sum(axis=0) for c in clusters])
+    order = np.concatenate(clusters)
+    one, two, three = (positions[order, k] for k in range(3))
+    vector = 0.5 * np.cross(two - one, three - one)
+    x, y, z = vector.T
+    area = np.maximum(np.sqrt(x * x + y * y + z * z), _NO_AREA)
+    moment, weighted = (one + two + three) / 3.0 * area[:, None], weight[order] * area
+    ends = np.cumsum([len(cluster) for cluster in clusters])
+    parts = [slice(end - len(cluster), end) for end, cluster in zip(ends.tolist(), clusters, strict=True)]
+    place = np.stack([moment[part].sum(axis=0) / area[part].sum() for part in parts])
+    total = np.array([weighted[part].sum() for part in parts])
+    facing = np.stack([vector[part].sum(axis=0) for part in parts])
     facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-30)
     return place, facing * total[:, None]
