@@ -89,12 +89,12 @@ def upload_still(mesh: Mesh) -> StillBuffers:
 def upload_mesh(mesh: Mesh, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. still: of a pose, what it shares with others."""
     still = upload_still(mesh) if still is None else still
-    positions = mesh.positions[still.order].astype(np.float32)
+    positions, normals = (a.astype(np.float32).take(still.order, axis=0) for a in (mesh.positions, mesh.normals))
     corners = np.zeros((len(positions), 3, 4), np.float32)
     corners[..., :3] = positions
     rows = still.texels.copy()
     texels = rows.reshape(-1, 4)[: _TRIANGLE_TEXELS * len(positions)].reshape(-1, _TRIANGLE_TEXELS, 4)
-    texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, mesh.normals[still.order]
+    texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
     return MeshBuffers(
         mesh=mesh,
         corners=gl_context().buffer(corners),

@@ -51,7 +51,7 @@ def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
 
 def slabs(points: Floats) -> Floats:
     """Return the least and the greatest coordinate (13, 2) of points (n, 3) along `SLAB_AXES`."""
-    along = SLAB_AXES @ points.T
+    along = np.einsum("ak,vk->av", SLAB_AXES, points)
     return np.stack([along.min(axis=1), along.max(axis=1)], axis=-1)
 
 
@@ -111,11 +111,13 @@ def surfel_clusters(positions: Floats, piece: NDArray[np.int32]) -> tuple[list[N
 def surfels(positions: Floats, clusters: Sequence[NDArray[np.int64]], weight: Floats) -> tuple[Floats, Floats]:
     """Return a disc (position, area vector) for each cluster of triangles, as `surfel_clusters` returns them."""
     order = np.concatenate(clusters)
-    one, two, three = (positions[order, k] for k in range(3))
-    vector = 0.5 * np.cross(two - one, three - one)
-    x, y, z = vector.T
-    area = np.maximum(np.sqrt(x * x + y * y + z * z), _NO_AREA)
-    moment, weighted = (one + two + three) / 3.0 * area[:, None], weight[order] * area
+    # one row a coordinate: a few times faster than (T, 3) arrays
+    ax, ay, az, bx, by, bz, cx, cy, cz = positions.reshape(-1, 9).T.take(order, axis=1)
+    ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    vector = 0.5 * np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+    area = np.maximum(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]), _NO_AREA)
+    moment = np.stack([ax + bx + cx, ay + by + cy, az + bz + cz]) / 3.0 * area
+    vector, moment, weighted = vector.T.copy(), moment.T.copy(), weight[order] * area
     ends = np.cumsum([len(cluster) for cluster in clusters])
     parts = [slice(end - len(cluster), end) for end, cluster in zip(ends.tolist(), clusters, strict=True)]
     place = np.stack([moment[part].sum(axis=0) / area[part].sum() for part in parts])

@@ -29,7 +29,7 @@ def corner_normals(positions: Floats, normals: Floats | None, faces: NDArray[np.
     if normals is None:
         return np.broadcast_to(face_normals(positions)[:, None], positions.shape)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    unit = (normals / np.maximum(length, _NO_NORMAL))[faces]
+    unit = (normals / np.maximum(length, _NO_NORMAL)).take(faces, axis=0)
     if np.all(length > _NO_NORMAL):
         return np.asarray(unit)
     return np.where(length[faces] > _NO_NORMAL, unit, face_normals(positions)[:, None])

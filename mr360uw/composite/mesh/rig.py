@@ -76,19 +76,24 @@ def pose(rig: Rig, clip: Clip, time_s: float) -> Mesh:
     """Return the mesh at a time of a clip [s], counted from the clip's own zero."""
     assert rig.surfel_weight is not None
     found = surfaces(rig, clip, time_s)
-    corners = [points[faces] for (points, _), faces in zip(found, rig.faces, strict=True)]
+    corners = [points.take(faces, axis=0) for (points, _), faces in zip(found, rig.faces, strict=True)]
     normals = [
         corner_normals(corner, normal, faces)
         for (_, normal), corner, faces in zip(found, corners, rig.faces, strict=True)
     ]
-    positions, points = np.concatenate(corners), np.concatenate([points for points, _ in found])
+    positions, points = _joined(corners), _joined([points for points, _ in found])
     place, area = surfels(positions, rig.clusters, rig.surfel_weight)
     return replace(
         rig.mesh,
         positions=positions,
-        normals=np.concatenate(normals),
+        normals=_joined(normals),
         hull=slab_hull(slabs(points), points.mean(axis=0)),
         surfel_position=place,
         surfel_area=area,
         rest=rig.mesh,
     )
+
+
+def _joined(arrays: list[Floats]) -> Floats:
+    """Return arrays one after the other; one array without a copy."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
