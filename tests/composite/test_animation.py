@@ -80,6 +80,21 @@ def test_normals_follow_uneven_scales(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("opposite", [False, True])
+def test_normals_stay_outside(tmp_path: Path, opposite: bool) -> None:
+    """Of a mirrored skin, and of one whose halves are turned half round, so that their mean has no volume."""
+    file = tube()
+    if opposite:
+        file.clip((2, "rotation", [0.0], [[1.0, 0.0, 0.0, 0.0]]))
+    else:
+        file.tree["nodes"][1]["scale"] = [1.0, 1.0, -1.0]
+    mesh = mesh_at(loaded(file, tmp_path), 0.0)
+    across = np.cross(mesh.positions[:, 1] - mesh.positions[:, 0], mesh.positions[:, 2] - mesh.positions[:, 0])
+    straight = np.linalg.norm(np.ptp(mesh.normals, axis=1), axis=-1) < 1.0  # not between the halves
+    assert np.count_nonzero(straight) > len(straight) / 2
+    assert np.all(np.einsum("tk,tk->t", across, mesh.normals.mean(axis=1))[straight] > 0.0)
+
+
 def morphing(**more: Any) -> GltfFile:
     file = GltfFile(materials=[{}])
     lifted, leant = np.tile([0.0, 0.0, 2.0], (4, 1)), np.tile([1.0, 0.0, 0.0], (4, 1))

@@ -6,10 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import mr360uw as uw
+from mr360uw.cli import app
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.rig import load_rig
 from mr360uw.composite.objects import load_object
@@ -143,6 +146,29 @@ def test_the_scene_knows_how_far_a_clip_goes(tmp_path: Path) -> None:
     assert loaded.notes == ()
     high = {"object": {"position_m": [0.0, 6.0, -3.0]}, "camera": {"depth_m": 5.0}}
     assert any("wholly above" in note for note in load(scene_of(tmp_path, file, **high), 128, 64).notes)
+
+
+def test_a_video_from_the_command_line(tmp_path: Path, dive: Any) -> None:
+    """Frames 2 and 3 of a run of their own are those of the whole run, and differ by what swims."""
+    swimming().write(tmp_path / "fish.glb")
+    written: dict[str, list[np.ndarray]] = {}
+    for name, animation, frames in (("whole", "swim", "0:4"), ("part", "swim", "2:4"), ("rest", "", "2:4")):
+        scene = tmp_path / f"{name}.toml"
+        table = (
+            f'[[object]]\nmesh = "fish.glb"\nposition_m = [-0.8, -0.3, -2.0]\nanimation = "{animation}"\nspeed = 2.0\n'
+        )
+        scene.write_text(f'plate = "{dive.plate}"\n{table}')
+        out = tmp_path / f"{name}_%04d.png"
+        command = ["composite", str(scene), str(out), "--frames", frames, "--backend", "reference"]
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 0, result.output
+        written[name] = [cv2.imread(str(tmp_path / f"{name}_{k:04d}.png"), cv2.IMREAD_UNCHANGED) for k in (2, 3)]
+    np.testing.assert_array_equal(written["part"], written["whole"])
+    checked = CliRunner().invoke(app, ["check", str(tmp_path / "whole.toml"), "--backend", "reference"])
+    assert "plays 'swim' of 1.00 s" in checked.output
+    changes = [np.abs(one.astype(float) - other) for one, other in zip(written["part"], written["rest"], strict=True)]
+    assert min(change.max() for change in changes) > 10.0
+    assert np.abs(changes[1] - changes[0]).max() > 10.0
 
 
 def test_an_unknown_animation_ends_the_run_with_its_names(tmp_path: Path) -> None:
