@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.mesh import Mesh, load_mesh
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.rig import load_rig
 from mr360uw.composite.mesh.texture import Texture
 from mr360uw.composite.mesh.texture_file import read_texture
 from mr360uw.composite.motion import Motion, object_motion, rigid
+from mr360uw.composite.playback import Playback, Poses, playback
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError
@@ -22,23 +24,49 @@ from mr360uw.types import Floats
 
 _AT_REST = {
     name: ObjectSettings.model_fields[name].default
-    for name in ("position_m", "rotation_deg", "scale", "attach", "key", "interpolation", "casts_shadow", "visible")
+    for name in (
+        "position_m",
+        "rotation_deg",
+        "scale",
+        "attach",
+        "key",
+        "interpolation",
+        "animation",
+        "loop",
+        "speed",
+        "start_s",
+        "casts_shadow",
+        "visible",
+    )
 }
 """The settings that do not change an object's meshes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
-    """An object of a scene, loaded. meshes: one, or one for every frame of a mesh sequence."""
+    """An object of a scene, loaded. meshes: one, or one for every frame of a mesh sequence.
+
+    playback: the clip that it plays, or None. The one mesh of an object that plays is that at rest, but for its hull,
+    which holds every pose of the clip.
+    """
 
     settings: ObjectSettings
     meshes: tuple[Mesh, ...]
     motion: Motion
+    playback: Playback | None = None
 
     @property
     def moves(self) -> bool:
         """Whether it changes from frame to frame in the world."""
-        return len(self.meshes) > 1 or self.motion.moves or self.settings.attach == "camera"
+        plays = self.playback is not None and self.playback.moves
+        return len(self.meshes) > 1 or self.motion.moves or plays or self.settings.attach == "camera"
+
+    @property
+    def instants(self) -> Floats:
+        """Times (n,) of the video [s] at which it has a key, or that show all of the clip that it plays."""
+        if self.playback is None:
+            return self.motion.time_s
+        return np.concatenate([self.motion.time_s, self.playback.instants])
 
     def highest_m(self, camera_m: float) -> float:
         """Return an upper bound [m] of its height in the world, for a camera that stays below `camera_m`."""
@@ -57,9 +85,8 @@ class SceneObject:
         transform = self.motion.at(time_s)
         if self.settings.attach == "camera":
             transform = rigid(camera_position, world_from_camera) @ transform
-        return PlacedObject(
-            self.meshes[frame % len(self.meshes)], transform, self.settings.casts_shadow, self.settings.visible
-        )
+        mesh = self.meshes[frame % len(self.meshes)] if self.playback is None else self.playback.at(time_s)
+        return PlacedObject(mesh, transform, self.settings.casts_shadow, self.settings.visible)
 
 
 def load_object(settings: ObjectSettings) -> SceneObject:
@@ -72,16 +99,22 @@ def load_objects(all_settings: Iterable[ObjectSettings]) -> tuple[SceneObject, .
 
     Every file is read once, and objects that differ only in where they are share their meshes.
     """
-    read, texture = functools.cache(load_mesh), functools.cache(read_texture)
+    read, texture = functools.cache(load_rig), functools.cache(read_texture)
 
     @functools.cache
-    def meshes(look: ObjectSettings) -> tuple[Mesh, ...]:
-        return tuple(_overridden(read(path, look.unit, look.part), look, texture) for path in _paths(look.mesh))
+    def poses(look: ObjectSettings) -> tuple[Poses, ...]:
+        rigs = [read(path, look.unit, look.part) for path in _paths(look.mesh)]
+        return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
 
-    return tuple(
-        SceneObject(settings, meshes(settings.model_copy(update=_AT_REST)), object_motion(settings))
-        for settings in all_settings
-    )
+    return tuple(_scene_object(settings, poses(settings.model_copy(update=_AT_REST))) for settings in all_settings)
+
+
+def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneObject:
+    meshes = tuple(one.rig.mesh for one in poses)
+    played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
+    if played is not None:
+        meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
+    return SceneObject(settings, meshes, object_motion(settings), played)
 
 
 def _paths(path: Path) -> list[Path]:

@@ -17,6 +17,7 @@ Vector = tuple[float, float, float]
 Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera"]
 Interpolation = Literal["linear", "smooth"]
+Loop = Literal["repeat", "once", "ping-pong"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
 
 
@@ -49,6 +50,14 @@ class ObjectSettings(Parameters):
     attach: Attachment = parameter("world", "frame of reference: the world, or the camera and its rotation")
     key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time")
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
+    animation: int | str = parameter(
+        "auto", "clip of a glTF file that is played, by name or number (the first is 0); auto: its first, '': none"
+    )
+    loop: Loop = parameter("repeat", "how the clip goes on after its end: again, not at all, or back and forth")
+    speed: float = parameter(
+        1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3
+    )
+    start_s: float = parameter(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
     casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
     texture: Path | None = parameter(None, "base colour image to use instead of the file's own")

@@ -128,5 +128,7 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
     for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
         triangles = len(placed.meshes[0].positions)
-        lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m")
+        clip = None if placed.playback is None else placed.playback.clip
+        plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"
+        lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m{plays}")
     return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -51,11 +51,13 @@ def _notes(scene: Scene, placed: SceneObject, camera: CameraPath, height: int) -
 
 
 def _times(placed: SceneObject, camera: CameraPath) -> Floats:
-    """Return the times [s] at which the object or the camera has a key, thinned out where there are many."""
-    keys = [np.zeros(1), placed.motion.time_s]
-    keys += [] if camera.track is None else [camera.track.time_s]
-    keys += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
-    times = np.unique(np.concatenate(keys))
+    """Return the times [s] at which the object or the camera has a key, thinned out where there are many, and some of
+    the clip that the object plays.
+    """
+    known = [np.zeros(1), placed.instants]
+    known += [] if camera.track is None else [camera.track.time_s]
+    known += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
+    times = np.unique(np.concatenate(known))
     return times[np.unique(np.linspace(0, len(times) - 1, _INSTANTS).round().astype(int))]
 
 

@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
-from mr360uw.composite.mesh import mesh as mesh_module
+from mr360uw.composite.mesh import rig as rig_module
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import make_mesh
 from mr360uw.composite.mesh.part import Part
@@ -189,8 +189,8 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     Image.new("RGB", (8, 8), (255, 0, 0)).save(tmp_path / "red.png")
     fish = {"mesh": written(tmp_path / "fish.glb", trimesh.creation.box((3, 1, 1))), "texture": tmp_path / "red.png"}
     reads: list[Path] = []
-    read = mesh_module.read_mesh_file
-    monkeypatch.setattr(mesh_module, "read_mesh_file", lambda path: reads.append(path) or read(path))
+    read = rig_module.read_mesh_file
+    monkeypatch.setattr(rig_module, "read_mesh_file", lambda path: reads.append(path) or read(path))
     one, other, matt, large = load_objects(
         [
             ObjectSettings(**fish),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
-from mr360uw.composite.gl.upload import MODES, MeshBuffers, list_texture, texture_store
+from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.errors import MeshError
@@ -103,7 +103,7 @@ class FacetPass:
         """Return the triangles of a shot's objects."""
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
-        masked = tuple(dict.fromkeys(p.mesh for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
+        masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
         cutouts = self._cache.get("cutouts", masked, lambda: self._make_cutouts(masked))
         rows = self._cache.get("facets", None, _Rows)
         target = rows.room(int(row[-1]), bool(masked))
@@ -148,7 +148,7 @@ class FacetPass:
             count=len(placed.mesh.positions),
             first_row=row,
             first_piece=float(piece),
-            first_map=float(cutouts.first.get(placed.mesh, 0)),
+            first_map=float(cutouts.first.get(placed.mesh.still, 0)),
         )
         self._targets.fill(target, shader, Rectangle(0, row, FACET_COLUMNS, rows))
 
@@ -158,10 +158,10 @@ class FacetPass:
             kinds[start : start + count] = kind
 
     def _make_cutouts(self, meshes: tuple[Mesh, ...]) -> _Cutouts:
-        maps = [texture for mesh in meshes for texture in self._buffers(mesh).cut_maps]
+        maps = [texture for mesh in meshes for texture in cutting_maps(mesh)]
         if not maps:
             return _Cutouts({}, {})
-        first = np.cumsum([0, *(len(self._buffers(mesh).cut_maps) for mesh in meshes)])
+        first = np.cumsum([0, *(len(cutting_maps(mesh)) for mesh in meshes)])
         store, entries = texture_store(maps, slice(3, 4))
         table = np.array([entries[texture] for texture in maps])
         textures = {"cutouts": store, "cutout_maps": list_texture(table)}

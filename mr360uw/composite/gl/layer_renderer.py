@@ -13,7 +13,7 @@ from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
 from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.gl.upload import MeshBuffers, upload_mesh
+from mr360uw.composite.gl.upload import MeshBuffers, upload_mesh, upload_still
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile
@@ -24,6 +24,7 @@ from mr360uw.gl.context import gl_context
 from mr360uw.types import Layer
 
 _KEPT_MESHES = 64
+"""Meshes on the device. Poses are kept as many as a shot has: the next shot has others."""
 
 
 class LayerRenderer:
@@ -31,6 +32,7 @@ class LayerRenderer:
 
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
+        self._poses = 1
         self._light = LightTextures(self._cache, self._buffers)
         targets = Targets()
         self._objects = ObjectPass(targets, self._light, self._buffers, self._cache)
@@ -49,6 +51,7 @@ class LayerRenderer:
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
         view = shot.view
+        self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
         object_parts = object_rectangles(shot)
         changes = self._receiver.find(shot)
         parts = object_parts + (changes.rectangles if changes is not None else [])
@@ -63,4 +66,8 @@ class LayerRenderer:
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:
-        return self._cache.get("mesh", mesh, lambda: upload_mesh(mesh), keep=_KEPT_MESHES)
+        if mesh.rest is None:
+            return self._cache.get("mesh", mesh, lambda: upload_mesh(mesh), keep=_KEPT_MESHES)
+        rest = mesh.rest
+        still = self._cache.get("mesh at rest", rest, lambda: upload_still(rest), keep=_KEPT_MESHES)
+        return self._cache.get("pose", mesh, lambda: upload_mesh(mesh, still), keep=self._poses)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import moderngl
 
 _LIST_COLUMNS = 2048
+_TRIANGLE_TEXELS = 10
 _STORE_COLUMNS = 4096
 _STORE_ALIGNMENT = 64
 _NO_MAP = (-1.0, 0.0, 0.0, 0.0)
@@ -33,9 +34,8 @@ MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
-    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: number of smooth
-    pieces. triangles, materials, store: as in geometry.glsl and texture.glsl. cut_maps: the maps used as alpha masks,
-    in the order of the materials' indices.
+    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
+    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say.
     """
 
     mesh: Mesh
@@ -45,45 +45,80 @@ class MeshBuffers:
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
-    cut_maps: tuple[Texture, ...]
 
 
-def upload_mesh(mesh: Mesh) -> MeshBuffers:
-    """Return a mesh on the device."""
+@dataclass(frozen=True, slots=True, eq=False)
+class StillBuffers:
+    """What all poses of a mesh share: textures on the device, and the texels of its triangles.
+
+    order: (T,) of the mesh's triangles on the device. texels: (rows, columns, 4) float32, complete but for positions
+    and normals. The others are those of `MeshBuffers`.
+    """
+
+    order: NDArray[np.int64]
+    texels: NDArray[np.float32]
+    ranges: dict[AlphaMode, tuple[int, int]]
+    pieces: int
+    materials: moderngl.Texture
+    store: moderngl.Texture
+
+
+def upload_still(mesh: Mesh) -> StillBuffers:
+    """Return what the poses of a mesh share on the device."""
     mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
     order = np.argsort(mode, kind="stable")
     counts = np.bincount(mode, minlength=3)
     ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
-    corners = np.zeros((len(order), 3, 4), np.float32)
-    corners[..., :3] = mesh.positions[order]
-    texels = np.zeros((len(order), 10, 4), np.float32)
-    texels[:, 0:9:3, :3], texels[:, 0:9:3, 3] = mesh.positions[order], mesh.uv[order, :, 0]
-    texels[:, 1:9:3, :3], texels[:, 1:9:3, 3] = mesh.normals[order], mesh.uv[order, :, 1]
+    texels = np.zeros((len(order), _TRIANGLE_TEXELS, 4), np.float32)
+    texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[order, :, 0], mesh.uv[order, :, 1]
     texels[:, 2:9:3] = mesh.colors[order]
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
     store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
-    cut_maps = _cut_maps(mesh)
+    cut_maps = cutting_maps(mesh)
     materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
-    return MeshBuffers(
-        mesh=mesh,
-        corners=gl_context().buffer(corners.tobytes()),
+    return StillBuffers(
+        order=order,
+        texels=_in_rows(texels, 4),
         ranges=ranges,
         pieces=int(mesh.patch.max()) + 1,
-        triangles=list_texture(texels),
         materials=list_texture(materials),
         store=store,
-        cut_maps=cut_maps,
+    )
+
+
+def upload_mesh(mesh: Mesh, still: StillBuffers | None = None) -> MeshBuffers:
+    """Return a mesh on the device. still: of a pose, what it shares with others."""
+    still = upload_still(mesh) if still is None else still
+    positions, normals = (a.astype(np.float32).take(still.order, axis=0) for a in (mesh.positions, mesh.normals))
+    corners = np.zeros((len(positions), 3, 4), np.float32)
+    corners[..., :3] = positions
+    rows = still.texels.copy()
+    texels = rows.reshape(-1, 4)[: _TRIANGLE_TEXELS * len(positions)].reshape(-1, _TRIANGLE_TEXELS, 4)
+    texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
+    return MeshBuffers(
+        mesh=mesh,
+        corners=gl_context().buffer(corners),
+        ranges=still.ranges,
+        pieces=still.pieces,
+        triangles=texture_from_array(rows),
+        materials=still.materials,
+        store=still.store,
     )
 
 
 def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
     """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
+    return texture_from_array(_in_rows(values, channels))
+
+
+def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:
+    """Return the texels of `list_texture` (rows, 2048, channels), the last row filled up with zeros."""
     flat = np.asarray(values).reshape(-1)
     row = _LIST_COLUMNS * channels
     rows = max(-(-len(flat) // row), 1)
     padded = np.zeros(rows * row, np.float32)
     padded[: len(flat)] = flat
-    return texture_from_array(padded.reshape(rows, _LIST_COLUMNS, channels))
+    return padded.reshape(rows, _LIST_COLUMNS, channels)
 
 
 def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
@@ -116,8 +151,8 @@ def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderng
     return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, width), "f2"), entries
 
 
-def _cut_maps(mesh: Mesh) -> tuple[Texture, ...]:
-    """Return the maps used as alpha masks."""
+def cutting_maps(mesh: Mesh) -> tuple[Texture, ...]:
+    """Return the maps whose alpha cuts triangles out, as the materials on the device number them."""
     maps = (m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
     return tuple(dict.fromkeys(maps))
 

@@ -23,6 +23,8 @@ from mr360uw.errors import MeshError
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error)
+"""What Python raises where a file contradicts itself."""
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 FOLLOWED = frozenset(

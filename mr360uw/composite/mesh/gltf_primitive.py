@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.gltf import Gltf, dequantised
-from mr360uw.composite.mesh.part import cofactors
 from mr360uw.types import Floats
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -39,42 +38,20 @@ class Primitive:
         return rgba
 
 
-def read_primitive(gltf: Gltf, entry: dict[str, Any], weights: list[float]) -> Primitive | None:
-    """Return a primitive with its morph targets at `weights`; None for points and lines."""
+def read_primitive(gltf: Gltf, entry: dict[str, Any]) -> Primitive | None:
+    """Return a primitive; None for points and lines."""
     mode = entry.get("mode", _TRIANGLES)
     if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in entry["attributes"]:
         return None
     columns = _columns(gltf, entry)
     positions = columns["POSITION"].astype(np.float64)
     normals = columns["NORMAL"].astype(np.float64) if "NORMAL" in columns else None
-    for weight, target in zip(weights, entry.get("targets", []), strict=False):
-        if "POSITION" in target:
-            positions = positions + weight * gltf.accessor(target["POSITION"])
-        if "NORMAL" in target and normals is not None:
-            normals = normals + weight * gltf.accessor(target["NORMAL"])
     if any(len(column) != len(positions) for name, column in columns.items() if name != _INDICES):
         raise ValueError("attributes of different lengths")
     order = columns.get(_INDICES, np.arange(len(positions))).astype(np.int64).ravel()
     if len(order) and order.max() >= len(positions):
         raise IndexError(f"index {order.max()} of {len(positions)} vertices")
     return Primitive(positions, normals, _faces(order, mode), columns)
-
-
-def posed(primitive: Primitive, joints: Floats) -> Primitive:
-    """Return a primitive that follows its joints (J, 4, 4): from bind pose to the world, blended linearly."""
-    columns = primitive.columns
-    blend = np.zeros((len(primitive.positions), 4, 4))
-    for k in range(len(columns)):
-        if f"JOINTS_{k}" in columns:
-            chosen = joints[columns[f"JOINTS_{k}"].astype(np.int64)]
-            blend += np.einsum("vk,vkij->vij", dequantised(columns[f"WEIGHTS_{k}"]).astype(np.float64), chosen)
-    linear, shift = blend[:, :3, :3], blend[:, :3, 3]
-    positions = np.einsum("vij,vj->vi", linear, primitive.positions) + shift
-    mirrored = np.linalg.det(linear.mean(axis=0)) < 0.0
-    normals = primitive.normals
-    if normals is not None:
-        normals = np.einsum("vij,vj->vi", cofactors(linear), normals) * (-1.0 if mirrored else 1.0)
-    return Primitive(positions, normals, primitive.faces[:, ::-1] if mirrored else primitive.faces, columns)
 
 
 def _columns(gltf: Gltf, entry: dict[str, Any]) -> Columns:

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from mr360uw.composite.mesh.hull import hull_triangles, make_surfels
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
-from mr360uw.composite.mesh.normals import crease_normals, face_normals, smooth_patches, welded
-from mr360uw.composite.mesh.part import Part
+from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
+from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.composite.settings import Unit
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
-_METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Length of one unit of a file [m]."""
 _LARGE_M = 20.0
 _SMALL_M = 0.02
 """Sizes above and below which a note suggests another unit or a scale."""
@@ -37,7 +38,8 @@ class Mesh:
     colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
     the smooth piece of a triangle. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
     and surfel_area (s, 3): discs of the surface as area vectors; those of closed parts count half, because a line
-    through them crosses two. notes: warnings for the user.
+    through them crosses two. notes: what looked odd, for the user. rest: of a pose of a mesh that moves, the mesh at
+    rest; both have the same triangles in the same order, and the same uv, colors, material, patch and materials.
     """
 
     positions: Floats
@@ -51,6 +53,12 @@ class Mesh:
     surfel_position: Floats
     surfel_area: Floats
     notes: tuple[str, ...] = ()
+    rest: Mesh | None = None
+
+    @property
+    def still(self) -> Mesh:
+        """The mesh at rest, which all poses share: a key for what does not change with the pose."""
+        return self if self.rest is None else self.rest
 
     @property
     def extent_m(self) -> Floats:
@@ -81,13 +89,20 @@ def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "") -> Mesh:
     Raises `MeshError` if the file cannot be read, has no triangles, vertices that are not finite or no extent, or
     names a missing texture.
     """
-    path = Path(path)
-    file = read_mesh_file(path)
+    file = read_mesh_file(Path(path))
+    moves = "is animated - here it is drawn as it rests in the file"
+    notes = (f"{path} - {moves}",) if file.rigging is not None else ()
+    mesh = mesh_of_file(Path(path), file, unit, part)
+    return replace(mesh, notes=mesh.notes + notes)
+
+
+def mesh_of_file(path: Path, file: MeshFile, unit: Unit = "auto", part: str = "") -> Mesh:
+    """Return the mesh at rest of what a file holds, as `load_mesh` does."""
     named = [p for p in file.parts if part in p.name]
     if part and not named:
         names = ", ".join(sorted({p.name for p in file.parts}))
         raise MeshError(f"{path} - no part of that name (got {part!r}) - there are: {names}")
-    mesh = make_mesh(named, list(file.materials), where=str(path), scale=_METRES[unit], suspicious=unit == "auto")
+    mesh = make_mesh(named, list(file.materials), where=str(path), scale=METRES[unit], suspicious=unit == "auto")
     return replace(mesh, notes=file.notes + mesh.notes)
 
 
@@ -108,10 +123,9 @@ def make_mesh(
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     if np.max(extent) <= 0.0:
         raise MeshError(f"{where} - has no extent (got all vertices in one place) - export it without compression")
-    area = 0.5 * np.linalg.norm(np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0]), axis=-1)
-    keep = area > 1e-14 * np.max(extent) ** 2
+    keep = proper_triangles(positions)
     if not np.any(keep):
-        raise MeshError(f"{where} - all triangles are degenerate (got {len(area)}) - export the surface again")
+        raise MeshError(f"{where} - all triangles are degenerate (got {len(keep)}) - export the surface again")
     material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])
     piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])
     if not np.all(keep):
@@ -134,6 +148,13 @@ def make_mesh(
     )
 
 
+def proper_triangles(positions: Floats) -> NDArray[np.bool_]:
+    """Return which triangles (T, 3, 3) of a mesh have an area; the others are not drawn."""
+    extent = np.ptp(positions.reshape(-1, 3), axis=0)
+    area = 0.5 * np.linalg.norm(np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0]), axis=-1)
+    return np.asarray(area > 1e-14 * np.max(extent) ** 2)
+
+
 def _size_notes(where: str, extent: Floats) -> tuple[str, ...]:
     longest = float(np.max(extent))
     if longest > _LARGE_M:
@@ -153,16 +174,9 @@ def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
     if not np.all(np.isfinite(positions)):
         normals = np.zeros_like(positions)
     elif part.normals is None or not np.all(np.isfinite(part.normals)):
-        normals = (
-            np.broadcast_to(face_normals(positions)[:, None], positions.shape)
-            if part.flat
-            else crease_normals(positions)
-        )
+        normals = corner_normals(positions, None, faces) if part.flat else crease_normals(positions)
     else:
-        normals = np.asarray(part.normals, np.float64)[faces]
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        flat = face_normals(positions)[:, None, :]
-        normals = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), flat)
+        normals = corner_normals(positions, np.asarray(part.normals, np.float64), faces)
     uv = np.zeros((*faces.shape, 2)) if part.uv is None else np.asarray(part.uv, np.float64)[faces]
     colors = np.ones((*faces.shape, 4)) if part.colors is None else np.asarray(part.colors, np.float64)[faces]
     return positions, normals, np.where(np.isfinite(uv), uv, 0.0), np.where(np.isfinite(colors), colors, 1.0)

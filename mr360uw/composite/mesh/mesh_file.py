@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from mr360uw.cache import Same
+from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.obj_material import obj_notes, simple_material
-from mr360uw.composite.mesh.part import MeshFile, Part, placed
+from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

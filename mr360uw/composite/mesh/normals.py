@@ -11,12 +11,28 @@ from mr360uw.types import Floats
 _CREASE_COSINE = 0.5
 """Edges sharper than 60 degrees stay sharp in meshes without normals."""
 _LARGEST = 2**62
+_NO_NORMAL = 1e-6
+"""Length of a file's normal below which it is none."""
 
 
 def face_normals(positions: Floats) -> Floats:
     """Return the unit normals (T, 3) of triangles (T, 3, 3) wound anticlockwise, zero for degenerate ones."""
     cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
     return cross / np.maximum(np.linalg.norm(cross, axis=-1, keepdims=True), 1e-30)
+
+
+def corner_normals(positions: Floats, normals: Floats | None, faces: NDArray[np.int64]) -> Floats:
+    """Return unit normals (T, 3, 3) of the corners of triangles (T, 3, 3) from those of vertices (V, 3), of any length.
+
+    faces: (T, 3) vertices of the triangles. Where the normals are None or have no length, the triangle is flat.
+    """
+    if normals is None:
+        return np.broadcast_to(face_normals(positions)[:, None], positions.shape)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    unit = (normals / np.maximum(length, _NO_NORMAL)).take(faces, axis=0)
+    if np.all(length > _NO_NORMAL):
+        return np.asarray(unit)
+    return np.where(length[faces] > _NO_NORMAL, unit, face_normals(positions)[:, None])
 
 
 def crease_normals(positions: Floats) -> Floats:

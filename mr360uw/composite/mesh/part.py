@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.mesh.curve import Clip
 from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.skeleton import Skeleton
+from mr360uw.composite.mesh.skin import Body
 from mr360uw.types import Floats
 
 
@@ -31,30 +35,25 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rigging:
+    """What moves the parts of a file. bodies: one for each part, in the same order. clips: names of the animations.
+
+    read_clip: returns the animation of a number; raises `MeshError` where it is broken.
+    """
+
+    skeleton: Skeleton
+    bodies: tuple[Body, ...]
+    clips: tuple[str, ...]
+    read_clip: Callable[[int], Clip]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeshFile:
-    """The contents of a file. notes: for the user, on features that are not drawn or drawn in another way."""
+    """The contents of a file, its parts at rest; notes: what it holds that is not drawn, or drawn in another way, for
+    the user. rigging: None where nothing in the file moves.
+    """
 
     parts: tuple[Part, ...]
     materials: tuple[Material, ...]
     notes: tuple[str, ...] = ()
-
-
-def placed(
-    transform: Floats, positions: Floats, normals: Floats | None, faces: NDArray[np.int64]
-) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
-    """Return positions, normals and faces under a (4, 4) transform; a mirror reverses the faces' winding."""
-    linear = transform[:3, :3]
-    mirrored = bool(np.linalg.det(linear) < 0.0)
-    if normals is not None:
-        normals = normals @ cofactors(linear).T * (-1.0 if mirrored else 1.0)
-    return positions @ linear.T + transform[:3, 3], normals, faces[:, ::-1] if mirrored else faces
-
-
-def cofactors(linear: Floats) -> Floats:
-    """Return the transform of normals (..., 3, 3): cofactors (determinant times inverse transpose), scaled to norm 1.
-
-    Cofactors exist for singular transforms, too.
-    """
-    a, b, c = (linear[..., k, :] for k in range(3))
-    matrix = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-    return matrix / np.maximum(np.linalg.norm(matrix, axis=(-2, -1), keepdims=True), 1e-300)
+    rigging: Rigging | None = None

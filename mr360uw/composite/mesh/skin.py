@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces that follow nodes: rigidly, by morph targets and by skins (glTF 2.0 specification, sections 3.7.2.2, 3.7.3).
+
+Tangents are not morphed: the renderers find them from positions and texture coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.affine import cofactors, placed
+from mr360uw.composite.mesh.skeleton import Pose
+from mr360uw.types import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MorphTarget:
+    """What is added at weight 1 to positions (V, 3) and normals (V, 3); None adds nothing."""
+
+    positions: Floats | None
+    normals: Floats | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """Joints that vertices follow, blended linearly.
+
+    joints: (J,) numbers of nodes. inverse_bind: (J, 4, 4) from the mesh's axes to each joint's as they were bound.
+    weights: sparse (V, J), rows sum to 1.
+    """
+
+    joints: NDArray[np.int64]
+    inverse_bind: Floats
+    weights: Any
+
+    def bent(
+        self, world: Floats, positions: Floats, normals: Floats | None, faces: NDArray[np.int64]
+    ) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
+        """Return positions, normals and faces that follow the joints, as `affine.placed` does.
+
+        world: (n, 4, 4) of all nodes. Mirrored is a surface most of whose weight is on joints that mirror.
+        """
+        joints = world[self.joints] @ self.inverse_bind
+        blend = (self.weights @ joints[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
+        linear = blend[..., :3]
+        share = np.asarray(self.weights.sum(axis=0)).ravel()
+        mirrored = bool(share @ np.sign(np.linalg.det(joints[:, :3, :3])) < 0.0)
+        if normals is not None:
+            normals = np.einsum("vij,vj->vi", cofactors(linear), normals) * (-1.0 if mirrored else 1.0)
+        positions = np.einsum("vij,vj->vi", linear, positions) + blend[..., 3]
+        return positions, normals, faces[:, ::-1] if mirrored else faces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A surface of a mesh file before its node places it: positions (V, 3), normals (V, 3) or None, faces (T, 3).
+
+    node: its number in the skeleton. weights: (m,) of its morph targets at rest. skin: None where it is rigid; a body
+    with a skin follows its joints and not its node.
+    """
+
+    node: int
+    positions: Floats
+    normals: Floats | None
+    faces: NDArray[np.int64]
+    targets: tuple[MorphTarget, ...] = ()
+    weights: Floats | None = None
+    skin: Skin | None = None
+
+    def at(self, pose: Pose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
+        """Return positions, normals (of any length) and faces in the file's axes."""
+        positions, normals = self.positions, self.normals
+        weights = pose.weights.get(self.node, self.weights)
+        for weight, target in zip([] if weights is None else weights.tolist(), self.targets, strict=True):
+            if weight != 0.0 and target.positions is not None:
+                positions = positions + weight * target.positions
+            if weight != 0.0 and target.normals is not None and normals is not None:
+                normals = normals + weight * target.normals
+        if self.skin is not None:
+            return self.skin.bent(pose.world, positions, normals, self.faces)
+        return placed(pose.world[self.node], positions, normals, self.faces)

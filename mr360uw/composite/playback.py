@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which clip of its file an object plays, how, and the poses that it takes."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mr360uw.composite.mesh.curve import Clip
+from mr360uw.composite.mesh.hull import slab_hull, slabs
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.rig import Rig, pose, surfaces
+from mr360uw.composite.settings import Loop, ObjectSettings
+from mr360uw.errors import MeshError
+from mr360uw.types import Floats
+
+_KEPT_POSES = 8
+_BOUND_INSTANTS = 49
+"""Times of a clip at which its bounds are found, the first and the last among them. Twice as many halve the margin that
+is left for what happens between them, and take twice the time to load."""
+_NOTED_INSTANTS = 17
+
+
+class Poses:
+    """The poses of one rig; the last few are kept, so that objects that play in step share their meshes."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.at = functools.lru_cache(_KEPT_POSES)(functools.partial(pose, rig))
+        self.clip = functools.cache(self._clip)
+        self.bounds = functools.cache(functools.partial(clip_bounds, rig))
+
+    def _clip(self, number: int) -> Clip:
+        assert self.rig.rigging is not None
+        return self.rig.rigging.read_clip(number)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Playback:
+    """A clip as an object plays it: at the video's time t it shows the clip's time start_s + speed t."""
+
+    poses: Poses
+    clip: Clip
+    loop: Loop
+    speed: float
+    start_s: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the pose changes with time."""
+        return self.clip.duration_s > 0.0 and self.speed != 0.0
+
+    @property
+    def bounds(self) -> Floats:
+        """Triangles (h, 3, 3) of a convex body that holds every pose of the clip."""
+        return self.poses.bounds(self.clip)
+
+    @property
+    def instants(self) -> Floats:
+        """Times (n,) of the video [s], from 0, that show all of the clip."""
+        if not self.moves:
+            return np.zeros(1)
+        return np.linspace(0.0, (self.clip.duration_s + abs(self.start_s)) / abs(self.speed), _NOTED_INSTANTS)
+
+    def at(self, time_s: float) -> Mesh:
+        """Return the mesh at a time of the video [s]."""
+        elapsed = looped(self.start_s + self.speed * time_s, self.clip.duration_s, self.loop)
+        return self.poses.at(self.clip, self.clip.first_s + elapsed)
+
+
+def looped(time_s: float, duration_s: float, loop: Loop) -> float:
+    """Return the time in [0, duration_s] that a clip shows at any time, before 0 and after its end, too."""
+    if duration_s <= 0.0:
+        return 0.0
+    if loop == "once":
+        return min(max(time_s, 0.0), duration_s)
+    if loop == "repeat":
+        return time_s % duration_s
+    return duration_s - abs(time_s % (2.0 * duration_s) - duration_s)
+
+
+def clip_bounds(rig: Rig, clip: Clip) -> Floats:
+    """Return the triangles (h, 3, 3) of a convex body that holds the poses of a clip.
+
+    It holds them at even instants. In between a vertex is taken to be within half the longest way that one goes from
+    one instant to the next, of where it is at the nearer of them: true where it goes straight, or nearly so.
+    """
+    bounds, inside, way = [], np.zeros(3), 0.0
+    before: Floats | None = None
+    for time_s in clip.first_s + np.linspace(0.0, clip.duration_s, _BOUND_INSTANTS if clip.duration_s > 0.0 else 1):
+        points = np.concatenate([points for points, _ in surfaces(rig, clip, float(time_s))])
+        bounds.append(slabs(points))
+        inside = points.mean(axis=0)
+        way = way if before is None else max(way, float(np.max(np.linalg.norm(points - before, axis=-1))))
+        before = points
+    every = np.stack([np.min([b[:, 0] for b in bounds], axis=0), np.max([b[:, 1] for b in bounds], axis=0)], axis=-1)
+    return slab_hull(every, inside, 0.5 * way)
+
+
+def playback(settings: ObjectSettings, poses: Poses, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
+    """Return what an object plays, or None, and notes for the user.
+
+    sequence: it has a mesh for every frame, which leaves nothing to play. Raises `MeshError` where the animation that
+    the scene names is not there, or broken.
+    """
+    rigging = None if sequence else poses.rig.rigging
+    names = () if rigging is None else rigging.clips
+    wanted = settings.animation
+    number = _number(wanted, names)
+    if number is None:
+        if wanted in ("", "auto"):
+            return None, ()
+        there = ", ".join(repr(name) for name in names) if names else "none"
+        why = "a sequence plays its meshes" if sequence else f"there are: {there}"
+        raise MeshError(f"{settings.mesh} - no animation of that name or number (got {wanted!r}) - {why}")
+    clip = poses.clip(number)
+    notes: list[str] = []
+    if wanted == "auto" and len(names) > 1:
+        others = ", ".join(repr(name) for name in names)
+        notes.append(f"{settings.mesh} - plays the first of its animations - set animation to choose of: {others}")
+    if not clip.channels:
+        notes.append(f"{settings.mesh} - its animation {clip.name!r} moves nothing that is drawn - it rests")
+    return Playback(poses, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
+
+
+def _number(wanted: Any, names: tuple[str, ...]) -> int | None:
+    """Return the number of the animation that a scene asks for by name or number, None where there is none."""
+    if wanted == "":
+        return None
+    if wanted in names:
+        return names.index(wanted)
+    number = 0 if wanted == "auto" else int(wanted) if str(wanted).isdecimal() else len(names)
+    return number if number < len(names) else None
