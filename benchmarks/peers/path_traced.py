@@ -142,11 +142,9 @@ def _render(scene: Scene, sky: Sky) -> Truth:
 
     halves = np.stack([window.means(picture(whole, _path(), PATHS, seed)) for seed in (1, 2)])
     found = picture(whole, {"type": "aov", "aovs": "number:shape_index,place:position"}, 1, 3)[:, -4:]
-    names = [shape.id() for shape in whole.shapes()]
-    hit = np.any(found[:, 1:] != 0.0, axis=-1)
-    covered = {
-        name: window.means((hit & (np.round(found[:, 0]) == k)).astype(float))[..., 0] for k, name in enumerate(names)
-    }
+    # shapes are counted from 1, the sky is 0
+    number = {shape.id(): k + 1 for k, shape in enumerate(whole.shapes())}
+    covered = {name: window.means((found[:, 0] == k).astype(float))[..., 0] for name, k in number.items()}
     sunlit = np.ones_like(covered["floor"])
     if sky.sun is not None:
         beam = FLOOR_ALBEDO / np.pi * sky.sun.irradiance * sky.sun.direction[1]
