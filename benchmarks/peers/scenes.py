@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mr360uw import ibl
 from mr360uw.composite import PlacedObject, Receiver, Shot
@@ -157,7 +158,7 @@ def torus(ring: float, tube: float, material: Material, around: int = 96, across
     return make_mesh([part], [material])
 
 
-def crate(size: tuple[float, float, float], wall: float, material: Material) -> Mesh:
+def crate(size: ArrayLike, wall: float, material: Material) -> Mesh:
     """Return an open box about the origin with walls of a thickness, of as few triangles as it takes."""
     half = 0.5 * np.asarray(size)
     around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -171,7 +172,7 @@ def crate(size: tuple[float, float, float], wall: float, material: Material) -> 
     return make_mesh([Part("crate", np.concatenate(rings), _triangles(quads), flat=True)], [material])
 
 
-def sheet_crate(size: tuple[float, float, float], cells: int, material: Material) -> Mesh:
+def sheet_crate(size: ArrayLike, cells: int, material: Material) -> Mesh:
     """Return an open box about the origin of five sheets without thickness, each of cells x cells squares."""
     step = np.linspace(-1.0, 1.0, cells + 1)
     s, t = (g.ravel() for g in np.meshgrid(step, step, indexing="ij"))
@@ -196,14 +197,19 @@ GREY, RED, WOOD = diffuse((0.5, 0.5, 0.5)), diffuse((0.75, 0.08, 0.06)), diffuse
 GOLD = Material(base_color=(0.95, 0.72, 0.40, 1.0), metallic=1.0, roughness=0.35)
 
 
-def _crate_scene(name: str, mesh: Mesh, wall: float) -> Scene:
-    place, half = np.array([0.0, FLOOR_Y_M + 0.5 * _CRATE[1], -1.15]), 0.5 * np.array(_CRATE)
-    inside = np.stack([place - half + 0.5 * wall, place + half - 0.5 * wall])
+_CRATE = np.array([0.9, 0.4, 0.7])
+_WALL_M, _LIFT_M = 0.04, 2e-3
+"""Thickness of the crate's walls; height of the sheets' floor above the ground, with which it would coincide."""
+
+
+def _crate_scene(name: str, mesh: Mesh, lift_m: float, inset_m: float) -> Scene:
+    """Return a crate below the camera; its hollow ends inset_m within its extent, at the near side always."""
+    place = np.array([0.0, FLOOR_Y_M + 0.5 * _CRATE[1] + lift_m, -1.15])
+    inside = np.stack([place - 0.5 * _CRATE + inset_m, place + 0.5 * _CRATE - inset_m])
+    inside[1, 2] -= 2.0 * abs(inset_m)
     return Scene(name, (placed(mesh, tuple(place)),), (0.05, FLOOR_Y_M, -1.2), 90.0, inside)
 
 
-_CRATE = (0.9, 0.4, 0.7)
-_SHEET_M, _WALL_M = 2e-3, 0.04
 SCENES = {
     scene.name: scene
     for scene in (
@@ -216,8 +222,8 @@ SCENES = {
                 ball(0.25, 0.95, -2.5, GREY, gap=0.25),
             ),
         ),
-        _crate_scene("crate", crate(_CRATE, _WALL_M, WOOD), _WALL_M),
-        _crate_scene("sheets", sheet_crate(_CRATE, 16, replace(WOOD, double_sided=True)), _SHEET_M),
+        _crate_scene("crate", crate(_CRATE, _WALL_M, WOOD), 0.0, 0.5 * _WALL_M),
+        _crate_scene("sheets", sheet_crate(_CRATE, 16, replace(WOOD, double_sided=True)), _LIFT_M, -1e-3),
         Scene("torus", (placed(torus(0.40, 0.14, GREY), (0.0, FLOOR_Y_M + 0.14, -1.9)),), (0.1, FLOOR_Y_M, -1.9)),
         Scene(
             "touching",
