@@ -18,6 +18,8 @@ _EVERY = 4
 """Frames between those that are read: a sixth of a second, in which caustics move by their own width."""
 _LEAST_FRAMES = 8
 """Frames below which a mean still shows the caustics themselves."""
+_MEASURED = 3
+"""Frames whose detail is measured: its variance is that of thousands of filaments in each."""
 _COLUMNS = 512
 _SHIFT = 2
 _STANDS = 0.8
@@ -59,7 +61,8 @@ class CalmSeries:
             return
         linear = frame.image_linear
         self._sum = linear.copy() if self._sum is None else self._sum + linear
-        self._variance.append(self._detail(frame))
+        if len(self._variance) < _MEASURED:
+            self._variance.append(self._detail(frame))
         size = (_COLUMNS, _COLUMNS // 2)
         below = cv2.resize(luminance(linear).astype(np.float32), size, interpolation=cv2.INTER_AREA)[_COLUMNS // 4 :]
         self._small.append(below - cv2.GaussianBlur(below, (0, 0), 4.0))
