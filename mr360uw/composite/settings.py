@@ -169,6 +169,9 @@ class DrawSettings(Parameters):
 
     samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "light each surface once a pixel, or once a sample")
+    ambient_occlusion: bool = parameter(
+        True, "whether objects keep ambient light off themselves and each other, and send light back"
+    )
     sun_samples: int = parameter(24, "directions over the sun's disc that shadows are the mean of", low=1, high=32)
     sun_spread_deg: float = parameter(
         5.0,

@@ -26,6 +26,7 @@ _STORE_ALIGNMENT = 64
 _NO_MAP = (-1.0, 0.0, 0.0, 0.0)
 MapEntry = tuple[float, float, float, float]
 """(address / 64, width, height, wrap) of a map in its store."""
+TRIANGLE_TEXELS = 11
 MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
@@ -48,19 +49,21 @@ class MeshBuffers:
     cut_maps: tuple[Texture, ...]
 
 
-def upload_mesh(mesh: Mesh) -> MeshBuffers:
-    """Return a mesh on the device."""
+def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None) -> MeshBuffers:
+    """Return a mesh on the device. places: (T, 4) its knots of ambient light as `Lattice` says; None without them."""
     mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
     order = np.argsort(mode, kind="stable")
     counts = np.bincount(mode, minlength=3)
     ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
     corners = np.zeros((len(order), 3, 4), np.float32)
     corners[..., :3] = mesh.positions[order]
-    texels = np.zeros((len(order), 10, 4), np.float32)
+    texels = np.zeros((len(order), TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, :3], texels[:, 0:9:3, 3] = mesh.positions[order], mesh.uv[order, :, 0]
     texels[:, 1:9:3, :3], texels[:, 1:9:3, 3] = mesh.normals[order], mesh.uv[order, :, 1]
     texels[:, 2:9:3] = mesh.colors[order]
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
+    if places is not None:
+        texels[:, 10] = places[order]
     store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
     cut_maps = _cut_maps(mesh)
     materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a mesh is asked every frame: where it is (its hull), and how much ambient light it blocks (its surfels)."""
+"""The convex hull of a mesh: what is asked every frame for where it is."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from mr360uw.types import Floats
 
 _MANY = 50_000
 _SHALLOW = 1e-4
-SURFELS = 32
-"""Discs that stand for a body where it keeps ambient light off others."""
 
 
 def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
@@ -35,35 +33,3 @@ def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
         box = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
         sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
         return box[[t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]]
-
-
-def make_surfels(positions: Floats, piece: NDArray[np.int32]) -> tuple[Floats, Floats]:
-    """Return at most `SURFELS` discs (position, area vector): halves of equal area along the longest axis, again and
-    again, over place and facing.
-    """
-    vector = 0.5 * np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    area = np.linalg.norm(vector, axis=-1)
-    center = positions.mean(axis=1)
-    weight = np.empty(len(area))
-    for k in np.unique(piece):
-        of = piece == k
-        closed = np.linalg.norm(vector[of].sum(axis=0)) < 0.2 * area[of].sum()
-        weight[of] = 0.5 if closed else 1.0
-    extent = float(np.max(np.ptp(center, axis=0))) or 1.0
-    feature = np.concatenate([center.T / extent, 0.5 * vector.T / area])
-    clusters = [np.arange(len(area))]
-    while len(clusters) < SURFELS:
-        halves = []
-        for cluster in clusters:
-            axis = int(np.argmax([np.ptp(row[cluster]) for row in feature]))
-            order = cluster[np.argsort(feature[axis, cluster], kind="stable")]
-            cut = int(np.searchsorted(np.cumsum(area[order]), 0.5 * area[order].sum()))
-            halves += [part for part in (order[: cut + 1], order[cut + 1 :]) if len(part)]
-        if len(halves) == len(clusters):
-            break
-        clusters = halves
-    place = np.stack([np.average(center[c], axis=0, weights=area[c]) for c in clusters])
-    total = np.array([np.sum(weight[c] * area[c]) for c in clusters])
-    facing = np.stack([vector[c].sum(axis=0) for c in clusters])
-    facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-30)
-    return place, facing * total[:, None]

@@ -2,8 +2,7 @@
 """Meshes as the renderers want them: triangles with everything of their corners, in metres.
 
 Corners are not shared between triangles, so flat, creased and smooth surfaces, seams of the texture and several
-materials need no special cases. Besides the triangles a mesh carries what is asked of it every frame: its convex hull
-(where it is in the frame) and a few surfels (how much ambient light it keeps off a receiver).
+materials need no special cases. Besides the triangles a mesh carries its convex hull: where it is in every frame.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.hull import hull_triangles, make_surfels
+from mr360uw.composite.mesh.hull import hull_triangles
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import crease_normals, face_normals, smooth_patches, welded
@@ -34,9 +33,8 @@ class Mesh:
 
     positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left.
     colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
-    the smooth piece that a triangle belongs to. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
-    and surfel_area (s, 3): discs of the surface as area vectors; those of closed parts count half, because a line
-    through them crosses two. notes: what looked odd, for the user.
+    the smooth piece that a triangle belongs to. hull: (h, 3, 3) triangles of the convex hull. notes:
+    what looked odd, for the user.
     """
 
     positions: Floats
@@ -47,8 +45,6 @@ class Mesh:
     patch: NDArray[np.int32]
     materials: tuple[Material, ...]
     hull: Floats
-    surfel_position: Floats
-    surfel_area: Floats
     notes: tuple[str, ...] = ()
 
     @property
@@ -117,7 +113,6 @@ def make_mesh(
         positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
         material, piece = material[keep], piece[keep]
     place = welded(positions)
-    surfel_position, surfel_area = make_surfels(positions, piece)
     return Mesh(
         positions=positions,
         normals=normals,
@@ -127,8 +122,6 @@ def make_mesh(
         patch=smooth_patches(place, normals, piece),
         materials=tuple(materials),
         hull=hull_triangles(positions, place),
-        surfel_position=surfel_position,
-        surfel_area=surfel_area,
         notes=notes + (_size_notes(where, extent) if suspicious else ()),
     )
 

@@ -3,7 +3,7 @@
 
     ratio = 1 + w (share free + (1 - share) seen waves + added - 1)
 
-with share the ambient fraction of what lights the plate, free the fraction of it that bodies leave, seen and waves the
+with share the ambient fraction of what lights the plate, free the fraction of it that bodies leave (with what they send there themselves), seen and waves the
 visible fraction of the plate's own direct light and the waves' factor on it, added the irradiance of lamps that the
 plate does not know over all that lights it, and w the fading towards the receiver's end.
 """
@@ -15,13 +15,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from mr360uw.composite.lighting.arrival import LightSource
-from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
-UNNOTICED = 0.02
-"""A body that blocks less than this fraction of the ambient light leaves it: two code values of 8 bits over metres."""
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out: no line across the ground where shadow or waves end."""
 BRIGHTEST = 64.0
@@ -65,32 +62,24 @@ def added_light(
 
 
 def receiver_ratio(
-    shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats, distance_m: Floats
+    shot: Shot, sources: Sequence[LightSource], free: Floats, point: Floats, normal: Floats, distance_m: Floats
 ) -> Floats:
-    """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends."""
+    """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends.
+
+    free: (n, 3) fraction of the ambient light that bodies leave there, with what they send.
+    """
     receiver = shot.receiver
     assert receiver is not None
-    free: Floats = np.ones(len(point))
     seen: Floats = np.ones(len(point))
     waves: Floats = np.ones((len(point), 3))
-    if receiver.occlusion:
-        free = unblocked(ambient_blocked(point, normal, surfel_table(shot.casters, shot.view.position)))
     for source in sources:
         if source.in_plate:
             seen = source.visibility(point) if receiver.shadow else seen
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
-    ratio = share * free[:, None] + (1.0 - share) * seen[:, None] * waves
+    ratio = share * free + (1.0 - share) * seen[:, None] * waves
     ratio = ratio + added_light(shot, sources, point, normal)
     return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
-
-
-def unblocked(blocked: Floats) -> Floats:
-    """Return the fraction (...,) of the ambient light that bodies leave.
-
-    What is blocked fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
-    """
-    return 1.0 - np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
 
 
 def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:

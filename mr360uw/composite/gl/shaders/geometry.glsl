@@ -1,10 +1,11 @@
-// a triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
+// a triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch);
+// then its knots of ambient light (ambient/lattice.py).
 // a material is nine of `materials`: see gl_upload.py.
 // maps are switched at compile time: software drivers run both sides of every branch
 #include "composite/gl/shaders/rays.glsl"
 #include "composite/gl/shaders/texture.glsl"
 
-const int TRIANGLE_TEXELS = 10;
+const int TRIANGLE_TEXELS = 11;
 const int MATERIAL_TEXELS = 9;
 
 struct Triangle {
@@ -27,6 +28,8 @@ struct Surface {
     float occlusion;
     float refractive_index;
     float footprint_m;
+    vec3 weights;
+    bool behind;
 };
 
 // rows of 2048: shifts, because software drivers divide integers one lane at a time
@@ -132,5 +135,7 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     }
 #endif
     s.normal = normal * side;
+    s.weights = hit.xyz;
+    s.behind = side < 0.0;
     return s;
 }

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ambient light of a shot with everything that bodies keep off and send back, solved on their sites for every frame.
+
+    E_i = sum_k c_ik V_ik L_k + sum_j c_ij B_j + sum_g c_ig L_g (r_g - 1)        B_j = rho_j (E_j + S_j)/pi + e_j
+
+with i, j sites, c the solid angle times cosine of a direction, V its visibility, L the environment, g the nodes of the
+ground, r the ratio of light on them, rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from
+E as if nothing were in the way: light of a furnace stays what it is in every step, also in a closed box.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.directions import blurred, quadric_at, radiance_towards
+from mr360uw.composite.ambient.ground_height import ground_heights
+from mr360uw.composite.ambient.ground_kernel import gather, shown
+from mr360uw.composite.ambient.knot_values import CHANNELS
+from mr360uw.composite.ambient.layout import Layout, make_layout
+from mr360uw.composite.lighting.sun import sun_of, sun_up
+from mr360uw.composite.shot import Shot
+from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.types import Floats
+
+BOUNCES = 6
+"""Steps of the solution: what is left out is the reflectance to this power, 1.6 % of the light inside a closed box of
+reflectance .5, nothing in the open."""
+_BRIGHTEST = 16.0
+"""Most that neighbours multiply the ambient light of a place by."""
+_PLACES_AT_ONCE = 1 << 14
+_KEPT_PLACES, _KEPT_SWEEPS = 1 << 16, 16
+"""Sets of places, 400 bytes a place and body, whose sweeps are kept."""
+_STEPS = 64.0
+"""The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
+_ROWS, _COLUMNS = 64, 48
+"""Azimuths and elevations of the tables over which the ground's blocked light is integrated: pixels of the map."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AmbientLight:
+    """Solved ambient light of a shot. values: for each object the values (K, CHANNELS) of its knots, float32, or None
+    where nothing is in its way. tables: of the bodies that the ground sees, as `ground_kernel.gather` takes them.
+    """
+
+    layout: Layout
+    values: tuple[NDArray[np.float32] | None, ...]
+    tables: NDArray[np.float64]
+    ambient: Floats
+
+    def free(self, normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
+        """Return the fraction (n, 3) of the ambient light that is left on the ground with normals (n, 3), and what
+        bodies send there; `swept` is the layout's sweep of the places.
+        """
+        blocked = np.zeros((len(normal), 4))
+        if len(self.tables) == 0:
+            return np.ones((len(normal), 3))
+        gather(np.ascontiguousarray(normal, np.float64), *swept, self.tables, blocked)
+        whole = np.maximum(environment_lookup(self.ambient, normal), 1e-9)
+        return 1.0 - shown(blocked[:, 3:] / np.pi) * blocked[:, :3] / whole
+
+
+def ambient_layout(shot: Shot, cache: Cache) -> Layout:
+    """Return how the bodies and the ground of a shot see each other."""
+    receiver = shot.receiver
+    on_ground = receiver is not None and receiver.occlusion
+    objects = shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if on_ground)
+    heights = ground_heights(shot, objects, cache)
+    key = (tuple((o.key, o.casts_shadow) for o in objects), tuple(heights), on_ground)
+    return cache.get("ambient layout", key, lambda: make_layout(objects, heights, on_ground, cache))
+
+
+def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
+    """Return the solved ambient light of a shot; None where bodies have no part in it."""
+    receiver = shot.receiver
+    if not shot.objects or not (shot.draw.ambient_occlusion or (receiver is not None and receiver.occlusion)):
+        return None
+    layout = ambient_layout(shot, cache)
+    if all(view.nothing for view in layout.views) and not layout.ground_bodies:
+        return None
+    return _Solver(shot, layout, cache).solve()
+
+
+def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
+    """Return the fraction (..., 3) of the ambient light that bodies leave at places (..., 3) of the receiver, from the
+    camera, with what they send there. cache: keeps what they block of the last few sets of places.
+    """
+    free = np.ones((point.size // 3, 3))
+    if light is None or shot.receiver is None or not shot.receiver.occlusion:
+        return free.reshape(point.shape)
+    places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
+    layout, some = light.layout, len(places) * len(light.tables) <= _KEPT_PLACES
+    for start in range(0, len(places), _PLACES_AT_ONCE):
+        part = slice(start, start + _PLACES_AT_ONCE)
+        key, keep = (layout, places[part].tobytes()), _KEPT_SWEEPS if some else 1
+        swept = cache.get("ambient sweep", key, lambda p=part: layout.sweep(places[p]), keep)
+        free[part] = light.free(normals[part], swept)
+    return free.reshape(point.shape)
+
+
+class _Solver:
+    def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
+        self._shot, self._layout, self._cache = shot, layout, cache
+        map_ = blurred(shot.environment)
+        self._radiance = [radiance_towards(map_, body.rotation) for body in layout.bodies]
+        self._plain = [b.transfer.cosine @ r.astype(np.float32) for b, r in zip(layout.bodies, self._radiance, strict=True)]
+        self._reflected = np.concatenate([b.transfer.reflected(shot.refractive_index) for b in layout.bodies])
+        self._emitted = np.concatenate([b.transfer.emission / self._scale(b.center[None]) for b in layout.bodies])
+        self._sun = np.concatenate([self._sunlight(k) for k in range(len(layout.bodies))])
+        self._behind = environment_lookup(shot.environment.residual, _table_directions()[0])
+        self._tables = np.zeros((0, _ROWS, _COLUMNS + 1, 3, 4))
+
+    def solve(self) -> AmbientLight:
+        """Return the light after `BOUNCES` steps; the ground's shade is found from the first."""
+        layout = self._layout
+        views = layout.views
+        irradiance = np.concatenate(self._plain)
+        direct = [
+            plain - view.lost @ radiance for plain, view, radiance in zip(self._plain, views, self._radiance, strict=True)
+        ]
+        shade = [np.zeros((len(plain), 3)) for plain in direct]
+        sent = self._sent(irradiance)
+        steps = BOUNCES if any(view.sites.nnz or view.ground.nnz for view in views) else 0
+        for step in range(steps):
+            if step == 1:
+                shade = self._shade(sent)
+            found = [d + view.sites @ sent + s for d, view, s in zip(direct, views, shade, strict=True)]
+            irradiance = np.concatenate(found)
+            sent = self._sent(irradiance)
+        values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
+        self._tables = self._make_tables(sent)
+        none: tuple[None, ...] = (None,) * len(self._shot.objects)
+        return AmbientLight(layout, none if values is None else values, self._tables, self._shot.environment.ambient)
+
+    def _sent(self, irradiance: Floats) -> Floats:
+        """Return the radiance (sites, 3) that sites send to all sides, over the ambient light's fall with depth."""
+        return self._reflected * (irradiance + self._sun) / np.pi + self._emitted
+
+    def _scale(self, points: Floats) -> Floats:
+        """Return the ambient light (n, 3) at the depth of points (n, 3) of the world over that at the camera."""
+        shot = self._shot
+        if shot.medium is None:
+            return np.ones((len(points), 3))
+        return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
+
+    def _beam(self, points: Floats) -> Floats:
+        """Return the sun's irradiance (n, 3) across its beam over the ambient light's fall with depth."""
+        shot, sun = self._shot, sun_of(self._shot)
+        if sun is None:
+            return np.zeros((len(points), 3))
+        beam = np.broadcast_to(sun.irradiance, (len(points), 3))
+        if shot.medium is not None:
+            beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
+        return beam / np.maximum(self._scale(points), 1e-9)
+
+    def _sunlight(self, number: int) -> Floats:
+        """Return the irradiance (S, 3) of the sun on the sites of a body."""
+        body, sun = self._layout.bodies[number], sun_of(self._shot)
+        if sun is None:
+            return np.zeros((len(body.transfer.cosine), 3))
+        place = body.placed.to_world(body.transfer.lattice.position)
+        cosine = np.maximum(body.transfer.lattice.normal @ body.rotation.T @ sun.direction, 0.0)
+        return self._beam(place) * (cosine * ~self._shaded(("sites", number), place))[:, None]
+
+    def _shaded(self, what: object, place: Floats) -> NDArray[np.bool_]:
+        sun = sun_of(self._shot)
+        assert sun is not None
+        towards = np.round(_STEPS * np.asarray(sun.direction))
+        towards = towards / np.linalg.norm(towards)
+        key = (self._layout, what, towards.tobytes())
+        return self._cache.get("ambient sun", key, lambda: self._layout.shaded(place, towards), keep=256)
+
+    def _shade(self, sent: Floats) -> list[Floats]:
+        """Return what the shaded ground adds (S, 3) to the sites of every body, negative where it takes."""
+        self._tables = self._make_tables(sent)
+        sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
+        shade = []
+        for number, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True)):
+            if len(view.node) == 0:
+                shade.append(np.zeros((len(body.transfer.cosine), 3)))
+                continue
+            key = (self._layout, number)
+            swept = self._cache.get("ambient nodes", key, lambda v=view: self._layout.sweep(v.node), keep=64)
+            lost = np.zeros((len(view.node), 4))
+            gather(np.broadcast_to(up, view.node.shape).copy(), *swept, self._tables, lost)
+            before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
+            change = -lost[:, :3]
+            if sun is not None:
+                beam = self._beam(view.node) * max(float(sun.direction[1]), 0.0)
+                change = change - beam * self._shaded(("nodes", number), view.node)[:, None]
+                before = before + beam
+            away = view.node - body.center
+            floor = environment_lookup(self._shot.environment.residual, away / np.linalg.norm(away, axis=-1)[:, None])
+            shade.append(view.ground @ (floor * np.maximum(change / before, -1.0)))
+        return shade
+
+    def _values(self, irradiance: Floats, sent: Floats) -> tuple[NDArray[np.float32] | None, ...]:
+        layout = self._layout
+        values: list[NDArray[np.float32] | None] = []
+        for k, (body, view) in enumerate(zip(layout.bodies, layout.views, strict=True)):
+            if view.nothing:
+                values.append(None)
+                continue
+            plain, part = self._plain[k], slice(layout.first[k], layout.first[k + 1])
+            of_sites = np.zeros((len(plain), CHANNELS))
+            least = 1e-3 * plain.max() + 1e-9
+            of_sites[:, :3] = np.minimum((irradiance[part] + least) / (plain + least), _BRIGHTEST)
+            of_sites[:, 3:5] = view.visible[:, :2]
+            of_sites[:, 5:8] = view.visible[:, 2:] @ body.rotation.T
+            of_sites[:, 8:11] = (view.sites @ sent) / body.transfer.whole[:, None]
+            values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
+        return tuple(values)
+
+    def _make_tables(self, sent: Floats) -> NDArray[np.float64]:
+        """Return P of ground_kernel.py for each body that the ground sees: of the light it takes, less what it sends."""
+        layout = self._layout
+        d, weighted = _table_directions()
+        tables = np.zeros((len(layout.ground_bodies), _ROWS, _COLUMNS + 1, 3, 4))
+        for m, k in enumerate(layout.ground_bodies):
+            body, part = layout.bodies[k], slice(layout.first[k], layout.first[k + 1])
+            front = quadric_at(body.transfer.outlook @ sent[part], -d.reshape(-1, 3) @ body.rotation)
+            light = np.ones((_ROWS, _COLUMNS, 4))
+            light[..., :3] = self._behind - np.maximum(front, 0.0).reshape(_ROWS, _COLUMNS, 3)
+            tables[m, :, 1:] = np.cumsum(weighted[..., None] * light[:, :, None, :], axis=1)
+        return tables
+
+
+@functools.cache
+def _table_directions() -> tuple[Floats, Floats]:
+    """Return the middles (_ROWS, _COLUMNS, 3) of a table's cells, and the same times their solid angle over a row."""
+    azimuth = (np.arange(_ROWS) + 0.5) * 2.0 * np.pi / _ROWS
+    elevation = ((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) * np.pi
+    e, a = np.meshgrid(elevation, azimuth)
+    d = np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1)
+    return d, d * (np.cos(e) * np.pi / _COLUMNS)[..., None]
