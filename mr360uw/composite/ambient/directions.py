@@ -36,23 +36,3 @@ def blurred(environment: Environment) -> Floats:
 def radiance_towards(map_: Floats, rotation: Floats) -> Floats:
     """Return the radiance (COUNT, 3) of a map (H, W, 3) in a body's directions; rotation: its axes to the world's."""
     return np.asarray(environment_lookup(map_, directions() @ rotation.T))
-
-
-@functools.cache
-def _fit() -> Floats:
-    return np.linalg.pinv(_quadrics(directions()))
-
-
-def _quadrics(d: Floats) -> Floats:
-    x, y, z = np.moveaxis(d, -1, 0)
-    return np.stack([np.ones_like(x), x, y, z, x * y, y * z, z * x, x * x - y * y, 3.0 * z * z - 1.0], axis=-1)
-
-
-def quadric_fit(values: Floats) -> Floats:
-    """Return the quadric (9, c) of direction that is nearest to values (COUNT, c) in `directions`."""
-    return np.asarray(_fit() @ values)
-
-
-def quadric_at(quadric: Floats, towards: Floats) -> Floats:
-    """Return the values (n, c) of a quadric (9, c) in unit directions (n, 3)."""
-    return np.asarray(_quadrics(towards) @ quadric)

@@ -19,8 +19,9 @@ from mr360uw.types import Floats
 
 AZIMUTHS = 32
 """Azimuths over the width of a body, from a place. A wall's end is off by half a step: a hundredth at its foot."""
-UNNOTICED = 0.015
-"""A body that blocks less than this fraction of the ambient light leaves it: two code values of 8 bits over metres."""
+UNNOTICED, NOTICED = 0.012, 0.036
+"""A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres; from
+the second on it shows whole."""
 _HALF = 0.5
 _PIECES = 8
 
@@ -30,8 +31,8 @@ def shown(blocked: Floats) -> Floats:
 
     It fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
     """
-    blocked = np.minimum(blocked, 1.0)
-    return np.maximum(blocked - UNNOTICED, 0.0) / ((1.0 - UNNOTICED) * np.maximum(blocked, UNNOTICED))
+    t = np.clip((blocked - UNNOTICED) / (NOTICED - UNNOTICED), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
 
 
 _compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
@@ -145,14 +146,13 @@ def _sum_to(table: Any, azimuth: Any, elevation: Any, normal: Any, channel: Any)
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def gather(normal: Any, begins: Any, blocked: Any, tables: Any, out: Any) -> None:
-    """Add what bodies block at places with normals (n, 3) to `out` (n, channels).
+def gather(normal: Any, begins: Any, blocked: Any, table: Any, out: Any) -> None:
+    """Add what bodies block at places with normals (n, 3) to `out` (bodies, n, channels).
 
-    begins, blocked: (bodies, n, ...) of `sweep`. tables: (bodies, azimuths, elevations + 1, 3, channels), P for each
-    body of the light that it takes.
+    begins, blocked: (bodies, n, ...) of `sweep`. table: (azimuths, elevations + 1, 3, channels), P of the light.
     """
     piece = np.empty((_PIECES, 2))
-    channels = tables.shape[4]
+    channels = table.shape[3]
     for k in range(len(normal)):
         nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
         for m in range(len(begins)):
@@ -192,8 +192,9 @@ def gather(normal: Any, begins: Any, blocked: Any, tables: Any, out: Any) -> Non
                 for p in range(pieces):
                     if piece[p, 1] > piece[p, 0]:
                         for c in range(channels):
-                            upper = _sum_to(tables[m], azimuth, piece[p, 1], normal[k], c)
-                            out[k, c] += share * step * (upper - _sum_to(tables[m], azimuth, piece[p, 0], normal[k], c))
+                            upper = _sum_to(table, azimuth, piece[p, 1], normal[k], c)
+                            lower = _sum_to(table, azimuth, piece[p, 0], normal[k], c)
+                            out[m, k, c] += share * step * (upper - lower)
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]

@@ -12,7 +12,7 @@ from mr360uw.types import Floats
 
 CELLS = 32
 """Cells along each side of the plan. At the foot of a ball the blocked share is then within .01."""
-_FINE = 2
+_FINE = 4
 _LEAST_WIDTH = 0.01
 """Least half width of the plan as a part of its half length: thin cards that stand upright keep one."""
 
@@ -45,9 +45,11 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     shape = (CELLS, _FINE, CELLS, _FINE)
     hit = np.isfinite(down) & np.isfinite(up)
     count = hit.reshape(shape).sum(axis=(1, 3))
-    lower, upper = (
-        np.where(hit, h, 0.0).reshape(shape).sum(axis=(1, 3)) / np.maximum(count, 1) for h in (up, down)
-    )
+    lower, upper = (np.where(hit, h, 0.0).reshape(shape).sum(axis=(1, 3)) / np.maximum(count, 1) for h in (up, down))
+    # cells on the outline have the heights of the outline itself, where a round body is as thin as it ends
+    outline = (count > 0) & (count < _FINE**2)
+    lower = np.where(outline, np.where(hit, up, -np.inf).reshape(shape).max(axis=(1, 3)), lower)
+    upper = np.where(outline, np.where(hit, down, np.inf).reshape(shape).min(axis=(1, 3)), upper)
     cover = count / _FINE**2
     cover, lower, upper = _with_thin_parts(points, frame, cover, lower, upper)
     cover, lower, upper = (np.pad(a, 1) for a in (cover, lower, upper))

@@ -31,7 +31,7 @@ _INSET = 0.1
 wall that meets it there."""
 _LIFT = 3e-4
 """Distance of sites off their surface as a part of the longest side."""
-_NEAREST = 8
+_NEAREST, _STAND_INS = 8, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class Lattice:
 
     places: (T, 4) for every triangle three knots and 1, or the first knot of its lattice, two zeros and the number of
     steps. knots: their number on the front; as many again follow for the back where `two_sided`. position, normal:
-    (S, 3) of the sites. area: (S,) of the surface that each stands for [m2]. triangle: (S,) one that holds it, weights:
+    (S, 3) of the sites. triangle: (S,) one that holds it, weights:
     (S, 3) where. knot_site: (K,) the site nearest to each knot. from_sites: (K, S) sparse, rows of sum 1.
     """
 
@@ -49,7 +49,6 @@ class Lattice:
     two_sided: bool
     position: Floats
     normal: Floats
-    area: Floats
     triangle: NDArray[np.int64]
     weights: Floats
     knot_site: NDArray[np.int64]
@@ -74,12 +73,10 @@ def make_lattice(mesh: Mesh) -> Lattice:
     count = int(joined.max()) + 1
     one = np.empty(count, np.int64)
     one[joined[::-1]] = np.arange(len(joined))[::-1]
-    held = np.bincount(joined, (area / ((steps + 1) * (steps + 2) / 2))[triangle], count)
     inwards = _inwards(corners[triangle].mean(axis=1) - position, joined, normal[one], spacing)
     kept, mixed = np.arange(count), None
     if count * sides > 1.6 * _WANTED_SITES:
         kept, mixed = _sampled(position[one], normal[one], even)
-        held = np.asarray(mixed.T @ held)
     places, site_of = _numbered(steps, first, joined)
     from_sites = _selection(site_of, count) if mixed is None else mixed[site_of]
     facing, at = normal[one][kept], (position[one] + inwards)[kept]
@@ -91,7 +88,6 @@ def make_lattice(mesh: Mesh) -> Lattice:
         two_sided=two_sided,
         position=np.concatenate([at + _LIFT * extent * n for n in turned]),
         normal=np.concatenate(turned),
-        area=np.tile(held, sides),
         triangle=np.tile(triangle[one][kept], sides),
         weights=np.tile(weights[one][kept], (sides, 1)),
         knot_site=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
@@ -177,6 +173,27 @@ def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[
     weight /= weight.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(position)), near)
     return kept, csr_matrix((weight.ravel(), (rows, at.ravel())), shape=(len(position), len(kept)))
+
+
+def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Any]:
+    """Return for sites (S,), of which some have no light of their own, the nearest that has, and their means (S, S)."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    good, bad = np.flatnonzero(~without), np.flatnonzero(without)
+    size = float(np.ptp(lattice.position, axis=0).max())
+    feature = np.append(lattice.position, size * lattice.normal, axis=1)
+    near = min(_STAND_INS, len(good))
+    distance, at = (a.reshape(-1, near) for a in cKDTree(feature[good]).query(feature[bad], near))
+    weight = 1.0 / (distance**4 + (1e-3 * size) ** 4)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.concatenate([good, np.repeat(bad, near)])
+    columns = np.concatenate([good, good[at].ravel()])
+    count = len(without)
+    nearest = np.arange(count)
+    nearest[bad] = good[at[:, 0]]
+    values = np.concatenate([np.ones(len(good)), weight.ravel()])
+    return nearest, csr_matrix((values, (rows, columns)), shape=(count, count))
 
 
 def _selection(column: NDArray[np.int64], count: int) -> Any:

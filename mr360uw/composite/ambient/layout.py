@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.directions import COUNT, directions
+from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.ground_kernel import AZIMUTHS, sweep
 from mr360uw.composite.ambient.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.transfer import Transfer, make_transfer, met_sites
@@ -22,10 +22,13 @@ _LEAST_SHARE = 0.004
 """Bodies that block less of each other's ambient light than this, about a code value, are not looked at."""
 NODES = 16
 """Points along each side of the square of ground that a body sees in its own shade."""
-_NODE_REACH = 2.5
-"""Half side of that square over the body's radius: beyond it the body blocks less than a twentieth."""
-_NEAR_GROUND = 2.0
-"""Bodies higher above the ground than this many radii do not see their shade on it."""
+_NODE_REACH, _REACH_WITH_HEIGHT = 2.0, 1.0
+"""Half side of that square over the body's radius, and how it grows with the gap below the body: beyond it the body blocks
+less than a twentieth, and shadows of a sun above 45 degrees end."""
+_NEAR_GROUND = 9.0
+"""Bodies higher above the ground than this many radii block less than a hundredth of its light."""
+_LIFT = 1e-3
+"""Height of the nodes above the ground over the body's radius."""
 _KEPT_TRANSFERS, _KEPT_FIELDS = 64, 64
 _COUPLING_TERMS = 4
 """Terms of visibility over a surface: its mean over directions and its change along three axes."""
@@ -64,13 +67,14 @@ class Body:
 class View:
     """What the sites of one body see. lost: (S, COUNT) sparse, irradiance a direction's radiance does not add. sites:
     (S, all sites) sparse, what each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below
-    add. visible: (S, 5) fraction of the irradiance from free directions, then visibility as a + b.d in the body's axes.
+    add. back: (NODES^2, S) sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S, 5) fraction of the irradiance from free directions, then visibility as a + b.d in the body's axes.
     node: (NODES^2, 3) places of the nodes in the world, or none.
     """
 
     lost: Any
     sites: Any
     ground: Any
+    back: Any
     visible: Floats
     node: Floats
 
@@ -104,6 +108,20 @@ class Layout:
             assert body.field is not None
             sweep(places, body.origin, body.field.frame, body.field.cells, begins[m], blocked[m])
         return begins, blocked
+
+    def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
+        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3), bilinear, beyond them those of the edge."""
+        node = self.views[number].node
+        if len(node) == 0:
+            return np.zeros((len(points), values.shape[-1]))
+        low, high = node[0], node[-1]
+        at = (points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1)
+        at = np.clip(at, 0.0, NODES - 1.001)
+        i, j = at.astype(np.int64).T
+        u, v = (at - np.floor(at)).T[..., None]
+        first = values[i, j] * (1.0 - v) + values[i, j + 1] * v
+        second = values[i + 1, j] * (1.0 - v) + values[i + 1, j + 1] * v
+        return first * (1.0 - u) + second * u
 
     def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
         """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""
@@ -159,11 +177,12 @@ def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], groun
     site, direction, hit = (np.concatenate([np.zeros(0, np.int64), *column]) for column in zip(*parts, strict=True)) \
         if parts else np.zeros((3, 0), np.int64)  # fmt: skip
     weight = transfer.cosine[site, direction]
-    node, ground = _ground(body, place, free, ground_y)
+    node, ground, back = _ground(body, place, free, ground_y)
     return View(
         lost=csr_matrix((weight, (site, direction)), shape=(count, COUNT)),
         sites=csr_matrix((weight, (site, hit)), shape=(count, int(first[-1]))),
         ground=ground,
+        back=back,
         visible=_visibility(transfer, site, direction, weight),
         node=node,
     )
@@ -192,7 +211,7 @@ def _others(
         triangle = other.transfer.scene.first_hit(origin, rays)
         hit = np.flatnonzero(triangle >= 0)
         site, direction = site[hit], direction[hit]
-        seen, along = met_sites(other.transfer, origin[hit], rays[hit], triangle[hit])
+        seen, along, _ = met_sites(other.transfer, origin[hit], rays[hit], triangle[hit])
         nearer = along * other.placed.scale < nearest[site, direction]
         site, direction = site[nearer], direction[nearer]
         nearest[site, direction] = along[nearer] * other.placed.scale
@@ -205,14 +224,14 @@ def _others(
     return [(site, direction, met[site, direction])]
 
 
-def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None) -> tuple[Floats, Any]:
-    """Return the nodes (NODES^2, 3) on the ground below a body, and how they add to its sites."""
+def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None) -> tuple[Floats, Any, Any]:
+    """Return the nodes (NODES^2, 3) on the ground below a body, how they add to its sites, and its sites to them."""
     from scipy.sparse import csr_matrix
 
     count, center, radius = len(place), body.center, body.radius
     if ground_y is None or body.field is None or not -radius < center[1] - ground_y < (1.0 + _NEAR_GROUND) * radius:
-        return np.zeros((0, 3)), csr_matrix((count, 0))
-    half = _NODE_REACH * radius
+        return np.zeros((0, 3)), csr_matrix((count, 0)), csr_matrix((0, count))
+    half = _NODE_REACH * radius + _REACH_WITH_HEIGHT * max(center[1] - radius - ground_y, 0.0)
     line = ((np.arange(NODES) + 0.5) / NODES * 2.0 - 1.0) * half
     x, z = np.meshgrid(center[0] + line, center[2] + line, indexing="ij")
     node = np.stack([x, np.full_like(x, ground_y), z], axis=-1).reshape(-1, 3)
@@ -226,7 +245,26 @@ def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float 
     site, direction, cell = site[inside], direction[inside], cell[inside]
     weight = body.transfer.cosine[site, direction]
     number = cell[:, 0] * NODES + cell[:, 1]
-    return node, csr_matrix((weight, (site, number)), shape=(count, len(node)))
+    return node, csr_matrix((weight, (site, number)), shape=(count, len(node))), _sent_down(body, node)
+
+
+def _sent_down(body: Body, node: Floats) -> Any:
+    """Return the irradiance that radiance of a body's sites adds to level nodes (n, 3), (n, S) sparse."""
+    from scipy.sparse import csr_matrix
+
+    d = directions()
+    d = d[d[:, 1] > 0.0]
+    to = body.center - node
+    along = to @ d.T
+    off = np.sum(to * to, axis=-1)[:, None] - along**2
+    number, direction = np.nonzero((off < body.radius**2) & (along > -body.radius))
+    lifted = node[number] + [0.0, _LIFT * body.radius, 0.0]
+    origin, rays = body.inside(lifted), d[direction] @ body.rotation
+    triangle = body.transfer.scene.first_hit(origin, rays)
+    hit = np.flatnonzero(triangle >= 0)
+    site, _, _ = met_sites(body.transfer, origin[hit], rays[hit], triangle[hit])
+    weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
+    return csr_matrix((weight, (number[hit], site)), shape=(len(node), len(body.transfer.cosine)))
 
 
 def _visibility(

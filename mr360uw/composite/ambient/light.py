@@ -5,7 +5,8 @@
 
 with i, j sites, c the solid angle times cosine of a direction, V its visibility, L the environment, g the nodes of the
 ground, r the ratio of light on them, rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from
-E as if nothing were in the way: light of a furnace stays what it is in every step, also in a closed box.
+E as if each site lay in a hollow of uniform light: that of a furnace stays what it is in every step, also in a closed
+white box.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.directions import blurred, quadric_at, radiance_towards
+from mr360uw.composite.ambient.directions import blurred, radiance_towards
 from mr360uw.composite.ambient.ground_height import ground_heights
 from mr360uw.composite.ambient.ground_kernel import gather, shown
 from mr360uw.composite.ambient.knot_values import CHANNELS
-from mr360uw.composite.ambient.layout import Layout, make_layout
+from mr360uw.composite.ambient.layout import NODES, Layout, make_layout
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
-from mr360uw.types import Floats
+from mr360uw.types import Environment, Floats
 
-BOUNCES = 6
-"""Steps of the solution: what is left out is the reflectance to this power, 1.6 % of the light inside a closed box of
-reflectance .5, nothing in the open."""
+BOUNCES = 8
+"""Steps of the solution: what the first guess is off by shrinks by the reflectance times what is hidden in each, to less
+than half a percent inside a crate of reflectance .8."""
 _BRIGHTEST = 16.0
 """Most that neighbours multiply the ambient light of a place by."""
 _PLACES_AT_ONCE = 1 << 14
@@ -39,6 +40,8 @@ _KEPT_PLACES, _KEPT_SWEEPS = 1 << 16, 16
 """Sets of places, 400 bytes a place and body, whose sweeps are kept."""
 _STEPS = 64.0
 """The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
+_FEW = 0.002
+"""Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 _ROWS, _COLUMNS = 64, 48
 """Azimuths and elevations of the tables over which the ground's blocked light is integrated: pixels of the map."""
 
@@ -46,24 +49,27 @@ _ROWS, _COLUMNS = 64, 48
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
     """Solved ambient light of a shot. values: for each object the values (K, CHANNELS) of its knots, float32, or None
-    where nothing is in its way. tables: of the bodies that the ground sees, as `ground_kernel.gather` takes them.
+    where nothing is in its way. table: of the environment, as `ground_kernel.gather` takes it. sent: for each body that
+    the ground sees the mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
     """
 
     layout: Layout
     values: tuple[NDArray[np.float32] | None, ...]
-    tables: NDArray[np.float64]
+    table: NDArray[np.float64]
+    sent: tuple[Floats, ...]
     ambient: Floats
 
-    def free(self, normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
-        """Return the fraction (n, 3) of the ambient light that is left on the ground with normals (n, 3), and what
-        bodies send there; `swept` is the layout's sweep of the places.
+    def free(self, point: Floats, normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
+        """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world with
+        normals (n, 3), with what bodies send there; `swept` is the layout's sweep of the places.
         """
-        blocked = np.zeros((len(normal), 4))
-        if len(self.tables) == 0:
-            return np.ones((len(normal), 3))
-        gather(np.ascontiguousarray(normal, np.float64), *swept, self.tables, blocked)
+        blocked = np.zeros((len(self.sent), len(normal), 4))
+        gather(np.ascontiguousarray(normal, np.float64), *swept, self.table, blocked)
+        lost = blocked[..., :3].sum(axis=0)
+        for k, sent, of in zip(self.layout.ground_bodies, self.sent, blocked, strict=True):
+            lost -= of[:, 3:] * self.layout.at_nodes(k, sent, point)
         whole = np.maximum(environment_lookup(self.ambient, normal), 1e-9)
-        return 1.0 - shown(blocked[:, 3:] / np.pi) * blocked[:, :3] / whole
+        return 1.0 - shown(blocked[..., 3:].sum(axis=0) / np.pi) * lost / whole
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
@@ -95,12 +101,12 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
     if light is None or shot.receiver is None or not shot.receiver.occlusion:
         return free.reshape(point.shape)
     places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
-    layout, some = light.layout, len(places) * len(light.tables) <= _KEPT_PLACES
+    layout, some = light.layout, len(places) * len(light.sent) <= _KEPT_PLACES
     for start in range(0, len(places), _PLACES_AT_ONCE):
         part = slice(start, start + _PLACES_AT_ONCE)
         key, keep = (layout, places[part].tobytes()), _KEPT_SWEEPS if some else 1
         swept = cache.get("ambient sweep", key, lambda p=part: layout.sweep(places[p]), keep)
-        free[part] = light.free(normals[part], swept)
+        free[part] = light.free(places[part], normals[part], swept)
     return free.reshape(point.shape)
 
 
@@ -113,14 +119,13 @@ class _Solver:
         self._reflected = np.concatenate([b.transfer.reflected(shot.refractive_index) for b in layout.bodies])
         self._emitted = np.concatenate([b.transfer.emission / self._scale(b.center[None]) for b in layout.bodies])
         self._sun = np.concatenate([self._sunlight(k) for k in range(len(layout.bodies))])
-        self._behind = environment_lookup(shot.environment.residual, _table_directions()[0])
-        self._tables = np.zeros((0, _ROWS, _COLUMNS + 1, 3, 4))
+        self._table = _table(shot.environment)
 
     def solve(self) -> AmbientLight:
         """Return the light after `BOUNCES` steps; the ground's shade is found from the first."""
         layout = self._layout
         views = layout.views
-        irradiance = np.concatenate(self._plain)
+        irradiance = np.concatenate(self._plain) * self._first_guess()
         direct = [
             plain - view.lost @ radiance for plain, view, radiance in zip(self._plain, views, self._radiance, strict=True)
         ]
@@ -134,9 +139,17 @@ class _Solver:
             irradiance = np.concatenate(found)
             sent = self._sent(irradiance)
         values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
-        self._tables = self._make_tables(sent)
         none: tuple[None, ...] = (None,) * len(self._shot.objects)
-        return AmbientLight(layout, none if values is None else values, self._tables, self._shot.environment.ambient)
+        down = tuple(self._sent_down(k, sent)[1] for k in layout.ground_bodies)
+        ambient = self._shot.environment.ambient
+        return AmbientLight(layout, none if values is None else values, self._table, down, ambient)
+
+    def _first_guess(self) -> Floats:
+        """Return the ratio (sites, 3) of irradiance were every site in a hollow of its own openness v and reflectance:
+        v/(1 - rho (1 - v)); 1 in a white or an open one.
+        """
+        seen = np.concatenate([view.visible[:, :1] for view in self._layout.views])
+        return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
         """Return the radiance (sites, 3) that sites send to all sides, over the ambient light's fall with depth."""
@@ -178,7 +191,6 @@ class _Solver:
 
     def _shade(self, sent: Floats) -> list[Floats]:
         """Return what the shaded ground adds (S, 3) to the sites of every body, negative where it takes."""
-        self._tables = self._make_tables(sent)
         sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
         shade = []
         for number, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True)):
@@ -187,10 +199,11 @@ class _Solver:
                 continue
             key = (self._layout, number)
             swept = self._cache.get("ambient nodes", key, lambda v=view: self._layout.sweep(v.node), keep=64)
-            lost = np.zeros((len(view.node), 4))
-            gather(np.broadcast_to(up, view.node.shape).copy(), *swept, self._tables, lost)
+            blocked = np.zeros((len(self._layout.ground_bodies), len(view.node), 4))
+            gather(np.broadcast_to(up, view.node.shape).copy(), *swept, self._table, blocked)
+            lost = blocked.sum(axis=0)[:, :3] - self._sent_down(number, sent)[0]
             before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
-            change = -lost[:, :3]
+            change = -lost
             if sun is not None:
                 beam = self._beam(view.node) * max(float(sun.direction[1]), 0.0)
                 change = change - beam * self._shaded(("nodes", number), view.node)[:, None]
@@ -217,18 +230,37 @@ class _Solver:
             values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
         return tuple(values)
 
-    def _make_tables(self, sent: Floats) -> NDArray[np.float64]:
-        """Return P of ground_kernel.py for each body that the ground sees: of the light it takes, less what it sends."""
-        layout = self._layout
-        d, weighted = _table_directions()
-        tables = np.zeros((len(layout.ground_bodies), _ROWS, _COLUMNS + 1, 3, 4))
-        for m, k in enumerate(layout.ground_bodies):
-            body, part = layout.bodies[k], slice(layout.first[k], layout.first[k + 1])
-            front = quadric_at(body.transfer.outlook @ sent[part], -d.reshape(-1, 3) @ body.rotation)
-            light = np.ones((_ROWS, _COLUMNS, 4))
-            light[..., :3] = self._behind - np.maximum(front, 0.0).reshape(_ROWS, _COLUMNS, 3)
-            tables[m, :, 1:] = np.cumsum(weighted[..., None] * light[:, :, None, :], axis=1)
-        return tables
+    def _sent_down(self, number: int, sent: Floats) -> tuple[Floats, Floats]:
+        """Return the irradiance (NODES^2, 3) that a body sends to its nodes, and the mean radiance (NODES, NODES, 3) of
+        what of it is seen there, spread to nodes that do not see it.
+        """
+        view, layout = self._layout.views[number], self._layout
+        if len(view.node) == 0:
+            return np.zeros((0, 3)), np.zeros((NODES, NODES, 3))
+        down = view.back @ sent[layout.first[number] : layout.first[number + 1]]
+        seen = np.asarray(view.back.sum(axis=1)).reshape(NODES, NODES, 1)
+        return down, spread_from(down.reshape(NODES, NODES, 3), seen)
+
+
+def spread_from(total: Floats, weight: Floats) -> Floats:
+    """Return means (n, n, c) of a grid of sums and weights, where there is no weight those of coarser and coarser cells."""
+    if len(total) == 1:
+        return total / np.maximum(weight, 1e-12)
+    rows = len(total) // 2
+    coarse = spread_from(*(a.reshape(rows, 2, rows, 2, -1).sum(axis=(1, 3)) for a in (total, weight)))
+    around = coarse.repeat(2, axis=0).repeat(2, axis=1)
+    few = _FEW * np.pi
+    return (total + few * around) / (weight + few)
+
+
+def _table(environment: Environment) -> NDArray[np.float64]:
+    """Return P of ground_kernel.py of the environment without its sun, and of a radiance of 1."""
+    d, weighted = _table_directions()
+    light = np.ones((_ROWS, _COLUMNS, 4))
+    light[..., :3] = environment_lookup(environment.residual, d)
+    table = np.zeros((_ROWS, _COLUMNS + 1, 3, 4))
+    table[:, 1:] = np.cumsum(weighted[..., None] * light[:, :, None, :], axis=1)
+    return table
 
 
 @functools.cache

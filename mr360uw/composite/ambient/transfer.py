@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions, quadric_fit
-from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice
+from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
+from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice, stand_ins
 from mr360uw.composite.ambient.store import kept_on_disk
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.mesh import Mesh
@@ -26,7 +26,9 @@ from mr360uw.types import Floats
 _RAYS_AT_ONCE = 200_000
 _TYPICAL_COSINE = 2.0 / 3.0
 """Mean cosine at which diffuse light arrives: what a coat reflects of it is taken there."""
-_VERSION = 1
+_VERSION = 2
+_BURIED = 0.5
+"""A site that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +50,7 @@ class Transfer:
 
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site, whole: (S,) its sum. own: pairs that the mesh
     blocks itself. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, index: (S,).
-    outlook: (9, S) quadric of direction that sites of radiance 1 make for who sees the mesh from there: the mean over
-    what faces them. scene, solid: its opaque triangles for rays, and their numbers.
+    scene, solid: its opaque triangles for rays, and their numbers.
     """
 
     lattice: Lattice
@@ -59,7 +60,6 @@ class Transfer:
     emission: Floats
     metallic: Floats
     index: Floats
-    outlook: Floats
     whole: Floats
     scene: RayScene
     solid: NDArray[np.int64]
@@ -86,39 +86,57 @@ def make_transfer(mesh: Mesh) -> Transfer:
     scene = RayScene(mesh.positions[solid])
     cosine = (np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE).astype(np.float32)
     base, emission, metallic, index = _colors(mesh, lattice)
-    faces = lattice.area * cosine.T
-    outlook = quadric_fit(faces / np.maximum(faces.sum(axis=1, keepdims=True), 1e-12))
     bare = Transfer(lattice, cosine, Pairs(*np.zeros((3, 0), np.int64)), base, emission, metallic, index,
-                    outlook, cosine.sum(axis=1), scene, solid, mesh)  # fmt: skip
+                    cosine.sum(axis=1), scene, solid, mesh)  # fmt: skip
     own = kept_on_disk(
-        (mesh.positions, mesh.normals, solid, np.array([COUNT, _VERSION])), ("site", "direction", "hit"),
-        (len(cosine), COUNT, len(cosine)), lambda: _blocked_by_itself(bare),
+        (mesh.positions, mesh.normals, solid, np.array([COUNT, _VERSION])), ("site", "direction", "hit", "behind"),
+        (len(cosine), COUNT, len(cosine), 2), lambda: _blocked_by_itself(bare),
     )  # fmt: skip
-    return replace(bare, own=Pairs(*own))
+    return _without_buried_sites(replace(bare, own=Pairs(*own[:3])), own[3])
+
+
+def _without_buried_sites(transfer: Transfer, behind: NDArray[np.int64]) -> Transfer:
+    """Return a transfer in which sites inside another part of the mesh, which see its surface from behind, take the
+    values of those about them: what is interpolated from them is seen.
+    """
+    own, lattice = transfer.own, transfer.lattice
+    count = len(transfer.cosine)
+    inside = np.bincount(own.site, behind, count)
+    buried = inside > _BURIED * np.count_nonzero(transfer.cosine, axis=1)
+    if lattice.two_sided or not np.any(buried) or np.all(buried):
+        return transfer
+    stand_in, mixed = stand_ins(lattice, buried)
+    kept = ~buried[own.site]
+    return replace(
+        transfer,
+        own=Pairs(own.site[kept], own.direction[kept], stand_in[own.hit[kept]]),
+        lattice=replace(lattice, knot_site=stand_in[lattice.knot_site], from_sites=lattice.from_sites @ mixed),
+    )
 
 
 def _blocked_by_itself(transfer: Transfer) -> tuple[NDArray[np.int64], ...]:
     lattice, d = transfer.lattice, directions()
     site, direction = np.nonzero(transfer.cosine > 0.0)
-    found = [np.zeros((3, 0), np.int64)]
+    found = [np.zeros((4, 0), np.int64)]
     for start in range(0, len(site), _RAYS_AT_ONCE):
         s, k = site[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
         triangle = transfer.scene.first_hit(lattice.position[s], d[k])
         hit = np.flatnonzero(triangle >= 0)
         s, k, triangle = s[hit], k[hit], triangle[hit]
-        met, _ = met_sites(transfer, lattice.position[s], d[k], triangle)
-        found.append(np.stack([s, k, met]))
+        met, _, behind = met_sites(transfer, lattice.position[s], d[k], triangle)
+        found.append(np.stack([s, k, met, behind]))
     return tuple(np.concatenate(found, axis=1))
 
 
 def met_sites(
     transfer: Transfer, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Floats]:
-    """Return the nearest site (n,) to where rays meet opaque triangles, and the distance (n,)."""
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Return the nearest site (n,) to where rays meet opaque triangles, the distance, and which meet the back (n,)."""
     corners = transfer.scene.triangles[triangle]
     weights, distance = barycentric(corners - origin[:, None], direction)
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return transfer.sites_at(triangle, weights, np.sum(flat * direction, axis=-1) > 0.0), distance
+    behind = np.sum(flat * direction, axis=-1) > 0.0
+    return transfer.sites_at(triangle, weights, behind), distance, behind
 
 
 def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, Floats, Floats, Floats]:
