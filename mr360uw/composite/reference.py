@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import AmbientLight, ambient_light, free_of_bodies
-from mr360uw.composite.ambient.surface import ambient_at
+from mr360uw.composite.ambient.at_hits import ambient_at
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.lighting.arrival import LightSource
@@ -99,7 +100,9 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     drawn = []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
-        draw_objects(shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame)
+        draw_objects(
+            shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
+        )
         if shape is not None:
             draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width))
         drawn.append(hold_out(shot, tile))
@@ -141,9 +144,7 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         for layer in trace(shot, geometry, scene, samples, x, y):
             through = (1.0 - alpha).copy()
-            for fragment in light_up(
-                shot, geometry, sources, light, samples, x, y, *layer, parts=frame is not None
-            ):
+            for fragment in light_up(shot, geometry, sources, light, samples, x, y, *layer, parts=frame is not None):
                 p = fragment.pixel
                 share = through[p] * fragment.weight * fragment.alpha
                 radiance[p] += share[:, None] * fragment.values["radiance"]
@@ -326,7 +327,12 @@ def _middle(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def draw_receiver(
-    shot: Shot, shape: ReceiverShape, sources: Sequence[LightSource], light: AmbientLight | None, tile: Tile, where: NDArray[np.bool_]
+    shot: Shot,
+    shape: ReceiverShape,
+    sources: Sequence[LightSource],
+    light: AmbientLight | None,
+    tile: Tile,
+    where: NDArray[np.bool_],
 ) -> None:
     """Set ratio and veil of the pixels of a tile."""
     assert shot.receiver is not None

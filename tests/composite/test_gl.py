@@ -25,7 +25,7 @@ def test_agrees_with_the_reference(name: str, renderer: LayerRenderer, rng: np.r
     scene = eight_shots(rng)[name]
     expected, got = render_layer(scene), renderer.render(scene)
     assert expected.alpha.max() > 0.5
-    ground = plate(scene.width)
+    ground = plate(scene.view.width)
     difference = np.abs(codes(over(ground, got)) - codes(over(ground, expected)))
     psnr = 20.0 * np.log10(255.0 / max(np.sqrt(np.mean(difference**2)), 1e-9))
     assert psnr >= tol.RENDERERS_PSNR_DB

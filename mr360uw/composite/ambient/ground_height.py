@@ -24,8 +24,9 @@ def ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) ->
         return [None] * len(objects)
     if receiver.plane_y is not None:
         return [receiver.plane_y] * len(objects)
-    if receiver.mesh is not None:
-        scene = cache.get("ambient ground", receiver, lambda: RayScene(receiver.mesh))
+    mesh = receiver.mesh
+    if mesh is not None:
+        scene = cache.get("ambient ground", receiver, lambda: RayScene(mesh))
         return [_below(scene, placed) for placed in objects]
     key = (receiver, shot.view.position.tobytes())
     shape = cache.get("receiver shape", key, lambda: ReceiverShape(receiver, shot.view.position))

@@ -20,8 +20,8 @@ from mr360uw.types import Floats
 AZIMUTHS = 32
 """Azimuths over the width of a body, from a place. A wall's end is off by half a step: a hundredth at its foot."""
 UNNOTICED, NOTICED = 0.012, 0.036
-"""A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres; from
-the second on it shows whole."""
+"""A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres;
+from the second on it shows whole."""
 _HALF = 0.5
 _PIECES = 8
 
@@ -39,6 +39,21 @@ _compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy
 _inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
 
 
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _width_at(a: Any, b: Any, hu: Any, hv: Any) -> Any:
+    """Return the first azimuth of a rectangle about the origin, and its width, as seen from a place in its plane."""
+    first, width = -np.pi, 2.0 * np.pi
+    if abs(a) > hu or abs(b) > hv:
+        middle = np.arctan2(-b, -a)
+        least, most = 0.0, 0.0
+        for c in range(4):
+            away = np.arctan2((hv if c & 1 else -hv) - b, (hu if c & 2 else -hu) - a) - middle
+            away -= 2.0 * np.pi * np.floor(away / (2.0 * np.pi) + 0.5)
+            least, most = min(least, away), max(most, away)
+        first, width = middle + least, most - least
+    return first, width
+
+
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
@@ -53,24 +68,15 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
     for k in range(len(point)):
         x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
         a, b = x * ux + z * uz, z * ux - x * uz
-        first, width = -np.pi, 2.0 * np.pi
-        if abs(a) > hu or abs(b) > hv:
-            middle = np.arctan2(-b, -a)
-            least, most = 0.0, 0.0
-            for c in range(4):
-                away = np.arctan2((hv if c & 1 else -hv) - b, (hu if c & 2 else -hu) - a) - middle
-                away -= 2.0 * np.pi * np.floor(away / (2.0 * np.pi) + 0.5)
-                least, most = min(least, away), max(most, away)
-            first, width = middle + least, most - least
+        first, width = _width_at(a, b, hu, hv)
         step = width / AZIMUTHS
         begins[k, 0], begins[k, 1] = first + turn, step
         for q in range(AZIMUTHS):
             angle = first + (q + 0.5) * step
             da, db = np.cos(angle), np.sin(angle)
-            inverse_a = 1.0 / da if abs(da) > 1e-12 else 1e12
-            inverse_b = 1.0 / db if abs(db) > 1e-12 else 1e12
+            inverse_a, inverse_b = 1.0 / da if abs(da) > 1e-12 else 1e12, 1.0 / db if abs(db) > 1e-12 else 1e12
             a0, a1, b0, b1 = (-hu - a) * inverse_a, (hu - a) * inverse_a, (-hv - b) * inverse_b, (hv - b) * inverse_b
-            begin = max(max(min(a0, a1), min(b0, b1)), 0.0)
+            begin = max(min(a0, a1), min(b0, b1), 0.0)
             end = min(max(a0, a1), max(b0, b1))
             low, high, most = 1e30, -1e30, 0.0
             if end > begin:

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.transfer import Transfer
+from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.types import Floats
 
 CELLS = 32
@@ -22,8 +24,8 @@ class HeightField:
     """A body over its plan. Heights [m] and places are from the origin of the body, in the axes of the world.
 
     frame: (6,) x and z of the middle, x and z of the unit vector along the first side, both half sides [m]. cells:
-    (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction that the body covers,
-    lower and upper height of its surface, of the nearest covered cell where there is none.
+    (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction that the body
+    covers, lower and upper height of its surface, those of the nearest covered cell where there is none.
     """
 
     frame: Floats
@@ -112,10 +114,10 @@ def _with_thin_parts(
     return np.where(new, 1.0, cover), np.where(new, low, lower), np.where(new, high, upper)
 
 
-def _spread_out(there: Floats, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+def _spread_out(there: NDArray[np.bool_], lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     from scipy.ndimage import distance_transform_edt
 
     if not np.any(there):
         return np.zeros_like(lower), np.zeros_like(upper)
-    nearest = distance_transform_edt(~there, return_distances=False, return_indices=True)
+    nearest: Any = distance_transform_edt(~there, return_distances=False, return_indices=True)
     return lower[tuple(nearest)], upper[tuple(nearest)]

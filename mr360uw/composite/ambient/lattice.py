@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sample points over the surface of a mesh: where ambient light is found, and how shading interpolates it.
 
-*Knots* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice. *Sites*
-are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of them, from
-which a knot takes a weighted mean. A lattice of n steps lists its knots by rows: place (i, j), with i steps towards the
-second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
+*Knots* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
+*Sites* are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of
+them, from which a knot takes a weighted mean. A lattice of n steps lists its knots by rows: place (i, j), with i steps
+towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.mesh.normals import face_normals, welded
+from mr360uw.composite.mesh.normals import welded
 from mr360uw.types import Floats
 
 _STEPS_ACROSS = 24.0
@@ -129,8 +129,8 @@ def _numbered(
 def _inwards(towards: Floats, joined: NDArray[np.int64], normal: Floats, spacing: float) -> Floats:
     """Return how far (c, 3) joined points move along their surface towards the middle of the triangles about them."""
     count = len(normal)
-    shift = np.stack([np.bincount(joined, towards[:, k], count) for k in range(3)], axis=-1)
-    shift /= np.bincount(joined, minlength=count)[:, None]
+    shift: Floats = np.stack([np.bincount(joined, towards[:, k], count) for k in range(3)], axis=-1)
+    shift = np.asarray(shift) / np.bincount(joined, minlength=count)[:, None]
     shift -= normal * np.sum(normal * shift, axis=-1, keepdims=True)
     return _INSET * shift * np.minimum(1.0, spacing / np.maximum(np.linalg.norm(shift, axis=-1, keepdims=True), 1e-12))
 
@@ -158,17 +158,17 @@ def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[
     from scipy.spatial import cKDTree
 
     cell = np.floor(position / spacing).astype(np.int64)
-    label = np.unique(_hashed(np.concatenate([cell, np.round(normal).astype(np.int64)], axis=1)), return_inverse=True)[1]
+    label = np.unique(_hashed(np.concatenate([cell, np.round(normal).astype(np.int64)], axis=1)), return_inverse=True)[
+        1
+    ]
     count = np.bincount(label)
     middle = np.stack([np.bincount(label, position[:, k]) for k in range(3)], axis=-1) / count[:, None]
     off = np.sum((position - middle[label]) ** 2, axis=-1)
     order = np.lexsort((off, label))
     kept = order[np.flatnonzero(np.diff(label[order], prepend=-1))]
     near = min(_NEAREST, len(kept))
-    distance, at = cKDTree(np.append(position, spacing * normal, axis=1)[kept]).query(
-        np.append(position, spacing * normal, axis=1), near
-    )
-    distance, at = distance.reshape(-1, near), at.reshape(-1, near)
+    feature = np.append(position, spacing * normal, axis=1)
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[kept]).query(feature, near))
     weight = np.exp(-((distance / spacing) ** 2)) + 1e-9 * (np.arange(near) == 0)
     weight /= weight.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(position)), near)
@@ -184,7 +184,7 @@ def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.
     size = float(np.ptp(lattice.position, axis=0).max())
     feature = np.append(lattice.position, size * lattice.normal, axis=1)
     near = min(_STAND_INS, len(good))
-    distance, at = (a.reshape(-1, near) for a in cKDTree(feature[good]).query(feature[bad], near))
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[good]).query(feature[bad], near))
     weight = 1.0 / (distance**4 + (1e-3 * size) ** 4)
     weight /= weight.sum(axis=1, keepdims=True)
     rows = np.concatenate([good, np.repeat(bad, near)])

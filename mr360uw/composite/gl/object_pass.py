@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.knot_values import UNTOUCHED
-from mr360uw.composite.ambient.light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred
@@ -105,7 +105,7 @@ class ObjectPass:
             assert ambient is not None
             lattice = ambient.layout.bodies[shot.objects.index(placed)].transfer.lattice
             knots = lattice.knots * (2 if lattice.two_sided else 1)
-            own = np.tile(np.float32(UNTOUCHED), (knots, 1)) if known is None else known
+            own = np.tile(np.array(UNTOUCHED, np.float32), (knots, 1)) if known is None else known
             row[3, 1:3] = texels, lattice.knots if lattice.two_sided else 0
             values.append(own.reshape(-1))
             texels += own.size // 4
@@ -137,7 +137,9 @@ class ObjectPass:
                 values[part] = self._light_mesh(shot, mesh, entries[part], bodies, blended, outputs)
         return values
 
-    def _light_mesh(self, shot: Shot, mesh: Mesh, entries: Floats, bodies: BodyList, blended: bool, outputs: int) -> Floats:
+    def _light_mesh(
+        self, shot: Shot, mesh: Mesh, entries: Floats, bodies: BodyList, blended: bool, outputs: int
+    ) -> Floats:
         buffers = self._buffers(mesh)
         defines = {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
         defines |= {"AMONG_BODIES": 1} if mesh in bodies.among else {}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
-from mr360uw.composite.ambient.light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
@@ -67,9 +67,7 @@ class ReceiverPass:
         touched = touched_cells(shot, grid)
         return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
 
-    def draw(
-        self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None
-    ) -> None:
+    def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None) -> None:
         """Write ratio and veil of what changes into the tiles. ambient: solved ambient light among the bodies."""
         if changes is None or not changes.rectangles or shot.receiver is None:
             return

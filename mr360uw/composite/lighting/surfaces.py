@@ -3,7 +3,8 @@
 
     ambient  E = ambient(N) ambient_ratio(d) R        L = T L_surface + veil
 
-with d the depth and R what bodies leave of it and add (ambient/light.py). The gl renderer's layer.frag follows the same order.
+with d the depth and R what bodies leave of it and add (ambient/solver.py). The gl renderer's layer.frag follows the
+same order.
 """
 
 from __future__ import annotations
@@ -92,9 +93,7 @@ def _ambient_factor(shot: Shot, point: Floats) -> Floats:
     return ambient_ratio(shot.medium, shot.view.depth_of(point))
 
 
-def surface_radiance(
-    shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats
-) -> Radiance:
+def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats) -> Radiance:
     """Return the light that surfaces send towards the camera. among_bodies: (n, CHANNELS) of `ambient_at`."""
     environment, view = shot.environment, -hits.direction
     n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)

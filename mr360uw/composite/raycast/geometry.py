@@ -85,9 +85,9 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
 class Hits:
     """Where rays meet triangles, arrays (n, ...).
 
-    triangle, object: their numbers. weights: (n, 3) barycentric. behind: met from the back. point: from the camera [m]. distance_m, direction: of the ray.
-    geometric_normal, normal: unit, on the camera's side; the second interpolated and with the normal map. base: (n, 3)
-    linear, alpha (n,). footprint_m: width of a pixel at that distance.
+    triangle, object: their numbers. weights: (n, 3) barycentric. behind: met from the back. point: from the camera [m].
+    distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second interpolated and
+    with the normal map. base: (n, 3) linear, alpha (n,). footprint_m: width of a pixel at that distance.
     """
 
     triangle: NDArray[np.int64]

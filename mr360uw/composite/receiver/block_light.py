@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import AmbientLight, free_of_bodies
+from mr360uw.composite.ambient.light import free_of_bodies
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import ambient_share
@@ -34,7 +35,7 @@ SMOOTH = 0.004
 def corner_light(
     shot: Shot, ground: Ground, blocks: NDArray[np.bool_], light: AmbientLight | None, cache: Cache
 ) -> NDArray[np.float32]:
-    """Return the corners (R + 1, C + 1, CORNER_CHANNELS) of blocks as receiver_kernel.py reads them, all of the sun's disc seen."""
+    """Return the corners (R + 1, C + 1, 10) of blocks as receiver_kernel.py reads them, all of the sun's disc seen."""
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
@@ -57,7 +58,7 @@ def free_images(
     """Return the part of the ambient light that bodies leave in the pixels of the blocks whose corners do not tell."""
     rough = ground.rough[j, i]
     middle = ground.middle_point[j, i], ground.middle_normal[j, i]
-    at_middle = free_of_bodies(shot, light, *(a.astype(np.float64) for a in middle), cache)
+    at_middle = _free(shot, light, middle, cache)
     uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)).max(axis=-1) > SMOOTH)
     parts: Gathered = []
     if np.any(uneven):
@@ -69,9 +70,7 @@ def free_images(
     return gather_images(len(j), 3, parts)
 
 
-def _free(
-    shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache
-) -> NDArray[np.float32]:
+def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
     """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
     point, normal = (np.asarray(a, np.float64) for a in places)
     return free_of_bodies(shot, light, point, normal, cache).astype(np.float32)

@@ -3,9 +3,10 @@
 
     ratio = 1 + w (share free + (1 - share) seen waves + added - 1)
 
-with share the ambient fraction of what lights the plate, free the fraction of it that bodies leave (with what they send there themselves), seen and waves the
-visible fraction of the plate's own direct light and the waves' factor on it, added the irradiance of lamps that the
-plate does not know over all that lights it, and w the fading towards the receiver's end.
+with share the ambient fraction of what lights the plate, free the fraction of it that bodies leave, with what they send
+there themselves, seen and waves the visible fraction of the plate's own direct light and the waves' factor on it, added
+the irradiance of lamps that the plate does not know over all that lights it, and w the fading towards the receiver's
+end.
 """
 
 from __future__ import annotations

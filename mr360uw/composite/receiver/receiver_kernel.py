@@ -50,8 +50,8 @@ def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
 class BlockLight:
     """What falls on blocks of the receiver.
 
-    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL, FREE, SEEN. own: images of
-    pixels instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight, veil), added (3; none: 0).
+    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL, FREE, SEEN. own: images
+    of pixels instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight, veil), added (3; none: 0).
     """
 
     row: NDArray[np.int64]

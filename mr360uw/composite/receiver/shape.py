@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.ambient.ground_kernel import UNNOTICED, mark_occluded
+from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.shadow import basis
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle

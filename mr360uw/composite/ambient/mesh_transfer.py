@@ -33,7 +33,7 @@ _BURIED = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """m directions that something blocks: number of the site, of the direction, and of the site that is seen instead."""
+    """m directions that something blocks: numbers of the site, the direction, and the site that is seen instead."""
 
     site: NDArray[np.int64]
     direction: NDArray[np.int64]
@@ -48,9 +48,9 @@ class Pairs:
 class Transfer:
     """What a mesh is to ambient light, in its own axes.
 
-    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site, whole: (S,) its sum. own: pairs that the mesh
-    blocks itself. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, index: (S,).
-    scene, solid: its opaque triangles for rays, and their numbers.
+    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum. own:
+    pairs that the mesh blocks itself. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic,
+    index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
     """
 
     lattice: Lattice

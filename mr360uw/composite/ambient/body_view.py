@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How placed bodies and the ground see each other: a function of where they are alone, kept while they stand still."""
+"""What the sites of one placed body see of other bodies and of the ground, and the ground of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.ground_kernel import AZIMUTHS, sweep
-from mr360uw.composite.ambient.height_field import HeightField, make_height_field
-from mr360uw.composite.ambient.transfer import Transfer, make_transfer, met_sites
+from mr360uw.composite.ambient.height_field import HeightField
+from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -23,13 +20,12 @@ _LEAST_SHARE = 0.004
 NODES = 16
 """Points along each side of the square of ground that a body sees in its own shade."""
 _NODE_REACH, _REACH_WITH_HEIGHT = 2.0, 1.0
-"""Half side of that square over the body's radius, and how it grows with the gap below the body: beyond it the body blocks
-less than a twentieth, and shadows of a sun above 45 degrees end."""
+"""Half side of that square over the body's radius, and how it grows with the gap below the body: beyond it the body
+blocks less than a twentieth, and shadows of a sun above 45 degrees end."""
 _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
 """Height of the nodes above the ground over the body's radius."""
-_KEPT_TRANSFERS, _KEPT_FIELDS = 64, 64
 _COUPLING_TERMS = 4
 """Terms of visibility over a surface: its mean over directions and its change along three axes."""
 
@@ -64,11 +60,14 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """What the sites of one body see. lost: (S, COUNT) sparse, irradiance a direction's radiance does not add. sites:
-    (S, all sites) sparse, what each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below
-    add. back: (NODES^2, S) sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S, 5) fraction of the irradiance from free directions, then visibility as a + b.d in the body's axes.
-    node: (NODES^2, 3) places of the nodes in the world, or none.
+class BodyView:
+    """What the sites of one body see.
+
+    lost: (S, COUNT) sparse, irradiance that each direction's radiance does not add. sites: (S, all sites) sparse, what
+    each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below add. back: (NODES^2, S)
+    sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S, 5) fraction of the
+    irradiance from free directions, then visibility as a + b.d in the body's axes. node: (NODES^2, 3) places of the
+    nodes in the world, or none.
     """
 
     lost: Any
@@ -84,88 +83,15 @@ class View:
         return self.lost.nnz == 0 and self.ground.nnz == 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
-    """Bodies of a shot, what each sees, and where its sites begin (B + 1,) among all."""
-
-    bodies: tuple[Body, ...]
-    views: tuple[View, ...]
-    first: NDArray[np.int64]
-
-    @property
-    def ground_bodies(self) -> tuple[int, ...]:
-        """Numbers of the bodies that the ground sees."""
-        return tuple(k for k, body in enumerate(self.bodies) if body.field is not None)
-
-    def sweep(self, points: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return what bodies block at places (n, 3) of the world, as `ground_kernel.gather` takes it."""
-        places = np.ascontiguousarray(points, np.float64)
-        count = len(self.ground_bodies)
-        begins = np.zeros((count, len(places), 2), np.float32)
-        blocked = np.zeros((count, len(places), AZIMUTHS, 3), np.float32)
-        for m, k in enumerate(self.ground_bodies):
-            body = self.bodies[k]
-            assert body.field is not None
-            sweep(places, body.origin, body.field.frame, body.field.cells, begins[m], blocked[m])
-        return begins, blocked
-
-    def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
-        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3), bilinear, beyond them those of the edge."""
-        node = self.views[number].node
-        if len(node) == 0:
-            return np.zeros((len(points), values.shape[-1]))
-        low, high = node[0], node[-1]
-        at = (points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1)
-        at = np.clip(at, 0.0, NODES - 1.001)
-        i, j = at.astype(np.int64).T
-        u, v = (at - np.floor(at)).T[..., None]
-        first = values[i, j] * (1.0 - v) + values[i, j + 1] * v
-        second = values[i + 1, j] * (1.0 - v) + values[i + 1, j + 1] * v
-        return first * (1.0 - u) + second * u
-
-    def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""
-        shaded = np.zeros(len(points), np.bool_)
-        for body in self.bodies:
-            if not body.placed.casts_shadow:
-                continue
-            to = body.center - points
-            along = to @ direction
-            off = np.linalg.norm(to - along[:, None] * direction, axis=-1)
-            near = np.flatnonzero(~shaded & (off < body.radius) & (along > -body.radius))
-            rays = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-            shaded[near] = body.transfer.scene.occluded(body.inside(points[near]), rays)
-        return shaded
-
-
-def make_layout(
-    objects: Sequence[PlacedObject], ground_y: Sequence[float | None], seen_by_ground: bool, cache: Cache
-) -> Layout:
-    """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps transfers."""
-    bodies = tuple(_body(placed, seen_by_ground, cache) for placed in objects)
-    first = np.concatenate([[0], np.cumsum([len(body.transfer.cosine) for body in bodies])]).astype(np.int64)
-    views = tuple(_view(k, bodies, first, ground_y[k]) for k in range(len(bodies)))
-    return Layout(bodies, views, first)
-
-
-def _body(placed: PlacedObject, seen_by_ground: bool, cache: Cache) -> Body:
-    mesh, linear = placed.mesh, placed.world_from_object[:3, :3]
-    transfer = cache.get("ambient transfer", mesh, lambda: make_transfer(mesh), keep=_KEPT_TRANSFERS)
-    field = None
-    if seen_by_ground and placed.casts_shadow and len(transfer.solid):
-        key = (mesh, linear.tobytes())
-        field = cache.get("height field", key, lambda: make_height_field(transfer, linear), keep=_KEPT_FIELDS)
-    return Body(placed, transfer, linear / placed.scale, field)
-
-
-def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], ground_y: float | None) -> View:
+def body_view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], ground_y: float | None) -> BodyView:
+    """Return what the sites of one of several bodies see. first: where the sites of each begin; ground_y: height."""
     from scipy.sparse import csr_matrix
 
     body = bodies[number]
     transfer = body.transfer
     count = len(transfer.cosine)
     free = transfer.cosine > 0.0
-    parts = []
+    parts: list[tuple[NDArray[np.int64], ...]] = []
     if body.placed.casts_shadow:
         own = transfer.own
         free[own.site, own.direction] = False
@@ -178,7 +104,7 @@ def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], groun
         if parts else np.zeros((3, 0), np.int64)  # fmt: skip
     weight = transfer.cosine[site, direction]
     node, ground, back = _ground(body, place, free, ground_y)
-    return View(
+    return BodyView(
         lost=csr_matrix((weight, (site, direction)), shape=(count, COUNT)),
         sites=csr_matrix((weight, (site, hit)), shape=(count, int(first[-1]))),
         ground=ground,
@@ -191,7 +117,7 @@ def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], groun
 def _others(
     number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], place: Floats, free: NDArray[np.bool_]
 ) -> list[tuple[NDArray[np.int64], ...]]:
-    """Return (site, direction, site that is met) of what other bodies block, and take it off what is free (S, COUNT)."""
+    """Return (site, direction, site that is met) of what other bodies block; take it off what is free (S, COUNT)."""
     body = bodies[number]
     d = directions() @ body.rotation.T
     nearest = np.full(free.shape, np.inf, np.float32)
