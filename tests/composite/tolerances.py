@@ -34,8 +34,9 @@ PENUMBRA = 0.03
 """Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
 BALL_SHARE = 0.012
 """Share of the ground's light that a ball of 48 rows blocks: a plan of 32 cells, 32 azimuths, and flat facets."""
-BOX_SHARE = 0.03
-"""The same of boxes against 4096 rays (0.004): an upright wall's end may be off by half an azimuth, a cell's half by 0.01."""
+BOX_SHARE, BOX_CONTACT = 0.02, 0.05
+"""The same of boxes against 4096 rays (0.004): an upright wall's end may be off by half an azimuth, and at its foot by a
+part of a cell of the plan."""
 MONOTONE = 0.001
 """Steps upwards of that share along a radius: a tenth of what the eye sees in an 8-bit video (quadrature over azimuth)."""
 REDDENED = 0.03

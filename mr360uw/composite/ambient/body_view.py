@@ -178,7 +178,7 @@ def _sent_down(body: Body, node: Floats) -> Any:
     """Return the irradiance that radiance of a body's sites adds to level nodes (n, 3), (n, S) sparse."""
     from scipy.sparse import csr_matrix
 
-    d = directions()
+    d = directions() @ body.rotation.T
     d = d[d[:, 1] > 0.0]
     to = body.center - node
     along = to @ d.T

@@ -84,7 +84,9 @@ def make_transfer(mesh: Mesh) -> Transfer:
     lattice = make_lattice(mesh)
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
-    cosine = (np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE).astype(np.float32)
+    cosine = np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE
+    # their sum is that of the integral, so that uniform light stays uniform
+    cosine = (cosine * (np.pi / cosine.sum(axis=1, keepdims=True))).astype(np.float32)
     base, emission, metallic, index = _colors(mesh, lattice)
     bare = Transfer(lattice, cosine, Pairs(*np.zeros((3, 0), np.int64)), base, emission, metallic, index,
                     cosine.sum(axis=1), scene, solid, mesh)  # fmt: skip

@@ -60,13 +60,28 @@ class AmbientLight:
         """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world with
         normals (n, 3), with what bodies send there; `swept` is the layout's sweep of the places.
         """
-        blocked = np.zeros((len(self.sent), len(normal), 4))
-        gather(np.ascontiguousarray(normal, np.float64), *swept, self.table, blocked)
-        lost = blocked[..., :3].sum(axis=0)
-        for k, sent, of in zip(self.layout.ground_bodies, self.sent, blocked, strict=True):
-            lost -= of[:, 3:] * self.layout.at_nodes(k, sent, point)
+        lost, share = light_lost(self.layout, self.table, self.sent, point, normal, swept)
         whole = np.maximum(environment_lookup(self.ambient, normal), 1e-9)
-        return 1.0 - shown(blocked[..., 3:].sum(axis=0) / np.pi) * lost / whole
+        return 1.0 - shown(share)[:, None] * lost / whole
+
+
+def light_lost(
+    layout: Layout,
+    table: NDArray[np.float64],
+    sent: tuple[Floats, ...],
+    point: Floats,
+    normal: Floats,
+    swept: tuple[NDArray[Any], NDArray[Any]],
+) -> tuple[Floats, Floats]:
+    """Return the irradiance (n, 3) that bodies take from places of the ground less what they send there, and the
+    fraction (n,) of uniform light that they block. The arguments are those of `AmbientLight` and `AmbientLight.free`.
+    """
+    blocked = np.zeros((len(sent), len(normal), 4))
+    gather(np.ascontiguousarray(normal, np.float64), *swept, table, blocked)
+    lost = blocked[..., :3].sum(axis=0)
+    for k, radiance, of in zip(layout.ground_bodies, sent, blocked, strict=True):
+        lost -= of[:, 3:] * layout.at_nodes(k, radiance, point)
+    return lost, blocked[..., 3].sum(axis=0) / np.pi
 
 
 class Solver:
@@ -104,7 +119,7 @@ class Solver:
             sent = self._sent(irradiance)
         values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
         none: tuple[None, ...] = (None,) * len(self._shot.objects)
-        down = tuple(self._sent_down(k, sent)[1] for k in layout.ground_bodies)
+        down = tuple(self._sent_down(k, sent) for k in layout.ground_bodies)
         ambient = self._shot.environment.ambient
         return AmbientLight(layout, none if values is None else values, self._table, down, ambient)
 
@@ -155,6 +170,7 @@ class Solver:
 
     def _shade(self, sent: Floats) -> list[Floats]:
         """Return what the shaded ground adds (S, 3) to the sites of every body, negative where it takes."""
+        down = tuple(self._sent_down(k, sent) for k in self._layout.ground_bodies)
         sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
         shade: list[Floats] = []
         for number, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True)):
@@ -163,9 +179,7 @@ class Solver:
                 continue
             key = (self._layout, number)
             swept = self._cache.get("ambient nodes", key, functools.partial(self._layout.sweep, view.node), keep=64)
-            blocked = np.zeros((len(self._layout.ground_bodies), len(view.node), 4))
-            gather(np.broadcast_to(up, view.node.shape).copy(), *swept, self._table, blocked)
-            lost = blocked.sum(axis=0)[:, :3] - self._sent_down(number, sent)[0]
+            lost, _ = light_lost(self._layout, self._table, down, view.node, np.tile(up, (len(view.node), 1)), swept)
             before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
             change = -lost
             if sun is not None:
@@ -194,16 +208,14 @@ class Solver:
             values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
         return tuple(values)
 
-    def _sent_down(self, number: int, sent: Floats) -> tuple[Floats, Floats]:
-        """Return the irradiance (NODES^2, 3) that a body sends to its nodes, and the mean radiance (NODES, NODES, 3) of
-        what of it is seen there, spread to nodes that do not see it.
-        """
+    def _sent_down(self, number: int, sent: Floats) -> Floats:
+        """Return the mean radiance (NODES, NODES, 3) of what the nodes of a body see of it; the others that about them."""
         view, layout = self._layout.views[number], self._layout
         if len(view.node) == 0:
-            return np.zeros((0, 3)), np.zeros((NODES, NODES, 3))
+            return np.zeros((NODES, NODES, 3))
         down = view.back @ sent[layout.first[number] : layout.first[number + 1]]
         seen = np.asarray(view.back.sum(axis=1)).reshape(NODES, NODES, 1)
-        return down, spread_from(down.reshape(NODES, NODES, 3), seen)
+        return spread_from(down.reshape(NODES, NODES, 3), seen)
 
 
 def spread_from(total: Floats, weight: Floats) -> Floats:

@@ -60,7 +60,7 @@ def kept_on_disk(
 def _read(path: Path, names: Sequence[str], limits: Sequence[int]) -> tuple[NDArray[np.int64], ...] | None:
     """Return what a file holds; None where there is none, or not what was written."""
     try:
-        with np.load(path) as file:
+        with path.open("rb") as data, np.load(data) as file:
             arrays = tuple(file[name].astype(np.int64) for name in names)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
