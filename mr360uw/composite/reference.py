@@ -14,6 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.at_hits import ambient_at
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.lighting.arrival import LightSource
@@ -51,19 +55,19 @@ class Fragment:
     values: dict[str, Floats]
 
 
-def render_layer(shot: Shot) -> Layer:
-    """Return the layer of a shot: float32 tiles of everything that objects cover or change."""
-    return _render(shot, None)
+def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
+    """Return the layer of a shot: float32 tiles of everything that objects cover or change. cache: kept among shots."""
+    return _render(shot, None, cache or Cache())
 
 
-def render_aovs(shot: Shot) -> tuple[Layer, Aovs]:
+def render_aovs(shot: Shot, cache: Cache | None = None) -> tuple[Layer, Aovs]:
     """Return the layer of a shot and its output variables."""
     frame = AovFrame(shot)
-    layer = _render(shot, frame)
+    layer = _render(shot, frame, cache or Cache())
     return layer, frame.finish(shot, layer)
 
 
-def _render(shot: Shot, frame: AovFrame | None) -> Layer:
+def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     visible = tuple(o for o in shot.objects if o.visible)
     geometry = gather(visible, shot.view.position)
     shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
@@ -77,12 +81,15 @@ def _render(shot: Shot, frame: AovFrame | None) -> Layer:
         return Layer(shot.view.height, shot.view.width, ())
     sources = light_sources(shot, Blockers(shot))
     scene = RayScene(geometry.positions)
+    light = ambient_light(shot, cache)
     drawn = []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
-        draw_objects(shot, geometry, scene, sources, tile, _inside(object_parts, rectangle, shot.view.width), frame)
+        draw_objects(
+            shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
+        )
         if shape is not None:
-            draw_receiver(shot, shape, sources, tile, _inside(receiver_parts, rectangle, shot.view.width))
+            draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width))
         drawn.append(hold_out(shot, tile))
     return Layer(shot.view.height, shot.view.width, tuple(drawn))
 
@@ -106,6 +113,7 @@ def draw_objects(
     geometry: Geometry,
     scene: RayScene,
     sources: Sequence[LightSource],
+    light: AmbientLight | None,
     tile: Tile,
     where: NDArray[np.bool_],
     frame: AovFrame | None,
@@ -121,7 +129,7 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         for layer in trace_samples(shot, geometry, scene, samples, x, y):
             through = (1.0 - alpha).copy()
-            for fragment in light_up(shot, geometry, sources, samples, x, y, *layer, parts=frame is not None):
+            for fragment in light_up(shot, geometry, sources, light, samples, x, y, *layer, parts=frame is not None):
                 p = fragment.pixel
                 share = through[p] * fragment.weight * fragment.alpha
                 radiance[p] += share[:, None] * fragment.values["radiance"]
@@ -147,6 +155,7 @@ def light_up(
     shot: Shot,
     geometry: Geometry,
     sources: Sequence[LightSource],
+    light: AmbientLight | None,
     samples: Pattern,
     x: NDArray[np.int64],
     y: NDArray[np.int64],
@@ -160,7 +169,7 @@ def light_up(
         through, veil = water_ahead(shot, hits.distance_m, hits.direction[:, 1])
         opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
         alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
-        sent = surface_radiance(shot, sources, hits)
+        sent = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
         values: dict[str, Floats] = {"radiance": through * sent.total + veil}
         if parts:
             values |= {
@@ -177,7 +186,12 @@ def light_up(
 
 
 def draw_receiver(
-    shot: Shot, shape: ReceiverShape, sources: Sequence[LightSource], tile: Tile, where: NDArray[np.bool_]
+    shot: Shot,
+    shape: ReceiverShape,
+    sources: Sequence[LightSource],
+    light: AmbientLight | None,
+    tile: Tile,
+    where: NDArray[np.bool_],
 ) -> None:
     """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile."""
     assert shot.receiver is not None
@@ -194,7 +208,9 @@ def draw_receiver(
     if shot.pattern is not None:
         shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))
         plate = shown, calm, veil
-    ratio = receiver_ratio(shot, sources, direction * distance[:, None], normal, distance, plate)
+    point = direction * distance[:, None]
+    free = free_of_bodies(shot, light, point, normal, Cache())
+    ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]

@@ -184,6 +184,9 @@ class DrawSettings(Parameters):
 
     samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "shade each surface once a pixel, or once a sample")
+    ambient_occlusion: bool = parameter(
+        True, "bodies block ambient light from themselves and from each other, and reflect light onto each other"
+    )
     sun_samples: int = parameter(
         24, "directions over a light's disc, averaged for soft shadows", low=1, high=MAXIMUM_SUN_SAMPLES
     )

@@ -49,6 +49,9 @@ class Reference:
     name = "reference"
     device = "processor, float64"
 
+    def __init__(self) -> None:
+        self.cache = Cache()
+
     def caustics(
         self,
         sea: Sea,
@@ -67,7 +70,7 @@ class Reference:
         """Return the layer of `mr360uw.composite.reference`."""
         from mr360uw.composite.reference import render_aovs, render_layer
 
-        return render_aovs(shot) if variables else (render_layer(shot), None)
+        return render_aovs(shot, self.cache) if variables else (render_layer(shot, self.cache), None)
 
     def download(self, stack: CausticStack) -> CausticStack:
         """Return the stack itself."""

@@ -47,6 +47,7 @@ class Plan:
     glossy: Stage
     shadow: Stage
     pattern: Stage
+    occlusion: Stage
     layer: Stage
     grain: Stage
 
@@ -119,6 +120,7 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
             else 'water is "none"' if medium is None
             else "receiver.plate_caustics keeps them",
         ),
+        occlusion=_occlusion(scene, objects),
         layer=_stage(
             visible,
             "objects move" if any(facts.moves for facts in objects)
@@ -146,6 +148,19 @@ def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
         else 'light.sun = "none"' if light.sun == "none"
         else f"{100 * beam:.2f} % of the beam reaches the objects",
     )  # fmt: skip
+
+
+def _occlusion(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:
+    receiver = scene.receiver
+    on_ground = receiver is not None and receiver.occlusion
+    moving = any(facts.moves for facts in objects)
+    return _stage(
+        bool(objects) and (scene.draw.ambient_occlusion or on_ground),
+        f"ambient light among {'objects' if scene.draw.ambient_occlusion else 'none of the objects'}"
+        f"{' and on the receiver' if on_ground else ''}; "
+        f"{'rays between bodies in every frame that moves them' if moving else 'rays once: objects stand still'}",
+        "switched off" if objects else "nothing to light",
+    )
 
 
 def _track_sun(sun: Stage, light: LightSettings, clip: bool) -> Stage:

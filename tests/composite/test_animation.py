@@ -271,15 +271,6 @@ def test_bounds_hold_every_pose(tmp_path: Path, make: Any) -> None:
         assert beyond.max() <= tol.FLOAT64
 
 
-def test_surfels_move_with_the_surface(tmp_path: Path) -> None:
-    file = tube()
-    file.clip((1, "rotation", [0.0], turned([np.pi / 2])))
-    mesh = mesh_at(loaded(file, tmp_path), 0.0)
-    turn = about_z(np.pi / 2)
-    np.testing.assert_allclose(mesh.surfel_position, mesh.still.surfel_position @ turn.T, atol=tol.FLOAT32)
-    np.testing.assert_allclose(mesh.surfel_area, mesh.still.surfel_area @ turn.T, atol=tol.FLOAT32)
-
-
 # --- what is refused -----------------------------------------------------------------------------------------------
 
 

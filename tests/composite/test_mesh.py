@@ -20,7 +20,7 @@ from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile
-from tests.composite.scenes import box, quad, sphere
+from tests.composite.scenes import box, sphere
 
 
 def written(path: Path, mesh: trimesh.Trimesh) -> Path:
@@ -156,13 +156,6 @@ def test_hull_of_a_large_round_mesh_is_small_and_holds_it(rng: np.random.Generat
     for direction in directions / np.linalg.norm(directions, axis=-1, keepdims=True):
         out = np.max(mesh.positions @ direction) - np.max(corners @ direction)
         assert 0.0 <= out <= 2.0 * tol.HULL_SHALLOW
-
-
-def test_surfels_hold_the_area() -> None:
-    ball = sphere(32, radius=0.5)
-    # a closed body counts half: a line through it crosses its surface twice
-    np.testing.assert_allclose(np.linalg.norm(ball.surfel_area, axis=-1).sum(), 0.5 * np.pi, rtol=tol.POLYGON_AREA)
-    np.testing.assert_allclose(np.linalg.norm(quad().surfel_area, axis=-1).sum(), 1.0, rtol=tol.FLOAT64)
 
 
 def test_scene_objects_override_materials_and_follow_sequences(tmp_path: Path) -> None:

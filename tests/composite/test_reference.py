@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.lighting.shadow import disc_directions
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
@@ -119,18 +118,6 @@ def test_receivers_of_every_shape_agree() -> None:
     plane, mesh, map_ = (render_layer(shot(body, receiver=r)).ratio for r in shapes)
     np.testing.assert_allclose(mesh, plane, atol=tol.FLOAT32_LOOKUP)
     assert np.mean(np.abs(map_ - plane).max(axis=-1) < tol.MAP_RATIO) > tol.RENDERERS_FRACTION
-
-
-def test_blocked_ambient_light_is_that_of_the_hemisphere(rng: np.random.Generator) -> None:
-    body = placed(box((0.6, 0.4, 0.5)), (0.0, 0.5, 0.0))
-    rays = RayScene(occluding([body], np.zeros(3)))
-    points = np.column_stack([rng.uniform(-1.0, 1.0, 40), np.zeros(40), rng.uniform(-1.0, 1.0, 40)])
-    u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
-    hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
-    truth = np.array([rays.occluded(np.broadcast_to(p, hemisphere.shape), hemisphere).mean() for p in points])
-    up = np.broadcast_to([0.0, 1.0, 0.0], points.shape)
-    got = ambient_blocked(points, up, surfel_table([body], np.zeros(3)))
-    assert np.sqrt(np.mean((got - truth) ** 2)) < tol.OCCLUSION
 
 
 def test_transparency_multiplies_and_masks_cut() -> None:

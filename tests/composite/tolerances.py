@@ -32,8 +32,27 @@ ROLL_CODES = 1.0
 """A turn by whole columns moves every sample to another one exactly, but for roundings at edges."""
 PENUMBRA = 0.03
 """Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
-OCCLUSION = 0.03
-"""32 surfels for a body, their facing averaged, against 4096 rays over the hemisphere."""
+BALL_SHARE = 0.012
+"""Share of the ground's light that a ball of 48 rows blocks: a plan of 32 cells, 32 azimuths, and flat facets."""
+BOX_SHARE, BOX_CONTACT = 0.02, 0.05
+"""The same of boxes against 4096 rays (0.004): an upright wall's end may be off by half an azimuth, and at its foot by a
+part of a cell of the plan."""
+MONOTONE = 0.001
+"""Steps upwards of that share along a radius: a tenth of what the eye sees in an 8-bit video (quadrature over azimuth)."""
+REDDENED = 0.03
+"""Least that red gains over green beside a ball of reflectance .9 in the sun; without it nothing."""
+CLOSED_BOX = 1e-5
+"""Light inside a white box keeps to what it is: sums of 500 terms in single precision."""
+MIRROR_IN_CRATE = 0.6
+"""What a mirror in a black crate that is open above may still send, over what it sends in the open."""
+BALLS = 0.025
+"""512 directions of which a ball's edge cuts some, and sites a twelfth of a ball apart."""
+TURNED = 0.01
+"""A quarter turn of all: directions stay with the body, the environment's blocks of 2 x 2 pixels turn by whole ones."""
+COSINE_SUM = 0.005
+"""Sum over 512 directions of a cosine that is cut off at the horizon."""
+KNOT_PLACE = 0.01
+"""Sites move inwards by a tenth of their distance, a twenty-sixth of the box, and stand off its faces."""
 QUADRATURE = 0.002
 """A midpoint sum of some hundred to some thousand terms."""
 TEXTURE_TWIN = 2e-3

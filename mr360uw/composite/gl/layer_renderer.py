@@ -7,7 +7,12 @@ the samples of objects at rest and the geometry of the receiver from frame to fr
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.light import ambient_light
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
@@ -33,6 +38,7 @@ class LayerRenderer:
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
         self._poses = 1
+        self._places: dict[Mesh, NDArray[np.int64]] = {}
         self._light = LightTextures(self._cache, self._buffers)
         targets = Targets()
         self._objects = ObjectPass(targets, self._light, self._buffers, self._cache)
@@ -58,16 +64,28 @@ class LayerRenderer:
         tiles = even_tiles(parts, view.width, view.height)
         if not tiles:
             return Layer(view.height, view.width, ())
+        ambient = ambient_light(shot, self._cache)
+        self._places = _places(ambient)
         self._light.update(shot)
         drawn = [empty_tile(part) for part in tiles]
         if object_parts:
-            self._objects.draw(shot, drawn, frame)
-        self._receiver.draw(shot, changes, drawn)
+            self._objects.draw(shot, drawn, frame, ambient)
+        self._receiver.draw(shot, changes, drawn, ambient)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:
+        still, places = mesh.still, self._places.get(mesh.still)
+        key = (still, places is not None)
         if mesh.rest is None:
-            return self._cache.get("mesh", mesh, lambda: upload_mesh(mesh), keep=_KEPT_MESHES)
-        rest = mesh.rest
-        still = self._cache.get("mesh at rest", rest, lambda: upload_still(rest), keep=_KEPT_MESHES)
-        return self._cache.get("pose", mesh, lambda: upload_mesh(mesh, still), keep=self._poses)
+            return self._cache.get("mesh", key, lambda: upload_mesh(mesh, places), keep=_KEPT_MESHES)
+        shared = self._cache.get("mesh at rest", key, lambda: upload_still(still, places), keep=_KEPT_MESHES)
+        pose = (mesh, places is not None)
+        return self._cache.get("pose", pose, lambda: upload_mesh(mesh, still=shared), keep=self._poses)
+
+
+def _places(ambient: AmbientLight | None) -> dict[Mesh, NDArray[np.int64]]:
+    """Return the knots of ambient light, for each mesh at rest whose values are to be read."""
+    if ambient is None:
+        return {}
+    bodies = zip(ambient.layout.bodies, ambient.values, strict=False)
+    return {body.placed.mesh.still: body.transfer.lattice.places for body, values in bodies if values is not None}

@@ -8,12 +8,15 @@ Objects that share a mesh are shaded together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.knot_values import UNTOUCHED
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred
@@ -28,11 +31,22 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats, Rectangle, Tile
 
+if TYPE_CHECKING:
+    import moderngl
+
 _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
 """Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
 _AT_ONCE = 1 << 19
 _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyList:
+    """Texture of bodies: four texels each as layer.frag says, then the values of knots. among: meshes that have any."""
+
+    texture: moderngl.Texture
+    among: frozenset[Mesh]
 
 
 class ObjectPass:
@@ -47,15 +61,20 @@ class ObjectPass:
         self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
         self._surfaces = SurfacePass(targets, buffers, cache)
 
-    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None) -> None:
-        """Composite the objects of a shot behind the contents of tiles. frame: receives output variables, or None."""
+    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> None:
+        """Composite the objects of a shot behind the contents of tiles.
+
+        frame: receives output variables, or None. ambient: solved ambient light among the bodies.
+        """
         objects = [placed for placed in shot.objects if placed.visible]
         layers, first = self._find(shot, objects)
+        bodies = self._body_list(shot, objects, ambient)
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            lit = (shot, objects, fragments, body, fragments.triangle - first[body], number < len(layers) - 1)
+            triangle = fragments.triangle - first[body]
+            lit = (shot, objects, bodies, fragments, body, triangle, number < len(layers) - 1)
             values = self._light_up(*lit, 0)
             share = fragments.weight * values[:, 3]
             if frame is not None:
@@ -72,10 +91,31 @@ class ObjectPass:
             self._cache.drop("surfaces")
         return layers, first
 
+    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
+        """Return where bodies are, and the values of ambient light on them."""
+        table = np.zeros((len(objects), 4, 4), np.float32)
+        values, texels = [table.reshape(-1)], 4 * len(objects)
+        every = [None] * len(shot.objects) if ambient is None else ambient.values
+        of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
+        changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
+        for row, placed, known in zip(table, objects, of_visible, strict=True):
+            row[:3], row[3, 0] = camera_centred(placed, shot)[:3], placed.bias_m
+            if placed.mesh not in changed:
+                continue
+            assert ambient is not None
+            lattice = ambient.layout.bodies[shot.objects.index(placed)].transfer.lattice
+            knots = lattice.knots * (2 if lattice.two_sided else 1)
+            own = np.tile(np.array(UNTOUCHED, np.float32), (knots, 1)) if known is None else known
+            row[3, 1:3] = texels, lattice.knots if lattice.two_sided else 0
+            values.append(own.reshape(-1))
+            texels += own.size // 4
+        return BodyList(list_texture(np.concatenate(values)), frozenset(changed))
+
     def _light_up(
         self,
         shot: Shot,
         objects: Sequence[PlacedObject],
+        bodies: BodyList,
         fragments: Fragments,
         body: NDArray[np.int64],
         triangle: NDArray[np.int64],
@@ -86,10 +126,6 @@ class ObjectPass:
 
         body: (n,) object of each, triangle: (n,) number in its mesh. outputs: see `_CHANNELS`.
         """
-        table = np.zeros((len(objects), 4, 4))
-        for row, placed in zip(table, objects, strict=True):
-            row[:3], row[3, 0] = camera_centred(placed, shot)[:3], placed.bias_m
-        bodies = list_texture(table)
         entries = np.concatenate([triangle[:, None], fragments.place, body[:, None]], axis=1)
         meshes = list(dict.fromkeys(placed.mesh for placed in objects))
         of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
@@ -101,14 +137,18 @@ class ObjectPass:
                 values[part] = self._light_mesh(shot, mesh, entries[part], bodies, blended, outputs)
         return values
 
-    def _light_mesh(self, shot: Shot, mesh: Mesh, entries: Floats, bodies: Any, blended: bool, outputs: int) -> Floats:
+    def _light_mesh(
+        self, shot: Shot, mesh: Mesh, entries: Floats, bodies: BodyList, blended: bool, outputs: int
+    ) -> Floats:
         buffers = self._buffers(mesh)
-        shader = self._targets.program("layer", {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines)
+        defines = {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies.among else {}
+        shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
                 "fragments": list_texture(entries),
-                "bodies": bodies,
+                "bodies": bodies.texture,
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,

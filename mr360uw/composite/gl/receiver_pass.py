@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
@@ -66,15 +67,16 @@ class ReceiverPass:
         touched = touched_cells(shot, grid)
         return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
 
-    def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile]) -> None:
-        """Write ratio and veil of the changed parts into the tiles."""
+    def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None) -> None:
+        """Write ratio and veil of the changed parts into the tiles. ambient: solved ambient light among the bodies."""
         if changes is None or not changes.rectangles or shot.receiver is None:
             return
         ground = self._ground(shot, shot.receiver)
         blocks = _blocks(changes.grid, changes.touched.at_all, ground)
         shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
         ground.load_blocks(shot, blocks)
-        light = self._block_light(shot, ground, blocks, shaded, _blocks(changes.grid, changes.touched.by_lamps, ground))
+        lamplit = _blocks(changes.grid, changes.touched.by_lamps, ground)
+        light = self._block_light(shot, ground, blocks, shaded, lamplit, ambient)
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
 
@@ -103,14 +105,15 @@ class ReceiverPass:
         blocks: NDArray[np.bool_],
         shaded: NDArray[np.bool_],
         by_lamps: NDArray[np.bool_],
+        ambient: AmbientLight | None,
     ) -> BlockLight:
         receiver = shot.receiver
         assert receiver is not None
         j, i = np.nonzero(blocks)
         lamplit = by_lamps[j, i]
         rough = ground.rough[j, i] | lamplit
-        corner = corner_light(shot, ground, blocks)
-        free = free_images(shot, ground, corner, j, i)
+        corner = corner_light(shot, ground, blocks, ambient, self._cache)
+        free = free_images(shot, ground, corner, j, i, ambient, self._cache)
         edge, umbra, halo = self._see_sun(shot, ground, shaded, corner, j, i)
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)

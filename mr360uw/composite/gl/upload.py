@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     import moderngl
 
 _LIST_COLUMNS = 2048
-_TRIANGLE_TEXELS = 10
+TRIANGLE_TEXELS = 10
 _STORE_COLUMNS = 4096
 _STORE_ALIGNMENT = 64
 _NO_MAP = (-1.0, 0.0, 0.0, 0.0)
 MapEntry = tuple[float, float, float, float]
 """(address / 64, width, height, wrap) of a map in its store."""
+TRIANGLE_TEXELS = 11
 MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
@@ -63,16 +64,20 @@ class StillBuffers:
     store: moderngl.Texture
 
 
-def upload_still(mesh: Mesh) -> StillBuffers:
-    """Return what the poses of a mesh share on the device."""
+def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBuffers:
+    """Return what the poses of a mesh share on the device. places: (T, 4) its knots of ambient light, as `Lattice` has
+    them; None without them.
+    """
     mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
     order = np.argsort(mode, kind="stable")
     counts = np.bincount(mode, minlength=3)
     ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
-    texels = np.zeros((len(order), _TRIANGLE_TEXELS, 4), np.float32)
+    texels = np.zeros((len(order), TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[order, :, 0], mesh.uv[order, :, 1]
     texels[:, 2:9:3] = mesh.colors[order]
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
+    if places is not None:
+        texels[:, 10] = places[order]
     store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
     cut_maps = cutting_maps(mesh)
     materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
@@ -86,14 +91,14 @@ def upload_still(mesh: Mesh) -> StillBuffers:
     )
 
 
-def upload_mesh(mesh: Mesh, still: StillBuffers | None = None) -> MeshBuffers:
-    """Return a mesh on the device. still: of a pose, what it shares with others."""
-    still = upload_still(mesh) if still is None else still
+def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: StillBuffers | None = None) -> MeshBuffers:
+    """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
+    still = upload_still(mesh, places) if still is None else still
     positions, normals = (a.astype(np.float32).take(still.order, axis=0) for a in (mesh.positions, mesh.normals))
     corners = np.zeros((len(positions), 3, 4), np.float32)
     corners[..., :3] = positions
     rows = still.texels.copy()
-    texels = rows.reshape(-1, 4)[: _TRIANGLE_TEXELS * len(positions)].reshape(-1, _TRIANGLE_TEXELS, 4)
+    texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * len(positions)].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
     return MeshBuffers(
         mesh=mesh,

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance of surfaces towards the camera, from ambient light and all light sources (reference renderer).
 
-    ambient  E = ambient(N) ambient_ratio(d)        L = T L_surface + veil
+    ambient  E = ambient(N) ambient_ratio(d) R        L = T L_surface + veil
 
-with d the depth, T and veil those of the water in front. On the device: layer.frag.
+with d the depth, R what bodies leave of it and add (ambient/solver.py), T and veil those of the water in front. On the
+device: layer.frag.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mr360uw.composite.ambient.knot_values import reflected_light
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.shading import dielectric_f0, highlight, lobe_axis, reflectance
 from mr360uw.composite.raycast.geometry import Hits
@@ -91,8 +93,8 @@ def _ambient_factor(shot: Shot, point: Floats) -> Floats:
     return ambient_ratio(shot.medium, shot.view.depth_of(point))
 
 
-def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits) -> Radiance:
-    """Return the radiance of surfaces towards the camera."""
+def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats) -> Radiance:
+    """Return the radiance of surfaces towards the camera. among_bodies: (n, CHANNELS) of `ambient_at`."""
     environment, view = shot.environment, -hits.direction
     n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
     dielectric = dielectric_f0(hits.refractive_index, shot.refractive_index)[:, None]
@@ -102,15 +104,17 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits) -> 
     mirrors = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
     albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
     axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
+    ratio, seen, instead = reflected_light(among_bodies, axis)
     if len(environment.glossy):
         reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, axis, hits.roughness)
+        reflected = reflected * seen + instead
     else:
-        reflected = environment_lookup(environment.ambient, axis) * INV_PI
+        reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
     coat = _Coat(view, n_dot_v, dielectric * (1.0 - metal) + hits.base * metal, albedo)
     bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
     return Radiance(
-        diffuse=albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * occlusion,
+        diffuse=albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
         glossy=mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
         direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
         emission=hits.emission,

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Per-mesh proxies used every frame: a convex hull for bounds and surfels for ambient occlusion."""
+"""Convex hulls: bounds of meshes, and of their poses, in every frame."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +11,6 @@ from mr360uw.types import Floats
 _MANY = 50_000
 """Distinct points above which the hull is simplified."""
 _SHALLOW = 1e-4
-_NO_AREA = 1e-300
-"""Area of triangles that a pose collapses: mean places of nothing else stay numbers."""
 _SLAB_MARGIN = 1e-5
 """What a hull of slabs is larger by on every side, in terms of the extent: it keeps flat bodies from having no inside.
 A hundredth of a pixel for a body that fills a frame of 1000 rows."""
@@ -23,8 +19,6 @@ SLAB_AXES = np.array([
     (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1),
 ], np.float64)  # fmt: skip
 """Normals, not unit, of the pairs of planes about a pose: of faces, edges and corners of a cube."""
-SURFELS = 32
-"""Discs that represent a body in ambient occlusion. Twice as many: finer contact shadows at twice the cost."""
 
 
 def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
@@ -72,57 +66,3 @@ def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
     ])  # fmt: skip
     points = HalfspaceIntersection(planes, inside).intersections
     return np.asarray(points[ConvexHull(points).simplices])
-
-
-def make_surfels(positions: Floats, piece: NDArray[np.int32]) -> tuple[Floats, Floats]:
-    """Return at most `SURFELS` discs (position, area vector) of the triangles (T, 3, 3) of pieces (T,)."""
-    clusters, weight = surfel_clusters(positions, piece)
-    return surfels(positions, clusters, weight)
-
-
-def surfel_clusters(positions: Floats, piece: NDArray[np.int32]) -> tuple[list[NDArray[np.int64]], Floats]:
-    """Return at most `SURFELS` lists of triangles, and the weight (T,) of each triangle's area.
-
-    Halves of equal area along the longest axis, again and again, over place and facing.
-    """
-    vector = 0.5 * np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    area = np.linalg.norm(vector, axis=-1)
-    center = positions.mean(axis=1)
-    weight = np.empty(len(area))
-    for k in np.unique(piece):
-        of = piece == k
-        closed = np.linalg.norm(vector[of].sum(axis=0)) < 0.2 * area[of].sum()
-        weight[of] = 0.5 if closed else 1.0
-    extent = float(np.max(np.ptp(center, axis=0))) or 1.0
-    feature = np.concatenate([center.T / extent, 0.5 * vector.T / area])
-    clusters = [np.arange(len(area))]
-    while len(clusters) < SURFELS:
-        halves = []
-        for cluster in clusters:
-            axis = int(np.argmax([np.ptp(row[cluster]) for row in feature]))
-            order = cluster[np.argsort(feature[axis, cluster], kind="stable")]
-            cut = int(np.searchsorted(np.cumsum(area[order]), 0.5 * area[order].sum()))
-            halves += [part for part in (order[: cut + 1], order[cut + 1 :]) if len(part)]
-        if len(halves) == len(clusters):
-            break
-        clusters = halves
-    return clusters, weight
-
-
-def surfels(positions: Floats, clusters: Sequence[NDArray[np.int64]], weight: Floats) -> tuple[Floats, Floats]:
-    """Return a disc (position, area vector) for each cluster of triangles, as `surfel_clusters` returns them."""
-    order = np.concatenate(clusters)
-    # one row a coordinate: a few times faster than (T, 3) arrays
-    ax, ay, az, bx, by, bz, cx, cy, cz = positions.reshape(-1, 9).T.take(order, axis=1)
-    ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-    vector = 0.5 * np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
-    area = np.maximum(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]), _NO_AREA)
-    moment = np.stack([ax + bx + cx, ay + by + cy, az + bz + cz]) / 3.0 * area
-    vector, moment, weighted = vector.T.copy(), moment.T.copy(), weight[order] * area
-    ends = np.cumsum([len(cluster) for cluster in clusters])
-    parts = [slice(end - len(cluster), end) for end, cluster in zip(ends.tolist(), clusters, strict=True)]
-    place = np.stack([moment[part].sum(axis=0) / area[part].sum() for part in parts])
-    total = np.array([weighted[part].sum() for part in parts])
-    facing = np.stack([vector[part].sum(axis=0) for part in parts])
-    facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-30)
-    return place, facing * total[:, None]

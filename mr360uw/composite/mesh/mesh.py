@@ -2,8 +2,7 @@
 """Meshes in the form that renderers take: separate triangles with all attributes of their corners, in metres.
 
 Corners are not shared between triangles, so flat, creased and smooth surfaces, seams of the texture and several
-materials need no special cases. A mesh also has the proxies used every frame: its convex hull, for its bounds in the
-frame, and surfels, for ambient occlusion.
+materials need no special cases. A mesh also has its convex hull, for its bounds in the frame.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.hull import hull_triangles, make_surfels
+from mr360uw.composite.mesh.hull import hull_triangles
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
@@ -36,10 +35,9 @@ class Mesh:
 
     positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left.
     colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
-    the smooth piece of a triangle. hull: (h, 3, 3) triangles of the convex hull. surfel_position (s, 3)
-    and surfel_area (s, 3): discs of the surface as area vectors; those of closed parts count half, because a line
-    through them crosses two. notes: what looked odd, for the user. rest: of a pose of a mesh that moves, the mesh at
-    rest; both have the same triangles in the same order, and the same uv, colors, material, patch and materials.
+    the smooth piece of a triangle. hull: (h, 3, 3) triangles of the convex hull. notes: what looked odd, for the user.
+    rest: of a pose of a mesh that moves, the mesh at rest; both have the same triangles in the same order, and the same
+    uv, colors, material, patch and materials.
     """
 
     positions: Floats
@@ -50,8 +48,6 @@ class Mesh:
     patch: NDArray[np.int32]
     materials: tuple[Material, ...]
     hull: Floats
-    surfel_position: Floats
-    surfel_area: Floats
     notes: tuple[str, ...] = ()
     rest: Mesh | None = None
 
@@ -132,7 +128,6 @@ def make_mesh(
         positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
         material, piece = material[keep], piece[keep]
     place = welded(positions)
-    surfel_position, surfel_area = make_surfels(positions, piece)
     return Mesh(
         positions=positions,
         normals=normals,
@@ -142,8 +137,6 @@ def make_mesh(
         patch=smooth_patches(place, normals, piece),
         materials=tuple(materials),
         hull=hull_triangles(positions, place),
-        surfel_position=surfel_position,
-        surfel_area=surfel_area,
         notes=notes + (_size_notes(where, extent) if suspicious else ()),
     )
 

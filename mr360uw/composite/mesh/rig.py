@@ -2,7 +2,7 @@
 """Meshes that move: a mesh at rest, what moves it, and its pose at a time.
 
 A pose has the triangles, texture coordinates and materials of the mesh at rest. Its positions and normals are evaluated
-in float64; its hull is a 26-DOP of its vertices, its surfels are those of the same triangles as at rest.
+in float64; its hull is a 26-DOP of its vertices.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.curve import Clip
-from mr360uw.composite.mesh.hull import slab_hull, slabs, surfel_clusters, surfels
+from mr360uw.composite.mesh.hull import slab_hull, slabs
 from mr360uw.composite.mesh.mesh import METRES, Mesh, mesh_of_file, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
@@ -28,16 +28,13 @@ class Rig:
     """A mesh at rest and what moves it.
 
     rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
-    of its triangles in the mesh's order. scale: metres for a unit of the file. clusters, surfel_weight: as
-    `hull.surfel_clusters` returns them at rest.
+    of its triangles in the mesh's order. scale: metres for a unit of the file.
     """
 
     mesh: Mesh
     rigging: Rigging | None = None
     faces: tuple[NDArray[np.int64], ...] = ()
     scale: float = 1.0
-    clusters: tuple[NDArray[np.int64], ...] = ()
-    surfel_weight: Floats | None = None
 
 
 def load_rig(path: str | Path, unit: Unit = "auto", part: str = "") -> Rig:
@@ -55,10 +52,8 @@ def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:
     corners = np.concatenate([p.positions[p.faces] for p, _ in kept]) * scale
     proper = np.split(proper_triangles(corners), np.cumsum([len(p.faces) for p, _ in kept])[:-1])
     faces = tuple(p.faces[keep] for (p, _), keep in zip(kept, proper, strict=True))
-    piece = np.repeat(np.arange(len(faces), dtype=np.int32), [len(f) for f in faces])
-    clusters, weight = surfel_clusters(mesh.positions, piece)
     rigging = replace(file.rigging, bodies=tuple(body for _, body in kept))
-    return Rig(mesh, rigging, faces, scale, tuple(clusters), weight)
+    return Rig(mesh, rigging, faces, scale)
 
 
 def surfaces(rig: Rig, clip: Clip, time_s: float) -> list[tuple[Floats, Floats | None]]:
@@ -74,7 +69,6 @@ def surfaces(rig: Rig, clip: Clip, time_s: float) -> list[tuple[Floats, Floats |
 
 def pose(rig: Rig, clip: Clip, time_s: float) -> Mesh:
     """Return the mesh at a time of a clip [s], counted from the clip's own zero."""
-    assert rig.surfel_weight is not None
     found = surfaces(rig, clip, time_s)
     corners = [points.take(faces, axis=0) for (points, _), faces in zip(found, rig.faces, strict=True)]
     normals = [
@@ -82,14 +76,11 @@ def pose(rig: Rig, clip: Clip, time_s: float) -> Mesh:
         for (_, normal), corner, faces in zip(found, corners, rig.faces, strict=True)
     ]
     positions, points = _joined(corners), _joined([points for points, _ in found])
-    place, area = surfels(positions, rig.clusters, rig.surfel_weight)
     return replace(
         rig.mesh,
         positions=positions,
         normals=_joined(normals),
         hull=slab_hull(slabs(points), points.mean(axis=0)),
-        surfel_position=place,
-        surfel_area=area,
         rest=rig.mesh,
     )
 

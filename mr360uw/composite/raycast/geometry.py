@@ -85,13 +85,16 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
 class Hits:
     """Surfaces at the intersections of n rays and triangles.
 
-    triangle, object: indices. point: (n, 3) [m] from the camera. distance_m, direction: of the ray. geometric_normal,
-    normal: unit, on the camera's side; the second is interpolated and bumped by the normal map. base: (n, 3) linear,
-    alpha: (n,). footprint_m: width of a pixel at that distance.
+    triangle, object: indices. weights: (n, 3) barycentric. behind: hit from the back. point: (n, 3) [m] from the
+    camera. distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second is
+    interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of a pixel at that
+    distance.
     """
 
     triangle: NDArray[np.int64]
     object: NDArray[np.int64]
+    weights: Floats
+    behind: NDArray[np.bool_]
     point: Floats
     distance_m: Floats
     direction: Floats
@@ -174,6 +177,8 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
     return Hits(
         triangle=triangle,
         object=geometry.object[triangle],
+        weights=weights,
+        behind=side[:, 0] < 0.0,
         point=distance[:, None] * direction,
         distance_m=distance,
         direction=direction,

@@ -6,10 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.light import free_of_bodies
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
-from mr360uw.composite.receiver.ratio import ambient_share, unblocked
+from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.receiver.receiver_kernel import (
     CORNER_CHANNELS,
     FREE,
@@ -29,8 +31,10 @@ SMOOTH = 0.004
 show in smooth shadows."""
 
 
-def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return the corner light (R + 1, C + 1, 8) of blocks for receiver_kernel.py, with the sun fully visible."""
+def corner_light(
+    shot: Shot, ground: Ground, blocks: NDArray[np.bool_], light: AmbientLight | None, cache: Cache
+) -> NDArray[np.float32]:
+    """Return the corner light (R + 1, C + 1, 10) of blocks for receiver_kernel.py, with the sun fully visible."""
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
@@ -42,31 +46,33 @@ def corner_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_]) -> NDArr
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
         corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
-    corner[j, i, FREE] = _free(shot, ground.corner_point[j, i], ground.corner_normal[j, i])
+    corner[j, i, FREE] = free_of_bodies(shot, light, point, normal, cache)
     corner[j, i, SEEN] = 1.0
     return corner
 
 
-def free_images(shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indices) -> PixelImages:
+def free_images(
+    shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indices, light: AmbientLight | None, cache: Cache
+) -> PixelImages:
     """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate."""
     rough = ground.rough[j, i]
-    at_middle = _free(shot, ground.middle_point[j, i], ground.middle_normal[j, i])
-    uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)) > SMOOTH)
+    middle = ground.middle_point[j, i], ground.middle_normal[j, i]
+    at_middle = _free(shot, light, middle, cache)
+    uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)).max(axis=-1) > SMOOTH)
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
         places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
-        parts.append((uneven, _free(shot, *places)[..., None]))
+        parts.append((uneven, _free(shot, light, places, cache)))
     if np.any(rough):
-        parts.append((rough, _free(shot, *_pixel_places(shot, ground, j[rough], i[rough]))[..., None]))
-    return gather_images(len(j), 1, parts)
+        parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
+    return gather_images(len(j), 3, parts)
 
 
-def _free(shot: Shot, point: Floats, normal: Floats) -> Floats:
-    """Return the fraction (...,) of the ambient light that bodies leave unblocked at points (..., 3), float32."""
-    if shot.receiver is None or not shot.receiver.occlusion:
-        return np.ones(point.shape[:-1], np.float32)
-    return unblocked(ambient_blocked(point, normal, surfel_table(shot.casters, shot.view.position)))
+def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
+    """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
+    point, normal = (np.asarray(a, np.float64) for a in places)
+    return free_of_bodies(shot, light, point, normal, cache).astype(np.float32)
 
 
 def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:

@@ -3,9 +3,9 @@
 
     ratio = 1 + w (share free + (1 - share) seen waves + added - 1)
 
-with share the ambient fraction of the plate's irradiance, free the fraction of it that bodies leave unblocked, seen the
-visible fraction of the plate's direct light, waves the caustic factor on it, added the irradiance of lamps over that of
-the plate, and w the weight that fades out towards the receiver's end.
+with share the ambient fraction of the plate's irradiance, free the fraction of it that bodies leave, with what they
+send there themselves, seen the visible fraction of the plate's direct light, waves the caustic factor on it, added the
+irradiance of lamps over that of the plate, and w the weight that fades out towards the receiver's end.
 """
 
 from __future__ import annotations
@@ -15,15 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from mr360uw.composite.lighting.arrival import LightSource
-from mr360uw.composite.lighting.occlusion import ambient_blocked, surfel_table
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
-UNNOTICED = 0.02
-"""Ambient occlusion below this fraction is ignored: two 8-bit code values, spread over metres. Twice as large, soft
-contact shadows end visibly early; half as large, bodies change a larger area."""
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out, so that shadow and waves end without a line."""
 BRIGHTEST = 64.0
@@ -69,6 +65,7 @@ def added_light(
 def receiver_ratio(
     shot: Shot,
     sources: Sequence[LightSource],
+    free: Floats,
     point: Floats,
     normal: Floats,
     distance_m: Floats,
@@ -76,32 +73,22 @@ def receiver_ratio(
 ) -> Floats:
     """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends.
 
-    plate: its light, its calm light and its veil there, each (n, 3), where it has a pattern (see pattern.py).
+    free: (n, 3) fraction of the ambient light that bodies leave there, with what they send. plate: its light, its calm
+    light and its veil there, each (n, 3), where it has a pattern (see pattern.py).
     """
     receiver = shot.receiver
     assert receiver is not None
-    free: Floats = np.ones(len(point))
     seen: Floats = np.ones(len(point))
     waves: Floats = np.ones((len(point), 3))
-    if receiver.occlusion:
-        free = unblocked(ambient_blocked(point, normal, surfel_table(shot.casters, shot.view.position)))
     for source in sources:
         if source.in_plate:
             seen = source.visibility(point) if receiver.shadow else seen
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
     r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
-    ratio = share * free[:, None] + (r - share) * seen[:, None] * waves
+    ratio = share * free + (r - share) * seen[:, None] * waves
     ratio = (ratio + added_light(shot, sources, point, normal)) / r
     return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
-
-
-def unblocked(blocked: Floats) -> Floats:
-    """Return the unblocked fraction (...,) of the ambient light for blocked fractions (...,).
-
-    Occlusion fades to zero at `UNNOTICED`, so that a body changes a bounded area of the receiver.
-    """
-    return 1.0 - np.maximum(np.minimum(blocked, 1.0) - UNNOTICED, 0.0) / (1.0 - UNNOTICED)
 
 
 def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:

@@ -20,8 +20,8 @@ from mr360uw.composite.receiver.ground import BLOCK
 from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
 from mr360uw.types import Tile
 
-SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), 6, 7
-CORNER_CHANNELS = 8
+SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
+CORNER_CHANNELS = 10
 _CHANGED = 1e-4
 """Least change of the plate, as a fraction, that is written."""
 
@@ -52,8 +52,8 @@ def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
 class BlockLight:
     """Light on blocks of the receiver.
 
-    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 8) float32, channels SHARE, VEIL, FREE, SEEN. Images of
-    pixels, used instead of corners: free (k = 1), seen (1), waves (3), shape (7: share, weight, veil), added (3; 0 if
+    row, column: (n,) of the blocks. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL, FREE, SEEN. Images of
+    pixels, used instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight, veil), added (3; 0 if
     there is none).
     """
 
@@ -90,7 +90,7 @@ def _lay(
 ) -> None:  # fmt: skip
     one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
     # one row of a block: channels of `corner`, relative change of the plate, weight of the change
-    line, change = np.empty((8, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
+    line, change = np.empty((10, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
     weight = np.empty(BLOCK, np.float32)
     rows, columns = ratio.shape[:2]
     dark, direct = np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
@@ -104,14 +104,16 @@ def _lay(
         c, d = corner[row[n] + 1, column[n]], corner[row[n] + 1, column[n] + 1]
         f, s, w, g, p = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
         if f < 0 and s < 0 and w < 0 and g < 0:
-            darkest = min(a[6] * a[7], b[6] * b[7], c[6] * c[7], d[6] * d[7])
-            if darkest > one - least:
+            most = zero
+            for k in range(6, 10):
+                most = max(most, abs(a[k] - one), abs(b[k] - one), abs(c[k] - one), abs(d[k] - one))
+            if most < half * least:
                 continue
         down, across = one / np.float32(min(BLOCK, height - top)), one / np.float32(BLOCK)
         for y in range(y0, y1):
             j = y - top
             v = (np.float32(j) + half) * down
-            for k in range(8):
+            for k in range(10):
                 start = a[k] + v * (c[k] - a[k])
                 step = across * (b[k] + v * (d[k] - b[k]) - start)
                 for i in range(BLOCK):
@@ -119,18 +121,19 @@ def _lay(
             for i in range(BLOCK):
                 weight[i] = shape[g, j, i, 3] if g >= 0 else one
             if f >= 0:
-                for i in range(BLOCK):
-                    line[6, i] = free[f, j, i, 0]
+                for k in range(3):
+                    for i in range(BLOCK):
+                        line[6 + k, i] = free[f, j, i, k]
             if s >= 0:
                 for i in range(BLOCK):
-                    line[7, i] = seen[s, j, i, 0]
+                    line[9, i] = seen[s, j, i, 0]
             for k in range(3):
                 if g >= 0:
                     for i in range(BLOCK):
                         line[k, i] = shape[g, j, i, k]
                         line[3 + k, i] = shape[g, j, i, 4 + k]
                 for i in range(BLOCK):
-                    sun = line[7, i] * (waves[w, j, i, k] if w >= 0 else one)
+                    sun = line[9, i] * (waves[w, j, i, k] if w >= 0 else one)
                     more = added[p, j, i, k] if p >= 0 else zero
                     r, share = one, line[k, i]
                     if len(shown) and x0 <= left + i < x1:
@@ -139,7 +142,7 @@ def _lay(
                         if base > dark:
                             r = (shown[py, px, k] - line[3 + k, i]) / base
                         r = max(r, share + direct * (one - share))
-                    change[k, i] = weight[i] * ((share * line[6, i] + (r - share) * sun + more) / r - one)
+                    change[k, i] = weight[i] * ((share * line[6 + k, i] + (r - share) * sun + more) / r - one)
             for x in range(x0, x1):
                 i = x - left
                 if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:

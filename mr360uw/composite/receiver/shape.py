@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.ground_kernel import UNNOTICED, mark_occluded
 from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.occlusion import mark_occluded, mark_shaded, surfel_table
 from mr360uw.composite.lighting.shadow import basis
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.raycast.rays import RayScene, barycentric
-from mr360uw.composite.receiver.ratio import UNNOTICED, added_light
+from mr360uw.composite.receiver.ratio import added_light
+from mr360uw.composite.receiver.shadow_box import mark_shaded
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
@@ -153,11 +154,10 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
             mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
     by_shadow = marks.copy()
     if receiver.occlusion:
-        for placed, box in zip(casters, boxes, strict=True):
-            surfels = surfel_table([placed], shot.view.position)
-            # a margin, because a cell's middle represents all of it
-            least = 0.75 * UNNOTICED
-            mark_occluded(grid.point, grid.normal, grid.reach_m, box.center, box.radius, surfels, least, marks)
+        for box in boxes:
+            half = 0.5 * (box.high - box.low)
+            args = box.center, box.radius, np.ascontiguousarray(box.axes), half, UNNOTICED, marks
+            mark_occluded(grid.point, grid.normal, grid.reach_m, *args)
     if receiver.caustics and shot.caustics is not None and sun is not None:
         marks[:] = True
     by_lamps = _lit_cells(shot, grid)

@@ -1,11 +1,12 @@
 // Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
-// A triangle is ten texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch).
+// A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch);
+// then its knots of ambient light (ambient/lattice.py).
 // A material is nine texels of `materials`, which upload.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/rays.glsl"
 #include "composite/gl/shaders/texture.glsl"
 
-const int TRIANGLE_TEXELS = 10;
+const int TRIANGLE_TEXELS = 11;
 const int MATERIAL_TEXELS = 9;
 
 struct Triangle {
@@ -28,6 +29,8 @@ struct Surface {
     float occlusion;
     float refractive_index;
     float footprint_m;
+    vec3 weights;
+    bool behind;
 };
 
 // an entry of a list in rows of 2048 texels: shifts, because software drivers divide integers one lane at a time
@@ -133,5 +136,7 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     }
 #endif
     s.normal = normal * side;
+    s.weights = hit.xyz;
+    s.behind = side < 0.0;
     return s;
 }

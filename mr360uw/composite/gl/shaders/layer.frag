@@ -44,10 +44,10 @@ float glossy_level(float roughness) {
     return level;
 }
 
-Parts light_surface(Surface s, float bias_m) {
+Parts light_surface(Surface s, Among among, float bias_m) {
     Coat coat = make_coat(s, outside_index);
     vec3 scale = ambient_factor(view, medium, diffuse, s.point);
-    Parts parts = ambient_light(coat, s, ambient, glossy, glossy_level(s.roughness), scale);
+    Parts parts = ambient_light(coat, s, among, ambient, glossy, glossy_level(s.roughness), scale);
     vec3 start = s.point + shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
     bool faces = dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
@@ -80,13 +80,18 @@ void main() {
     int body = 4 * int(fragment.w);
     mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
                                  texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
-    float bias_m = texelFetch(bodies, list_place(body + 3), 0).x;
+    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first knot value, knots of the front if two-sided
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
     Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place),
                         world_direction(place + vec2(filter_width, 0.0)), world_direction(place + vec2(0.0, filter_width)),
                         PI / frame_size.y * filter_width);
-    Parts p = light_surface(s, bias_m);
+    Among among = Among(vec3(1.0), 1.0, vec4(1.0, 0.0, 0.0, 0.0), vec3(0.0));
+#if defined(AMONG_BODIES)
+    int first_value = int(numbers.y) + (s.behind ? 3 * int(numbers.z) : 0);
+    among = among_bodies(bodies, first_value, listed(triangles, triangle.first + 10), s.weights);
+#endif
+    Parts p = light_surface(s, among, numbers.x);
     vec3 through = vec3(1.0), haze = vec3(0.0);
 #if defined(MEDIUM)
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);

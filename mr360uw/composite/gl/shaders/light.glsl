@@ -2,6 +2,7 @@
 // Features of a shot (MEDIUM, SUN, CAUSTICS, LAMPS, GLOSSY) are switched at compile time, because software drivers
 // execute both sides of every branch.
 #include "composite/gl/shaders/geometry.glsl"
+#include "composite/gl/shaders/ambient.glsl"
 #include "composite/lighting/shading.glsl"
 #include "ibl/lookup.glsl"
 #include "ibl/splitsum.glsl"
@@ -62,15 +63,19 @@ Coat make_coat(Surface s, float outside_index) {
 }
 
 // level: fractional glossy level of the roughness. scale: ambient light at the surface's depth over that at the camera
-Parts ambient_light(Coat coat, Surface s, sampler2DArray ambient, sampler2DArray glossy, float level, vec3 scale) {
+Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, sampler2DArray glossy, float level,
+                    vec3 scale) {
     Parts parts;
     vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
 #if defined(GLOSSY)
     vec3 reflected = glossy_lookup(glossy, level, axis);
-#else
-    vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI;
+#if defined(AMONG_BODIES)
+    reflected = reflected_among(among, reflected, axis);
 #endif
-    parts.diffuse = coat.albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * scale * s.occlusion;
+#else
+    vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI * among.ratio;
+#endif
+    parts.diffuse = coat.albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * among.ratio * scale * s.occlusion;
     parts.glossy = coat.mirrors * reflected * scale * s.occlusion;
     parts.emission = s.emission;
     parts.sun = parts.lamps = parts.caustics = vec3(0.0);

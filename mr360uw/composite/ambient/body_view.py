@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the sites of one placed body see of other bodies and of the ground, and the ground of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
+from mr360uw.composite.ambient.height_field import HeightField
+from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.types import Floats
+
+_LEAST_SHARE = 0.004
+"""Bodies that block less of each other's ambient light than this, about a code value, are not looked at."""
+NODES = 16
+"""Points along each side of the square of ground that a body sees in its own shade."""
+_NODE_REACH, _REACH_WITH_HEIGHT = 2.0, 1.0
+"""Half side of that square over the body's radius, and how it grows with the gap below the body: beyond it the body
+blocks less than a twentieth, and shadows of a sun above 45 degrees end."""
+_NEAR_GROUND = 9.0
+"""Bodies higher above the ground than this many radii block less than a hundredth of its light."""
+_LIFT = 1e-3
+"""Height of the nodes above the ground over the body's radius."""
+_COUPLING_TERMS = 4
+"""Terms of visibility over a surface: its mean over directions and its change along three axes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A placed mesh. rotation: (3, 3) its axes to the world's. field: what the ground sees of it; None if nothing."""
+
+    placed: PlacedObject
+    transfer: Transfer
+    rotation: Floats
+    field: HeightField | None
+
+    @property
+    def origin(self) -> Floats:
+        """Place (3,) of the body's origin in the world."""
+        return self.placed.world_from_object[:3, 3]
+
+    @property
+    def center(self) -> Floats:
+        """Middle (3,) in the world."""
+        return self.placed.to_world(self.placed.mesh.center_m)
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] about the middle."""
+        return self.placed.mesh.radius_m * self.placed.scale
+
+    def inside(self, points: Floats) -> Floats:
+        """Return points (n, 3) of the world in the body's axes."""
+        return (points - self.origin) @ self.rotation / self.placed.scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyView:
+    """What the sites of one body see.
+
+    lost: (S, COUNT) sparse, irradiance that each direction's radiance does not add. sites: (S, all sites) sparse, what
+    each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below add. back: (NODES^2, S)
+    sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S, 5) fraction of the
+    irradiance from free directions, then visibility as a + b.d in the body's axes. node: (NODES^2, 3) places of the
+    nodes in the world, or none.
+    """
+
+    lost: Any
+    sites: Any
+    ground: Any
+    back: Any
+    visible: Floats
+    node: Floats
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing is in the way."""
+        return self.lost.nnz == 0 and self.ground.nnz == 0
+
+
+def body_view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], ground_y: float | None) -> BodyView:
+    """Return what the sites of one of several bodies see. first: where the sites of each begin; ground_y: height."""
+    from scipy.sparse import csr_matrix
+
+    body = bodies[number]
+    transfer = body.transfer
+    count = len(transfer.cosine)
+    free = transfer.cosine > 0.0
+    parts: list[tuple[NDArray[np.int64], ...]] = []
+    if body.placed.casts_shadow:
+        own = transfer.own
+        free[own.site, own.direction] = False
+        parts.append((own.site, own.direction, own.hit + first[number]))
+    place = body.placed.to_world(transfer.lattice.position)
+    if ground_y is not None:
+        place = np.maximum(place, [-np.inf, ground_y + 1e-3 * body.radius, -np.inf])
+    parts += _others(number, bodies, first, place, free)
+    site, direction, hit = (np.concatenate([np.zeros(0, np.int64), *column]) for column in zip(*parts, strict=True)) \
+        if parts else np.zeros((3, 0), np.int64)  # fmt: skip
+    weight = transfer.cosine[site, direction]
+    node, ground, back = _ground(body, place, free, ground_y)
+    return BodyView(
+        lost=csr_matrix((weight, (site, direction)), shape=(count, COUNT)),
+        sites=csr_matrix((weight, (site, hit)), shape=(count, int(first[-1]))),
+        ground=ground,
+        back=back,
+        visible=_visibility(transfer, site, direction, weight),
+        node=node,
+    )
+
+
+def _others(
+    number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], place: Floats, free: NDArray[np.bool_]
+) -> list[tuple[NDArray[np.int64], ...]]:
+    """Return (site, direction, site that is met) of what other bodies block; take it off what is free (S, COUNT)."""
+    body = bodies[number]
+    d = directions() @ body.rotation.T
+    nearest = np.full(free.shape, np.inf, np.float32)
+    met = np.full(free.shape, -1, np.int64) if len(bodies) > 1 else np.zeros(0, np.int64)
+    found = False
+    for k, other in enumerate(bodies):
+        apart = float(np.linalg.norm(other.center - body.center))
+        gap = max(apart - body.radius, other.radius)
+        if k == number or not other.placed.casts_shadow or (other.radius / gap) ** 2 < _LEAST_SHARE:
+            continue
+        to = other.center - place
+        distance = np.linalg.norm(to, axis=-1)
+        sine = np.minimum(other.radius / np.maximum(distance, 1e-12), 1.0)
+        cosine = np.where(distance < other.radius, -1.0, np.sqrt(1.0 - sine * sine))
+        site, direction = np.nonzero(free & ((to / np.maximum(distance, 1e-12)[:, None]) @ d.T >= cosine[:, None]))
+        origin, rays = other.inside(place[site]), d[direction] @ other.rotation
+        triangle = other.transfer.scene.first_hit(origin, rays)
+        hit = np.flatnonzero(triangle >= 0)
+        site, direction = site[hit], direction[hit]
+        seen, along, _ = met_sites(other.transfer, origin[hit], rays[hit], triangle[hit])
+        nearer = along * other.placed.scale < nearest[site, direction]
+        site, direction = site[nearer], direction[nearer]
+        nearest[site, direction] = along[nearer] * other.placed.scale
+        met[site, direction] = seen[nearer] + first[k]
+        found |= len(site) > 0
+    if not found:
+        return []
+    site, direction = np.nonzero(met >= 0)
+    free[site, direction] = False
+    return [(site, direction, met[site, direction])]
+
+
+def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None) -> tuple[Floats, Any, Any]:
+    """Return the nodes (NODES^2, 3) on the ground below a body, how they add to its sites, and its sites to them."""
+    from scipy.sparse import csr_matrix
+
+    count, center, radius = len(place), body.center, body.radius
+    if ground_y is None or body.field is None or not -radius < center[1] - ground_y < (1.0 + _NEAR_GROUND) * radius:
+        return np.zeros((0, 3)), csr_matrix((count, 0)), csr_matrix((0, count))
+    half = _NODE_REACH * radius + _REACH_WITH_HEIGHT * max(center[1] - radius - ground_y, 0.0)
+    line = ((np.arange(NODES) + 0.5) / NODES * 2.0 - 1.0) * half
+    x, z = np.meshgrid(center[0] + line, center[2] + line, indexing="ij")
+    node = np.stack([x, np.full_like(x, ground_y), z], axis=-1).reshape(-1, 3)
+    d = directions() @ body.rotation.T
+    down = np.where(d[:, 1] < -1e-6, -1.0 / np.minimum(d[:, 1], -1e-6), 0.0)
+    site, direction = np.nonzero(free & (down > 0.0))
+    far = (place[site, 1] - ground_y) * down[direction]
+    at = place[site][:, [0, 2]] + far[:, None] * d[direction][:, [0, 2]] - center[[0, 2]]
+    cell = np.floor((at / half + 1.0) * 0.5 * NODES).astype(np.int64)
+    inside = np.all((cell >= 0) & (cell < NODES), axis=1)
+    site, direction, cell = site[inside], direction[inside], cell[inside]
+    weight = body.transfer.cosine[site, direction]
+    number = cell[:, 0] * NODES + cell[:, 1]
+    return node, csr_matrix((weight, (site, number)), shape=(count, len(node))), _sent_down(body, node)
+
+
+def _sent_down(body: Body, node: Floats) -> Any:
+    """Return the irradiance that radiance of a body's sites adds to level nodes (n, 3), (n, S) sparse."""
+    from scipy.sparse import csr_matrix
+
+    d = directions() @ body.rotation.T
+    d = d[d[:, 1] > 0.0]
+    to = body.center - node
+    along = to @ d.T
+    off = np.sum(to * to, axis=-1)[:, None] - along**2
+    number, direction = np.nonzero((off < body.radius**2) & (along > -body.radius))
+    lifted = node[number] + [0.0, _LIFT * body.radius, 0.0]
+    origin, rays = body.inside(lifted), d[direction] @ body.rotation
+    triangle = body.transfer.scene.first_hit(origin, rays)
+    hit = np.flatnonzero(triangle >= 0)
+    site, _, _ = met_sites(body.transfer, origin[hit], rays[hit], triangle[hit])
+    weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
+    return csr_matrix((weight, (number[hit], site)), shape=(len(node), len(body.transfer.cosine)))
+
+
+def _visibility(
+    transfer: Transfer, site: NDArray[np.int64], direction: NDArray[np.int64], weight: NDArray[np.float32]
+) -> Floats:
+    """Return (S, 5): the visible fraction of uniform light, and visibility as a linear function of direction.
+
+    The function is the one nearest to what is visible, weighted by the cosine.
+    """
+    count = len(transfer.cosine)
+    visible = np.zeros((count, 1 + _COUPLING_TERMS))
+    visible[:, :2] = 1.0
+    touched = np.unique(site)
+    if len(touched) == 0:
+        return visible
+    d = directions()
+    terms = np.concatenate([np.ones((COUNT, 1)), d], axis=1)
+    cosine = transfer.cosine[touched].astype(np.float64)
+    whole = cosine @ (terms[:, :, None] * terms[:, None, :]).reshape(COUNT, -1)
+    whole = whole.reshape(-1, _COUPLING_TERMS, _COUPLING_TERMS)
+    lost = np.stack([np.bincount(site, weight * terms[direction, k], count) for k in range(_COUPLING_TERMS)], -1)
+    whole += 1e-3 * whole[:, :1, :1] * np.eye(_COUPLING_TERMS)
+    visible[touched, 0] = 1.0 - lost[touched, 0] / np.maximum(cosine.sum(axis=1), 1e-12)
+    visible[touched, 1:] -= np.linalg.solve(whole, lost[touched][..., None])[..., 0]
+    return visible

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sample points over the surface of a mesh: where ambient light is found, and how shading interpolates it.
+
+*Knots* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
+*Sites* are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of
+them, from which a knot takes a weighted mean. A lattice of n steps lists its knots by rows: place (i, j), with i steps
+towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.normals import welded
+from mr360uw.types import Floats
+
+_STEPS_ACROSS = 24.0
+"""A lattice edge is at most this part (1/n) of the mesh's longest side, unless that makes more sites than wanted."""
+_WANTED_SITES = 3000
+"""Sites that a mesh gets at most, about: each costs 256 rays once and 2 kB."""
+_LONGEST = 1.3
+"""The longest edge of a lattice's triangles may be this many spacings: halves of squares have legs of one."""
+_MOST_STEPS = 64
+_INSET = 0.1
+"""Sites move towards the middle of their triangles by this part of the way: rays from an edge do not start within the
+wall that meets it there."""
+_LIFT = 3e-4
+"""Distance of sites off their surface as a part of the longest side."""
+_NEAREST, _STAND_INS = 8, 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Knots and sites of a mesh, in its own axes [m].
+
+    places: (T, 4) for every triangle three knots and 1, or the first knot of its lattice, two zeros and the number of
+    steps. knots: their number on the front; as many again follow for the back where `two_sided`. position, normal:
+    (S, 3) of the sites. triangle: (S,) one that holds it, weights:
+    (S, 3) where. knot_site: (K,) the site nearest to each knot. from_sites: (K, S) sparse, rows of sum 1.
+    """
+
+    places: NDArray[np.int64]
+    knots: int
+    two_sided: bool
+    position: Floats
+    normal: Floats
+    triangle: NDArray[np.int64]
+    weights: Floats
+    knot_site: NDArray[np.int64]
+    from_sites: Any
+
+
+def make_lattice(mesh: Mesh) -> Lattice:
+    """Return the knots and sites of a mesh."""
+    corners = mesh.positions
+    extent = float(np.max(mesh.extent_m))
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    two_sided = any(m.double_sided for m in mesh.materials) and _is_open(corners)
+    sides = 2 if two_sided else 1
+    even = float(np.sqrt(area.sum() * sides / _WANTED_SITES))
+    spacing = max(extent / _STEPS_ACROSS, even)
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
+    steps = np.clip(np.ceil(edge / (_LONGEST * spacing)), 1, _MOST_STEPS).astype(np.int64)
+    triangle, weights, first = _spread(steps)
+    position, normal = (np.einsum("nc,nck->nk", weights, a[triangle]) for a in (corners, mesh.normals))
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    joined = _joined(position, normal, extent)
+    count = int(joined.max()) + 1
+    one = np.empty(count, np.int64)
+    one[joined[::-1]] = np.arange(len(joined))[::-1]
+    inwards = _inwards(corners[triangle].mean(axis=1) - position, joined, normal[one], spacing)
+    kept, mixed = np.arange(count), None
+    if count * sides > 1.6 * _WANTED_SITES:
+        kept, mixed = _sampled(position[one], normal[one], even)
+    places, site_of = _numbered(steps, first, joined)
+    from_sites = _selection(site_of, count) if mixed is None else mixed[site_of]
+    facing, at = normal[one][kept], (position[one] + inwards)[kept]
+    turned = [facing, -facing][:sides]
+    nearest = np.asarray(from_sites.argmax(axis=1)).ravel()
+    return Lattice(
+        places=places,
+        knots=len(site_of),
+        two_sided=two_sided,
+        position=np.concatenate([at + _LIFT * extent * n for n in turned]),
+        normal=np.concatenate(turned),
+        triangle=np.tile(triangle[one][kept], sides),
+        weights=np.tile(weights[one][kept], (sides, 1)),
+        knot_site=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
+        from_sites=_block_diagonal([from_sites] * sides),
+    )
+
+
+def _spread(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return triangle (m,) and weights (m, 3) of all lattice points, and the first point (T,) of each triangle."""
+    triangles, weights = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    first, begun = np.zeros(len(steps), np.int64), 0
+    for n in np.unique(steps)[::-1].tolist():  # triangles without a lattice come last
+        of = np.flatnonzero(steps == n)
+        i, j = np.nonzero(np.add.outer(np.arange(n + 1), np.arange(n + 1)) <= n)
+        triangles.append(np.repeat(of, len(i)))
+        weights.append(np.tile(np.stack([n - i - j, i, j], axis=-1) / n, (len(of), 1)))
+        first[of] = begun + len(i) * np.arange(len(of))
+        begun += len(i) * len(of)
+    return np.concatenate(triangles), np.concatenate(weights), first
+
+
+def _numbered(
+    steps: NDArray[np.int64], first: NDArray[np.int64], joined: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the places (T, 4) of triangles and the joined point (K,) of each knot.
+
+    Points of lattices are knots of their own; the corners of the other triangles share the joined points.
+    """
+    plain = steps == 1
+    own = int(first[plain].min()) if np.any(plain) else len(joined)
+    corner, of_corner = np.unique(joined[own:], return_inverse=True)
+    places = np.stack([first, np.zeros_like(first), np.zeros_like(first), steps], axis=-1)
+    # the points of one step stand in the order (0, 0), (0, 1), (1, 0): first, third, second corner
+    for column, point in enumerate((0, 2, 1)):
+        places[plain, column] = own + of_corner[first[plain] + point - own]
+    return places, np.concatenate([joined[:own], corner])
+
+
+def _inwards(towards: Floats, joined: NDArray[np.int64], normal: Floats, spacing: float) -> Floats:
+    """Return how far (c, 3) joined points move along their surface towards the middle of the triangles about them."""
+    count = len(normal)
+    shift: Floats = np.stack([np.bincount(joined, towards[:, k], count) for k in range(3)], axis=-1)
+    shift = np.asarray(shift) / np.bincount(joined, minlength=count)[:, None]
+    shift -= normal * np.sum(normal * shift, axis=-1, keepdims=True)
+    return _INSET * shift * np.minimum(1.0, spacing / np.maximum(np.linalg.norm(shift, axis=-1, keepdims=True), 1e-12))
+
+
+def _joined(position: Floats, normal: Floats, extent: float) -> NDArray[np.int64]:
+    """Return numbers (m,) of points, the same for those of one place and normal."""
+    place = np.round(position / (1e-5 * extent)).astype(np.int64)
+    facing = np.round(normal / 0.05).astype(np.int64)
+    key = np.concatenate([place, facing], axis=1)
+    return np.asarray(np.unique(_hashed(key), return_inverse=True)[1])
+
+
+def _hashed(key: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Return one integer (m,) for each row of integers."""
+    mixed = np.zeros(len(key), np.uint64)
+    for column in key.T.astype(np.uint64):
+        mixed = (mixed ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return mixed
+
+
+def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[np.int64], Any]:
+    """Return which points (s,) of a dense mesh stand for all, and how all take means of them (c, s), sparse."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    cell = np.floor(position / spacing).astype(np.int64)
+    label = np.unique(_hashed(np.concatenate([cell, np.round(normal).astype(np.int64)], axis=1)), return_inverse=True)[
+        1
+    ]
+    count = np.bincount(label)
+    middle = np.stack([np.bincount(label, position[:, k]) for k in range(3)], axis=-1) / count[:, None]
+    off = np.sum((position - middle[label]) ** 2, axis=-1)
+    order = np.lexsort((off, label))
+    kept = order[np.flatnonzero(np.diff(label[order], prepend=-1))]
+    near = min(_NEAREST, len(kept))
+    feature = np.append(position, spacing * normal, axis=1)
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[kept]).query(feature, near))
+    weight = np.exp(-((distance / spacing) ** 2)) + 1e-9 * (np.arange(near) == 0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(position)), near)
+    return kept, csr_matrix((weight.ravel(), (rows, at.ravel())), shape=(len(position), len(kept)))
+
+
+def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Any]:
+    """Return for sites (S,), of which some have no light of their own, the nearest that has, and their means (S, S)."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    good, bad = np.flatnonzero(~without), np.flatnonzero(without)
+    size = float(np.ptp(lattice.position, axis=0).max())
+    feature = np.append(lattice.position, size * lattice.normal, axis=1)
+    near = min(_STAND_INS, len(good))
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[good]).query(feature[bad], near))
+    weight = 1.0 / (distance**4 + (1e-3 * size) ** 4)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.concatenate([good, np.repeat(bad, near)])
+    columns = np.concatenate([good, good[at].ravel()])
+    count = len(without)
+    nearest = np.arange(count)
+    nearest[bad] = good[at[:, 0]]
+    values = np.concatenate([np.ones(len(good)), weight.ravel()])
+    return nearest, csr_matrix((values, (rows, columns)), shape=(count, count))
+
+
+def _selection(column: NDArray[np.int64], count: int) -> Any:
+    from scipy.sparse import csr_matrix
+
+    return csr_matrix((np.ones(len(column)), column, np.arange(len(column) + 1)), shape=(len(column), count))
+
+
+def _block_diagonal(parts: list[Any]) -> Any:
+    from scipy.sparse import block_diag
+
+    return block_diag(parts, format="csr") if len(parts) > 1 else parts[0]
+
+
+def _is_open(corners: Floats) -> bool:
+    """Return whether more than a hundredth of the edges of triangles (T, 3, 3) belong to one triangle alone."""
+    vertex = welded(corners).reshape(-1, 3)
+    ends = np.stack([vertex, np.roll(vertex, -1, axis=1)], axis=-1).reshape(-1, 2)
+    key = ends.min(axis=1) * (int(vertex.max()) + 1) + ends.max(axis=1)
+    return bool(np.mean(np.unique(key, return_counts=True)[1] == 1) > 0.01)
+
+
+def knots_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return three knots (n, 3) and their weights (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4).
+
+    Twin: ambient.glsl.
+    """
+    steps = places[:, 3]
+    weights = np.maximum(weights, 0.0)
+    along = weights[:, 1:] / np.maximum(weights.sum(axis=1), 1e-12)[:, None] * steps[:, None]
+    i = np.minimum(along[:, 0].astype(np.int64), steps - 1)
+    j = np.minimum(along[:, 1].astype(np.int64), steps - 1 - i)
+    u, v = along[:, 0] - i, along[:, 1] - j
+    upper = (u + v > 1.0) & (i + j < steps - 1)
+    row, below = _row(steps, i), _row(steps, i + 1)
+    three = np.stack([np.where(upper, below + j + 1, row + j), below + j, row + j + 1], axis=-1) + places[:, :1]
+    three = np.where(steps[:, None] == 1, places[:, :3], three)
+    shares = np.stack([np.where(upper, u + v - 1.0, 1.0 - u - v), np.where(upper, 1.0 - v, u),
+                       np.where(upper, 1.0 - u, v)], axis=-1)  # fmt: skip
+    return three, shares
+
+
+def _row(steps: NDArray[np.int64], i: NDArray[np.int64]) -> NDArray[np.int64]:
+    return i * (2 * steps + 3 - i) // 2

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ambient light among bodies and the ground: closed forms, furnaces, both renderers, what is kept on the disk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
+from mr360uw.composite.ambient.ground_kernel import gather
+from mr360uw.composite.ambient.lattice import knots_at, make_lattice
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.store import cache_folder
+from mr360uw.composite.gl.layer_renderer import LayerRenderer
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import Mesh, make_mesh
+from mr360uw.composite.mesh.part import Part
+from mr360uw.composite.raycast.geometry import occluding
+from mr360uw.composite.raycast.rays import RayScene
+from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.gl.context import gl_available
+from mr360uw.sphere import yaw_matrix
+from mr360uw.types import Floats, Layer
+from tests.composite import tolerances as tol
+from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
+
+WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_index=1.0)
+"""Without a coat: what a closed form says of a diffuse white is then exact."""
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+def box_of(low: Floats, size: Floats) -> Part:
+    """Return a closed box as one part."""
+    points = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3) * size + low
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return Part("wall", points, np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]))
+
+
+def crate(material: Material, lid: bool = False) -> Mesh:
+    """Return a crate of side 1 with walls of .05, as a modeller makes it: boxes that touch."""
+    t = 0.05
+    walls = [
+        ([0, 0, 0], [1, t, 1]), ([0, t, 0], [t, 1 - t, 1]), ([1 - t, t, 0], [t, 1 - t, 1]),
+        ([t, t, 0], [1 - 2 * t, 1 - t, t]), ([t, t, 1 - t], [1 - 2 * t, 1 - t, t]),
+    ]  # fmt: skip
+    walls += [([0, 1, 0], [1, t, 1])] if lid else []
+    return make_mesh([box_of(np.array(a) - [0.5, 0.0, 0.5], np.array(b)) for a, b in walls], [material])
+
+
+def solved(scene: Shot) -> AmbientLight:
+    """Return the ambient light of a shot that has any."""
+    light = ambient_light(scene, Cache())
+    assert light is not None
+    return light
+
+
+def blocked_share(layout: Layout, points: Floats) -> Floats:
+    """Return the fraction (n,) of uniform light that bodies block at level places (n, 3)."""
+    rows, columns = 128, 256
+    elevation = ((np.arange(columns) + 0.5) / columns - 0.5) * np.pi
+    azimuth = (np.arange(rows) + 0.5) * 2.0 * np.pi / rows
+    e, a = np.meshgrid(elevation, azimuth)
+    d = np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1)
+    table = np.zeros((rows, columns + 1, 3, 1))
+    table[:, 1:, :, 0] = np.cumsum(d * (np.cos(e) * np.pi / columns)[..., None], axis=1)
+    up = np.tile([0.0, 1.0, 0.0], (len(points), 1))
+    out = np.zeros((len(layout.ground_bodies), len(points), 1))
+    gather(up, *layout.sweep(points), table, out)
+    return out.sum(axis=0)[:, 0] / np.pi
+
+
+# --- the ground ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("azimuth", [0.0, 0.4, 1.9])
+def test_a_ball_blocks_its_form_factor(gap: float, azimuth: float) -> None:
+    radius = 0.5
+    height = radius * (1.0 + gap)
+    body = placed(sphere(48, WHITE, radius), (0.3, height, -0.2))
+    layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+    r = np.linspace(0.0, 6.0 * radius, 301)
+    points = np.stack([0.3 + r * np.cos(azimuth), 0.0 * r, -0.2 + r * np.sin(azimuth)], axis=-1)
+    share = blocked_share(layout, points)
+    squared = r * r + height * height
+    want = radius**2 / squared * height / np.sqrt(squared)
+    assert np.abs(share - want).max() < tol.BALL_SHARE
+    assert np.diff(share).max() < tol.MONOTONE
+
+
+@pytest.mark.parametrize("size", [(0.6, 0.4, 0.5), (0.6, 0.02, 0.9)])
+@pytest.mark.parametrize("gap", [0.0, 0.25])
+def test_a_box_blocks_what_rays_and_lambert_find(size: tuple[float, float, float], gap: float) -> None:
+    body = placed(box(size, WHITE), (0.0, 0.5 * size[1] + gap, 0.0))
+    layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-1.0, 1.0, 60), np.zeros(60), rng.uniform(-1.0, 1.0, 60)])
+    share = blocked_share(layout, points)
+    rays = RayScene(occluding([body], np.zeros(3)))
+    u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
+    hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
+    start = points + np.array([0.0, 1e-6, 0.0])
+    truth = np.array([rays.occluded(np.broadcast_to(p, hemisphere.shape), hemisphere).mean() for p in start])
+    aside = np.hypot(*(np.maximum(np.abs(points[:, [0, 2]]) - 0.5 * np.array(size)[[0, 2]], 0.0).T))
+    within = (aside == 0.0) & (gap == 0.0)  # below what touches the ground nothing is seen
+    off = np.where(within, 0.0, np.abs(share - truth))
+    assert off[(aside == 0.0) | (aside > 0.02)].max() < tol.BOX_CONTACT
+    assert off[aside > 0.05].max() < tol.BOX_SHARE
+    corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.5 * np.array([size[0], size[2]])
+    lid = np.stack([corner[:, 0], np.full(4, gap), corner[:, 1]], axis=-1)
+    if gap > 0.0 and size[1] < 0.05:  # thin: what it blocks straight below is its lower face, by Lambert's formula
+        below = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2]])
+        np.testing.assert_allclose(blocked_share(layout, below), lambert(lid, below), atol=tol.BOX_SHARE)
+
+
+def lambert(polygon: Floats, points: Floats) -> Floats:
+    """Return the form factor (n,) of a polygon (k, 3) above level places: half the sum of edge angles times normals."""
+    factor = []
+    for point in points:
+        v = polygon - point
+        v /= np.linalg.norm(v, axis=-1, keepdims=True)
+        after = np.roll(v, -1, axis=0)
+        across = np.cross(v, after)
+        angle = np.arctan2(np.linalg.norm(across, axis=-1), np.sum(v * after, -1))
+        factor.append(abs(np.sum(angle * across[:, 1] / np.linalg.norm(across, axis=-1))) / (2.0 * np.pi))
+    return np.array(factor)
+
+
+def test_a_flush_card_changes_nothing_around_it() -> None:
+    card = placed(quad(WHITE), (0.0, -1.0, -1.5), (0.0, -90.0, 0.0))
+    scene = shot(card, environment=environment(0.5), sun=None, receiver=Receiver(plane_y=-1.0))
+    np.testing.assert_array_equal(render_layer(scene).ratio, 1.0)
+
+
+def test_a_red_ball_reddens_the_ground() -> None:
+    red = replace(WHITE, base_color=(0.9, 0.05, 0.05, 1.0))
+    scene = shot(
+        placed(sphere(24, red), (0.0, -0.5, -1.5)), environment=environment(0.5), receiver=Receiver(plane_y=-1)
+    )
+    light, up = solved(scene), np.array([[0.0, 1.0, 0.0]])
+    free = free_of_bodies(scene, light, np.array([[0.55, -1.0, -1.5]]), up, Cache())
+    assert free[0, 0] > free[0, 1] + tol.REDDENED
+    assert free[0, 1] == pytest.approx(free[0, 2], abs=tol.FLOAT32_LOOKUP)
+
+
+# --- bodies --------------------------------------------------------------------------------------------------------
+
+
+def test_a_furnace_stays_a_furnace() -> None:
+    scene = shot(
+        placed(crate(WHITE), (0.0, -1.0, -1.6), (30, 0, 0)), placed(sphere(16, WHITE), (1.0, -0.5, -1.4)),
+        environment=environment(0.5), sun=None, receiver=Receiver(plane_y=-1.0), camera_position=np.array([0, 0.8, 0]),
+    )  # fmt: skip
+    layer = render_layer(scene)
+    covered = layer.alpha == 1.0
+    np.testing.assert_allclose(layer.radiance[covered], 0.5, atol=tol.FURNACE)
+    np.testing.assert_allclose(layer.ratio, 1.0, atol=tol.FURNACE)
+
+
+def test_the_inside_of_a_closed_white_box_is_a_furnace() -> None:
+    light = solved(shot(placed(crate(WHITE, lid=True), (0.0, -1.0, -2.0)), environment=environment(0.5), sun=None))
+    lattice = light.layout.bodies[0].transfer.lattice
+    values = light.values[0]
+    assert values is not None
+    np.testing.assert_allclose(values[lattice.places[:, 0], :3], 1.0, atol=tol.CLOSED_BOX)
+
+
+def test_a_black_crate_is_dark_and_a_mirror_in_it_does_not_glow() -> None:
+    black = replace(WHITE, base_color=(0.0, 0.0, 0.0, 1.0))
+    mirror = replace(WHITE, metallic=1.0, roughness=0.1)
+    inside = placed(sphere(16, mirror, 0.25), (0.0, -0.65, -1.2))
+    camera = np.array([0.0, 1.5, 0.0])
+    alone = render_layer(shot(inside, environment=environment(0.5), sun=None, camera_position=camera))
+    among = render_layer(
+        shot(
+            inside, placed(crate(black), (0, -1, -1.2)), environment=environment(0.5), sun=None, camera_position=camera
+        )
+    )
+    seen = (alone.alpha == 1.0) & np.isclose(among.distance_m, alone.distance_m, atol=1e-3)
+    assert np.any(seen)
+    assert among.radiance[seen].mean() < tol.MIRROR_IN_CRATE * alone.radiance[seen].mean()
+
+
+def test_a_body_alone_in_the_open_is_untouched() -> None:
+    scene = shot(placed(sphere(), (0.0, -0.5, -2.0)))
+    off = changed(scene, ambient_occlusion=False)
+    np.testing.assert_array_equal(render_layer(scene).radiance, render_layer(off).radiance)
+
+
+def test_touching_balls_shade_each_other() -> None:
+    black = replace(WHITE, base_color=(0.0, 0.0, 0.0, 1.0))
+    scene = shot(placed(sphere(32, WHITE), (-0.5, 0, -2)), placed(sphere(32, black), (0.5, 0, -2)),
+                 environment=environment(0.5), sun=None)  # fmt: skip
+    light = solved(scene)
+    values = light.values[0]
+    assert values is not None
+    normal = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2.0 * np.pi / 64.0 * np.array([0, 5, 11, 18])])
+    got = [values[_nearest_knot(light, n), 0].mean() for n in normal]
+    rays = RayScene(occluding(scene.objects[1:], np.zeros(3)))
+    u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
+    for n, share in zip(normal, got, strict=True):
+        across = np.array([-n[1], n[0], 0.0])
+        d = (np.sqrt(u) * np.cos(angle))[:, None] * across + np.outer(np.sqrt(u) * np.sin(angle), [0, 0, 1])
+        d = d + np.sqrt(1.0 - u)[:, None] * n
+        start = np.array([-0.5, 0.0, -2.0]) + 0.5 * n
+        assert share == pytest.approx(1.0 - rays.occluded(np.broadcast_to(start, d.shape), d).mean(), abs=tol.BALLS)
+
+
+def _nearest_knot(light: AmbientLight, normal: Floats) -> np.ndarray:
+    mesh, lattice = light.layout.bodies[0].placed.mesh, light.layout.bodies[0].transfer.lattice
+    flat = mesh.normals.reshape(-1, 3) @ normal
+    corner = np.flatnonzero(flat > flat.max() - 1e-6)
+    knots, shares = knots_at(lattice.places[corner // 3], np.eye(3)[corner % 3])
+    return knots[shares > 0.5]
+
+
+def test_turning_everything_changes_nothing() -> None:
+    scene = shot(placed(crate(WHITE), (0.2, -1.0, -2.0), (10, 0, 0)), placed(sphere(16, WHITE), (1.2, -0.5, -1.8)),
+                 receiver=Receiver(plane_y=-1.0), sun=None)  # fmt: skip
+    quarter = np.eye(4)
+    quarter[:3, :3] = yaw_matrix(np.pi / 2)
+    turned = replace(
+        scene,
+        objects=tuple(replace(o, world_from_object=quarter @ o.world_from_object) for o in scene.objects),
+        environment=replace(
+            scene.environment,
+            **{name: np.roll(getattr(scene.environment, name), _quarter(quarter), axis=-2)
+               for name in ("radiance", "residual", "ambient", "irradiance", "glossy")},
+        ),
+    )  # fmt: skip
+    for one, other in zip(solved(scene).values, solved(turned).values, strict=True):
+        assert one is not None
+        assert other is not None
+        np.testing.assert_allclose(one[:, :4], other[:, :4], atol=tol.TURNED)
+
+
+def _quarter(turn: Floats) -> int:
+    """Return by how many of 64 columns a turn about the vertical moves a panorama."""
+    ahead = turn[:3, :3] @ [0.0, 0.0, -1.0]
+    return round(np.arctan2(ahead[0], -ahead[2]) / (2.0 * np.pi) * 64)
+
+
+def test_air_is_the_limit_of_water() -> None:
+    scene = shot(placed(crate(WHITE), (0.0, -1.0, -1.6)), receiver=Receiver(plane_y=-1.0))
+    thin = replace(medium(absorption=(1e-9, 1e-9, 1e-9)), refractive_index=1.0)
+    thin = replace(thin, veil=0.0 * thin.veil)
+    air, water = render_layer(scene), render_layer(replace(scene, medium=thin))
+    np.testing.assert_allclose(water.radiance, air.radiance, atol=tol.FLOAT32_LOOKUP)
+    np.testing.assert_allclose(water.ratio, air.ratio, atol=tol.FLOAT32_LOOKUP)
+
+
+# --- both renderers ------------------------------------------------------------------------------------------------
+
+
+def in_crate(width: int = 192) -> Shot:
+    """Return a crate with a mirror in it and touching balls on the ground."""
+    grey = Material(base_color=(0.7, 0.6, 0.5, 1.0), roughness=0.8)
+    mirror = Material(base_color=(0.9, 0.9, 0.9, 1.0), metallic=1.0, roughness=0.2)
+    return shot(
+        placed(crate(grey), (0.6, -1.0, -1.4), (25, 0, 0)), placed(sphere(16, mirror, 0.15), (0.6, -0.8, -1.4)),
+        placed(sphere(24, grey, 0.4), (-0.9, -0.6, -1.6)), placed(sphere(24, grey, 0.4), (-0.1, -0.6, -1.6)),
+        placed(quad(Material(base_color=(0.8, 0.1, 0.1, 1.0), double_sided=True)), (-0.5, -0.5, -2.2), (20, 0, 0)),
+        receiver=Receiver(plane_y=-1.0), width=width, camera_position=np.array([0.0, 0.4, 0.0]), samples=17,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not gl_available(), reason="needs OpenGL 3.3")
+def test_the_renderers_agree_on_crate_and_contact() -> None:
+    scene = in_crate()
+    background = plate(scene.view.width)
+    one, other = (
+        codes(over_plate(layer, background)) for layer in (render_layer(scene), LayerRenderer().render(scene))
+    )
+    off = np.abs(one - other)
+    assert -10.0 * np.log10(np.mean((off / 255.0) ** 2)) > tol.RENDERERS_PSNR_DB
+    assert np.mean(off.max(axis=-1) <= tol.RENDERERS_CODES) > tol.RENDERERS_FRACTION
+
+
+def over_plate(layer: Layer, background: Floats) -> Floats:
+    """Return a layer over a plate without haze."""
+    return np.asarray(layer.radiance + (1.0 - layer.alpha[..., None]) * background * layer.ratio)
+
+
+@pytest.mark.skipif(not gl_available(), reason="needs OpenGL 3.3")
+def test_what_is_kept_changes_nothing() -> None:
+    scene, renderer = in_crate(96), LayerRenderer()
+    moved = replace(
+        scene, objects=(*scene.objects[:2], placed(scene.objects[2].mesh, (-0.9, -0.4, -1.9)), *scene.objects[3:])
+    )
+    first, again = renderer.render(scene), None
+    renderer.render(moved)
+    again = renderer.render(scene)
+    np.testing.assert_array_equal(first.radiance, again.radiance)
+    np.testing.assert_array_equal(first.ratio, again.ratio)
+    np.testing.assert_array_equal(renderer.render(moved).radiance, LayerRenderer().render(moved).radiance)
+
+
+# --- samples, directions, disk ---------------------------------------------------------------------------------------
+
+
+def test_directions_cover_the_sphere_evenly() -> None:
+    d = directions()
+    np.testing.assert_allclose(np.linalg.norm(d, axis=-1), 1.0, rtol=tol.FLOAT64)
+    cosine = np.maximum(d @ d[:40].T, 0.0).sum(axis=0) * SOLID_ANGLE
+    np.testing.assert_allclose(cosine, np.pi, rtol=tol.COSINE_SUM)
+    assert len(d) == COUNT
+
+
+def test_knots_interpolate_places(rng: np.random.Generator) -> None:
+    mesh = box()
+    lattice = make_lattice(mesh)
+    triangle, weights = rng.integers(0, 12, 500), rng.dirichlet([1.0, 1.0, 1.0], 500)
+    knots, shares = knots_at(lattice.places[triangle], weights)
+    place = np.einsum("nk,nkc->nc", shares, (lattice.from_sites @ lattice.position)[knots])
+    want = np.einsum("nc,nck->nk", weights, mesh.positions[triangle])
+    assert shares.min() >= -tol.FLOAT64
+    assert np.abs(place - want).max() < tol.KNOT_PLACE
+
+
+def test_a_damaged_file_is_made_anew() -> None:
+    mesh = crate(WHITE)
+    first = make_transfer(mesh).own
+    (path,) = cache_folder().glob("*.npz")
+    whole = path.read_bytes()
+    for damage in (b"", whole[: len(whole) // 2], b"not what was written"):
+        path.write_bytes(damage)
+        again = make_transfer(mesh).own
+        np.testing.assert_array_equal(again.hit, first.hit)
+        assert path.read_bytes() == whole
+
+
+def test_nothing_is_made_where_it_is_switched_off() -> None:
+    scene = changed(shot(placed(crate(WHITE), (0.0, -1.0, -1.6))), ambient_occlusion=False)
+    assert ambient_light(scene, Cache()) is None
+    assert ambient_light(shot(), Cache()) is None
+
+
+def test_bodies_that_do_not_shade_receive_light_alone() -> None:
+    ghost = PlacedObject(sphere(16, WHITE), placed(sphere(), (0.0, -0.5, -1.5)).world_from_object, casts_shadow=False)
+    layer = render_layer(shot(ghost, receiver=Receiver(plane_y=-1.0)))
+    np.testing.assert_array_equal(layer.ratio, 1.0)
