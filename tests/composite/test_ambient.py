@@ -77,7 +77,7 @@ def blocked_share(layout: Layout, points: Floats) -> Floats:
     table[:, 1:, :, 0] = np.cumsum(d * (np.cos(e) * np.pi / columns)[..., None], axis=1)
     up = np.tile([0.0, 1.0, 0.0], (len(points), 1))
     out = np.zeros((len(layout.ground_bodies), len(points), 1))
-    gather(up, *layout.sweep(points), table, out)
+    gather(up, up, *layout.sweep(points), table, out)
     return out.sum(axis=0)[:, 0] / np.pi
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.sources import light_sources
@@ -45,7 +47,8 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     ratio, there = np.ones((*x.shape, 3)), np.isfinite(distance)
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
-    ratio[there] = receiver_ratio(scene, sources, point, normal[there], distance[there])
+    free = free_of_bodies(scene, ambient_light(scene, Cache()), point, normal[there], Cache())
+    ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there])
     return ratio, distance
 
 

@@ -70,9 +70,9 @@ PIXEL_HOLES = 1e-3
 """Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
-BLOCK_CODES = 10.0
+BLOCK_CODES = 18.0
 """Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
-the sun map. With corners of blocks alone it is 30 to 100."""
+the sun map. Ambient light jumps at the foot of an upright wall. With corners alone it is 30 to 100."""
 BLOCK_ERROR = 0.12
 """Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.05 to 0.09 for balls a few
 pixels wide. With corners alone 0.3 and 2."""

@@ -31,7 +31,8 @@ def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
         ({"water": {"mode": "plate"}}, {"gain", "shadow", "grain"}),
         ({"caustics": {"enabled": False}}, {"caustics", "shadow", "grain"}),
         ({"camera": {"depth_m": 120.0}, "water": {"type": "5C"}}, {"sun", "caustics", "shadow", "grain"}),
-        ({"object": []}, {"environment", "sun", "gain", "caustics", "glossy", "shadow", "layer", "grain"}),
+        ({"object": []}, {"environment", "sun", "gain", "caustics", "glossy", "shadow", "occlusion", "layer", "grain"}),
+        ({"draw": {"ambient_occlusion": False}}, {"shadow", "occlusion", "grain"}),
     ],
 )
 def test_a_stage_runs_where_it_is_needed(

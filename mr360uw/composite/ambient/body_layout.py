@@ -37,7 +37,7 @@ class Layout:
         """Return what bodies block at places (n, 3) of the world, as `ground_kernel.gather` takes it."""
         places = np.ascontiguousarray(points, np.float64)
         count = len(self.ground_bodies)
-        begins = np.zeros((count, len(places), 2), np.float32)
+        begins = np.zeros((count, len(places), 3), np.float32)
         blocked = np.zeros((count, len(places), AZIMUTHS, 3), np.float32)
         for m, k in enumerate(self.ground_bodies):
             body = self.bodies[k]

@@ -24,6 +24,10 @@ UNNOTICED, NOTICED = 0.012, 0.036
 from the second on it shows whole."""
 _HALF = 0.5
 _PIECES = 8
+_UNSEEN = 0.003
+"""A body whose ball cannot block more than this fraction is passed over: far less than what is shown of one."""
+_HALVED, _QUARTERED = 4.0, 9.0
+"""From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
 
 
 def shown(blocked: Floats) -> Floats:
@@ -58,20 +62,30 @@ def _width_at(a: Any, b: Any, hu: Any, hv: Any) -> Any:
 def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
 
-    frame, cells: of `HeightField`. begins: (n, 2), the first azimuth [rad] and the width of one, from +x to +z.
-    blocked: (n, AZIMUTHS, 3), lowest and highest elevation [rad], and how much of the azimuth's width.
+    frame, cells: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
+    and how many there are. blocked: (n, AZIMUTHS, 3), lowest and highest elevation [rad], and the fraction of the
+    azimuth's width.
     """
     n = cells.shape[0] - 2
     ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
     turn = np.arctan2(uz, ux)
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
+    highest, radius_squared = cells[..., 2].max(), hu * hu + hv * hv
+    radius_squared += (cells[..., 2].max() - cells[..., 1].min()) ** 2 / 4.0
     for k in range(len(point)):
         x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
         a, b = x * ux + z * uz, z * ux - x * uz
+        begins[k, 2] = 0.0
+        squared = a * a + b * b
+        if radius_squared * (highest - y) < _UNSEEN * squared * np.sqrt(squared):
+            continue
+        apart = squared / radius_squared
+        fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
+        count = AZIMUTHS // fewer
         first, width = _width_at(a, b, hu, hv)
-        step = width / AZIMUTHS
-        begins[k, 0], begins[k, 1] = first + turn, step
-        for q in range(AZIMUTHS):
+        step = width / count
+        begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
+        for q in range(count):
             angle = first + (q + 0.5) * step
             da, db = np.cos(angle), np.sin(angle)
             inverse_a, inverse_b = 1.0 / da if abs(da) > 1e-12 else 1e12, 1.0 / db if abs(db) > 1e-12 else 1e12
@@ -80,7 +94,7 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
             end = min(max(a0, a1), max(b0, b1))
             low, high, most = 1e30, -1e30, 0.0
             if end > begin:
-                stride = 1.0 / max(abs(da) / cu, abs(db) / cv)
+                stride = min(fewer, 2) / max(abs(da) / cu, abs(db) / cv)
                 before, s_before, lower_before, upper_before = 0.0, begin, 0.0, 0.0
                 ga, gb = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
                 step_a, step_b = stride * da / cu, stride * db / cv
@@ -123,7 +137,7 @@ def _at_azimuth(begins: Any, blocked: Any, azimuth: Any) -> Any:
     turn = azimuth - begins[0]
     turn -= 2.0 * np.pi * np.floor(turn / (2.0 * np.pi))
     place = turn / begins[1] if begins[1] > 0.0 else 1e9
-    if place >= AZIMUTHS:
+    if place >= begins[2]:
         return 0.0, 0.0
     q = int(place)
     share = blocked[q, 2]
@@ -132,8 +146,8 @@ def _at_azimuth(begins: Any, blocked: Any, azimuth: Any) -> Any:
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def _sum_to(table: Any, azimuth: Any, elevation: Any, normal: Any, channel: Any) -> Any:
-    """Return n.P at an azimuth and an elevation, of one channel."""
+def _add_sums(table: Any, azimuth: Any, elevation: Any, weights: Any, factor: Any, out: Any) -> None:
+    """Add factor times weights.P at an azimuth and an elevation to `out` (channels,)."""
     rows, columns = table.shape[0], table.shape[1] - 1
     across = azimuth / (2.0 * np.pi) * rows - 0.5
     i = int(np.floor(across))
@@ -143,64 +157,74 @@ def _sum_to(table: Any, azimuth: Any, elevation: Any, normal: Any, channel: Any)
     along = min(max((elevation / np.pi + 0.5) * columns, 0.0), columns - 1e-6)
     k = int(along)
     v = along - k
-    total = 0.0
-    for c in range(3):
-        here = table[i, k, c, channel] + v * (table[i, k + 1, c, channel] - table[i, k, c, channel])
-        there = table[j, k, c, channel] + v * (table[j, k + 1, c, channel] - table[j, k, c, channel])
-        total += normal[c] * (here + u * (there - here))
-    return total
+    for c in range(table.shape[2]):
+        w = factor * weights[c]
+        w00, w01, w10, w11 = w * (1.0 - u) * (1.0 - v), w * (1.0 - u) * v, w * u * (1.0 - v), w * u * v
+        for channel in range(table.shape[3]):
+            here = w00 * table[i, k, c, channel] + w01 * table[i, k + 1, c, channel]
+            out[channel] += here + w10 * table[j, k, c, channel] + w11 * table[j, k + 1, c, channel]
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
+    """Set the pieces of an interval that the bodies before the m-th leave at an azimuth; return how many there are."""
+    piece[0, 0], piece[0, 1] = low, high
+    pieces = 1
+    for j in range(m):
+        if begins[j, 2] == 0.0:
+            continue
+        taken, until = _at_azimuth(begins[j], blocked[j], azimuth)
+        if until <= taken:
+            continue
+        for p in range(pieces):
+            a, b = piece[p, 0], piece[p, 1]
+            if taken < b and until > a:
+                if taken > a:
+                    piece[p, 1] = taken
+                    if until < b and pieces < _PIECES:
+                        piece[pieces, 0], piece[pieces, 1] = until, b
+                        pieces += 1
+                else:
+                    piece[p, 0] = min(until, b)
+    return pieces
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def gather(normal: Any, begins: Any, blocked: Any, table: Any, out: Any) -> None:
+def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out: Any) -> None:
     """Add what bodies block at places with normals (n, 3) to `out` (bodies, n, channels).
 
-    begins, blocked: (bodies, n, ...) of `sweep`. table: (azimuths, elevations + 1, 3, channels), P of the light.
+    begins, blocked: (bodies, n, ...) of `sweep`. table: (azimuths, elevations + 1, 3, channels), P of the light, and
+    weights (n, 3) the normals; or both of one component, where the normals are the same and P is taken along them.
     """
     piece = np.empty((_PIECES, 2))
-    channels = table.shape[3]
     for k in range(len(normal)):
         nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
+        upright = nx == 0.0 and nz == 0.0 and ny > 0.0
         for m in range(len(begins)):
-            step = begins[m, k, 1]
-            for q in range(AZIMUTHS):
+            first, step = begins[m, k, 0], begins[m, k, 1]
+            for q in range(int(begins[m, k, 2])):
                 share = blocked[m, k, q, 2]
                 if share <= 0.0:
                     continue
-                azimuth = begins[m, k, 0] + (q + 0.5) * step
-                level = nx * np.cos(azimuth) + nz * np.sin(azimuth)
+                azimuth = first + (q + 0.5) * step
                 low, high = blocked[m, k, q, 0], blocked[m, k, q, 1]
-                if ny > 1e-9:
-                    low = max(low, np.arctan(-level / ny))
-                elif ny < -1e-9:
-                    high = min(high, np.arctan(-level / ny))
-                elif level <= 0.0:
-                    continue
+                if upright:
+                    low = max(low, 0.0)
+                else:
+                    level = nx * np.cos(azimuth) + nz * np.sin(azimuth)
+                    if ny > 1e-9:
+                        low = max(low, np.arctan(-level / ny))
+                    elif ny < -1e-9:
+                        high = min(high, np.arctan(-level / ny))
+                    elif level <= 0.0:
+                        continue
                 if high <= low:
                     continue
-                piece[0, 0], piece[0, 1] = low, high
-                pieces = 1
-                for j in range(m):
-                    taken, until = _at_azimuth(begins[j, k], blocked[j, k], azimuth)
-                    if until <= taken:
-                        continue
-                    for p in range(pieces):
-                        a, b = piece[p, 0], piece[p, 1]
-                        if taken >= b or until <= a:
-                            continue
-                        if taken > a:
-                            piece[p, 1] = taken
-                            if until < b and pieces < _PIECES:
-                                piece[pieces, 0], piece[pieces, 1] = until, b
-                                pieces += 1
-                        else:
-                            piece[p, 0] = min(until, b)
+                pieces = _cut(piece, low, high, begins[:, k], blocked[:, k], m, azimuth)
                 for p in range(pieces):
                     if piece[p, 1] > piece[p, 0]:
-                        for c in range(channels):
-                            upper = _sum_to(table, azimuth, piece[p, 1], normal[k], c)
-                            lower = _sum_to(table, azimuth, piece[p, 0], normal[k], c)
-                            out[m, k, c] += share * step * (upper - lower)
+                        _add_sums(table, azimuth, piece[p, 1], weights[k], share * step, out[m, k])
+                        _add_sums(table, azimuth, piece[p, 0], weights[k], -share * step, out[m, k])
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]

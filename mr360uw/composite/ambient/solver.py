@@ -77,7 +77,11 @@ def light_lost(
     fraction (n,) of uniform light that they block. The arguments are those of `AmbientLight` and `AmbientLight.free`.
     """
     blocked = np.zeros((len(sent), len(normal), 4))
-    gather(np.ascontiguousarray(normal, np.float64), *swept, table, blocked)
+    normal = np.ascontiguousarray(normal, np.float64)
+    weights = normal
+    if len(normal) and np.all(normal == normal[0]):
+        table, weights = np.tensordot(table, normal[0], axes=(2, 0))[:, :, None], np.ones((len(normal), 1))
+    gather(normal, weights, *swept, table, blocked)
     lost = blocked[..., :3].sum(axis=0)
     for k, radiance, of in zip(layout.ground_bodies, sent, blocked, strict=True):
         lost -= of[:, 3:] * layout.at_nodes(k, radiance, point)
@@ -209,7 +213,7 @@ class Solver:
         return tuple(values)
 
     def _sent_down(self, number: int, sent: Floats) -> Floats:
-        """Return the mean radiance (NODES, NODES, 3) of what the nodes of a body see of it; the others that about them."""
+        """Return the mean radiance (NODES, NODES, 3) of what the nodes of a body see of it, spread to all of them."""
         view, layout = self._layout.views[number], self._layout
         if len(view.node) == 0:
             return np.zeros((NODES, NODES, 3))

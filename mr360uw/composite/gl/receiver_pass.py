@@ -19,7 +19,7 @@ from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
-from mr360uw.composite.receiver.block_light import SMOOTH, corner_light, free_images
+from mr360uw.composite.receiver.block_light import SMOOTH, corner_light, enlarged, free_images
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
@@ -138,7 +138,7 @@ class ReceiverPass:
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
             falls, *own = self._shader.pixels(shot, ground, j[which], i[which], halo[which], wanted, side)
             if "SHADOW" in wanted:
-                seen.append((which, falls[..., -1:] if side == BLOCK else _enlarged(falls)))
+                seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))
             if "CAUSTICS" in wanted:
                 waves.append((which, falls[..., :3]))
             if own:
@@ -195,17 +195,6 @@ def _wanted(receiver: Receiver) -> frozenset[str]:
     """Return the features of the sun that a receiver shows."""
     shown = {"SHADOW": receiver.shadow, "CAUSTICS": receiver.caustics}
     return frozenset(name for name, shows in shown.items() if shows)
-
-
-def _enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return images (n, s, s, 1) resampled to the pixels of blocks, (n, B, B, 1), bilinearly, with extrapolation."""
-    side = images.shape[1]
-    place = (np.arange(BLOCK) + 0.5) * side / BLOCK - 0.5
-    lower = np.clip(np.floor(place).astype(np.int64), 0, side - 2)
-    weights = np.zeros((BLOCK, side), np.float32)
-    weights[np.arange(BLOCK), lower] = 1.0 - (place - lower)
-    weights[np.arange(BLOCK), lower + 1] = place - lower
-    return np.clip(weights @ images[..., 0] @ weights.T, 0.0, 1.0)[..., None].astype(np.float32, copy=False)
 
 
 def _blocks(grid: CoarseGrid, marks: NDArray[np.bool_], ground: Ground) -> NDArray[np.bool_]:

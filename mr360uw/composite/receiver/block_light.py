@@ -26,6 +26,8 @@ from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
 
+_SHARP = 3.0
+"""Blocks whose middle is off by so many times that are looked at in every pixel, others in every second."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
@@ -56,23 +58,60 @@ def free_images(
 ) -> PixelImages:
     """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate."""
     rough = ground.rough[j, i]
-    middle = ground.middle_point[j, i], ground.middle_normal[j, i]
-    at_middle = _free(shot, light, middle, cache)
-    uneven = ~rough & (np.abs(at_middle - ground.middle_between(corner[..., FREE], j, i)).max(axis=-1) > SMOOTH)
+    near = _near_bodies(shot, ground, j, i)
+    change = np.ptp(ground.four(corner[..., FREE], j, i), axis=1).max(axis=-1)
+    uneven = ~rough & (near | (change > SMOOTH))
+    asked = j[uneven], i[uneven]
+    at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
+    missed = np.zeros(len(j))
+    missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
+    uneven &= (missed > SMOOTH) | (near & (change > _SHARP * SMOOTH))
+    sharp = uneven & (near | (missed > _SHARP * SMOOTH))
     parts: Gathered = []
-    if np.any(uneven):
-        of = j[uneven], i[uneven]
-        places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
-        parts.append((uneven, _free(shot, light, places, cache)))
+    for which, step in ((uneven & ~sharp, 2), (sharp, 1)):
+        if np.any(which):
+            of = j[which], i[which]
+            places = (ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of))
+            if step == 2:
+                places = (_quartered(places[0]), _quartered(places[1]))
+            free = _free(shot, light, places, cache)
+            parts.append((which, free if step == 1 else enlarged(free)))
     if np.any(rough):
         parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
     return gather_images(len(j), 3, parts)
+
+
+def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[np.bool_]:
+    """Return which blocks (n,) reach into the ball around a body that shades."""
+    near_any = np.zeros(len(j), np.bool_)
+    for placed in shot.casters:
+        center = placed.to_world(placed.mesh.center_m) - shot.view.position
+        near = placed.mesh.radius_m * placed.scale + ground.reach_m[j, i]
+        near_any |= np.sum((ground.middle_point[j, i] - center) ** 2, axis=-1) < near**2
+    return near_any
+
+
+def _quartered(images: Floats) -> Floats:
+    """Return the values (n, B/2, B/2, k) between every four pixels of images (n, B, B, k) of straight lines."""
+    return np.asarray(0.5 * (images[:, ::2, ::2] + images[:, 1::2, 1::2]))
 
 
 def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
     """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
     point, normal = (np.asarray(a, np.float64) for a in places)
     return free_of_bodies(shot, light, point, normal, cache).astype(np.float32)
+
+
+def enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return images (n, s, s, k) at the pixels of blocks, (n, B, B, k): straight lines, also past the outer samples."""
+    side = images.shape[1]
+    place = (np.arange(BLOCK) + 0.5) * side / BLOCK - 0.5
+    lower = np.clip(np.floor(place).astype(np.int64), 0, side - 2)
+    weights = np.zeros((BLOCK, side), np.float32)
+    weights[np.arange(BLOCK), lower] = 1.0 - (place - lower)
+    weights[np.arange(BLOCK), lower + 1] = place - lower
+    along = weights @ images.transpose(0, 3, 1, 2) @ weights.T
+    return np.ascontiguousarray(along.transpose(0, 2, 3, 1), np.float32)
 
 
 def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
