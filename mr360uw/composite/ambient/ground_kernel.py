@@ -63,7 +63,8 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
 
     frame, cells: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
-    and how many there are. blocked: (n, AZIMUTHS, 3), lowest and highest elevation [rad], and how much of the azimuth's width.
+    and how many there are. blocked: (n, AZIMUTHS, 3), lowest and highest elevation [rad], and how much of the azimuth's
+    width.
     """
     n = cells.shape[0] - 2
     ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
