@@ -26,6 +26,8 @@ from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
 
+_STEEP = 0.1
+"""Change over a block near a body from which on every pixel is looked at: there may be an edge in it."""
 _SHARP = 3.0
 """Blocks whose middle is off by so many times that are looked at in every pixel, others in every second."""
 SMOOTH = 0.004
@@ -66,7 +68,7 @@ def free_images(
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
     uneven &= (missed > SMOOTH) | (near & (change > _SHARP * SMOOTH))
-    sharp = uneven & (near | (missed > _SHARP * SMOOTH))
+    sharp = uneven & ((near & (change > _STEEP)) | (missed > _SHARP * SMOOTH))
     parts: Gathered = []
     for which, step in ((uneven & ~sharp, 2), (sharp, 1)):
         if np.any(which):
