@@ -92,4 +92,7 @@ def _body(placed: PlacedObject, seen_by_ground: bool, cache: Cache) -> Body:
     if seen_by_ground and placed.casts_shadow and len(transfer.solid):
         key = (mesh, linear.tobytes())
         field = cache.get("height field", key, lambda: make_height_field(transfer, linear), keep=_KEPT_FIELDS)
-    return Body(placed, transfer, linear / placed.scale, field)
+    shape = placed.mesh
+    return Body(
+        placed, transfer, linear / placed.scale, field, placed.to_world(shape.center_m), shape.radius_m * placed.scale
+    )

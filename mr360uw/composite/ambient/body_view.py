@@ -32,27 +32,22 @@ _COUPLING_TERMS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A placed mesh. rotation: (3, 3) its axes to the world's. field: what the ground sees of it; None if nothing."""
+    """A placed mesh. rotation: (3, 3) its axes to the world's. field: what the ground sees of it; None if nothing.
+
+    center (3,), radius: of a ball around it, in the world [m].
+    """
 
     placed: PlacedObject
     transfer: Transfer
     rotation: Floats
     field: HeightField | None
+    center: Floats
+    radius: float
 
     @property
     def origin(self) -> Floats:
         """Place (3,) of the body's origin in the world."""
         return self.placed.world_from_object[:3, 3]
-
-    @property
-    def center(self) -> Floats:
-        """Middle (3,) in the world."""
-        return self.placed.to_world(self.placed.mesh.center_m)
-
-    @property
-    def radius(self) -> float:
-        """Radius [m] about the middle."""
-        return self.placed.mesh.radius_m * self.placed.scale
 
     def inside(self, points: Floats) -> Floats:
         """Return points (n, 3) of the world in the body's axes."""
@@ -128,11 +123,7 @@ def _others(
         gap = max(apart - body.radius, other.radius)
         if k == number or not other.placed.casts_shadow or (other.radius / gap) ** 2 < _LEAST_SHARE:
             continue
-        to = other.center - place
-        distance = np.linalg.norm(to, axis=-1)
-        sine = np.minimum(other.radius / np.maximum(distance, 1e-12), 1.0)
-        cosine = np.where(distance < other.radius, -1.0, np.sqrt(1.0 - sine * sine))
-        site, direction = np.nonzero(free & ((to / np.maximum(distance, 1e-12)[:, None]) @ d.T >= cosine[:, None]))
+        site, direction = _towards(body, other, place, d, free)
         origin, rays = other.inside(place[site]), d[direction] @ other.rotation
         triangle = other.transfer.scene.first_hit(origin, rays)
         hit = np.flatnonzero(triangle >= 0)
@@ -148,6 +139,24 @@ def _others(
     site, direction = np.nonzero(met >= 0)
     free[site, direction] = False
     return [(site, direction, met[site, direction])]
+
+
+def _towards(
+    body: Body, other: Body, place: Floats, d: Floats, free: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the free directions, as pairs of site and direction, into the ball around another body."""
+    apart = float(np.linalg.norm(other.center - body.center))
+    sine = (body.radius + other.radius) / max(apart, 1e-12)
+    # directions that lead into it from some site: few of a body that stands apart
+    near = np.arange(len(d))
+    if sine < 1.0:
+        near = np.flatnonzero(d @ (other.center - body.center) >= apart * np.sqrt(1.0 - sine * sine))
+    to = (other.center - place).astype(np.float32)
+    along = to @ d[near].T.astype(np.float32)
+    squared = np.sum(to * to, axis=-1)[:, None]
+    into = (squared - along * along <= other.radius**2) & ((along > 0.0) | (squared < other.radius**2))
+    site, direction = np.nonzero(into & free[:, near])
+    return site, near[direction]
 
 
 def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None) -> tuple[Floats, Any, Any]:

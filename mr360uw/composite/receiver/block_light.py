@@ -26,10 +26,8 @@ from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
 
-_STEEP = 0.1
-"""Change over a block near a body from which on every pixel is looked at: there may be an edge in it."""
-_SHARP = 3.0
-"""Blocks whose middle is off by so many times that are looked at in every pixel, others in every second."""
+_PAST_THE_LAST = 5.0 / 32.0
+"""Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
@@ -67,17 +65,16 @@ def free_images(
     at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
-    uneven &= (missed > SMOOTH) | (near & (change > _SHARP * SMOOTH))
-    sharp = uneven & ((near & (change > _STEEP)) | (missed > _SHARP * SMOOTH))
+    uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
     parts: Gathered = []
-    for which, step in ((uneven & ~sharp, 2), (sharp, 1)):
-        if np.any(which):
-            of = j[which], i[which]
-            places = (ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of))
-            if step == 2:
-                places = (_quartered(places[0]), _quartered(places[1]))
-            free = _free(shot, light, places, cache)
-            parts.append((which, free if step == 1 else enlarged(free)))
+    if np.any(uneven):
+        of = j[uneven], i[uneven]
+        places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
+        quarters = _free(shot, light, (_quartered(places[0]), _quartered(places[1])), cache)
+        free, sharp = enlarged(quarters), _missed_between(quarters) > SMOOTH
+        if np.any(sharp):
+            free[sharp] = _free(shot, light, (places[0][sharp], places[1][sharp]), cache)
+        parts.append((uneven, free))
     if np.any(rough):
         parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
     return gather_images(len(j), 3, parts)
@@ -96,6 +93,14 @@ def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[
 def _quartered(images: Floats) -> Floats:
     """Return the values (n, B/2, B/2, k) between every four pixels of images (n, B, B, k) of straight lines."""
     return np.asarray(0.5 * (images[:, ::2, ::2] + images[:, 1::2, 1::2]))
+
+
+def _missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the largest error (n,) of straight lines between samples (n, s, s, k), and a quarter step past the outer
+    ones, as second differences tell it.
+    """
+    bends = [np.abs(np.diff(images, 2, axis=axis)).reshape(len(images), -1).max(axis=1) for axis in (1, 2)]
+    return np.asarray(_PAST_THE_LAST * np.maximum(*bends), np.float32)
 
 
 def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
