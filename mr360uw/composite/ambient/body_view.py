@@ -173,13 +173,15 @@ def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float 
     d = directions() @ body.rotation.T
     down = np.where(d[:, 1] < -1e-6, -1.0 / np.minimum(d[:, 1], -1e-6), 0.0)
     site, direction = np.nonzero(free & (down > 0.0))
-    far = (place[site, 1] - ground_y) * down[direction]
-    at = place[site][:, [0, 2]] + far[:, None] * d[direction][:, [0, 2]] - center[[0, 2]]
-    cell = np.floor((at / half + 1.0) * 0.5 * NODES).astype(np.int64)
-    inside = np.all((cell >= 0) & (cell < NODES), axis=1)
-    site, direction, cell = site[inside], direction[inside], cell[inside]
+    # in cells, one axis a row
+    scale = 0.5 * NODES / half
+    start, run = ((place - center) * scale).astype(np.float32).T.copy(), (d * down[:, None] * scale).astype(np.float32)
+    far = ((place[:, 1] - ground_y).astype(np.float32))[site]
+    i, j = (start[axis][site] + far * run[:, axis][direction] + 0.5 * NODES for axis in (0, 2))
+    inside = (i >= 0.0) & (i < NODES) & (j >= 0.0) & (j < NODES)
+    site, direction, i, j = site[inside], direction[inside], i[inside], j[inside]
     weight = body.transfer.cosine[site, direction]
-    number = cell[:, 0] * NODES + cell[:, 1]
+    number = i.astype(np.int64) * NODES + j.astype(np.int64)
     return node, csr_matrix((weight, (site, number)), shape=(count, len(node))), _sent_down(body, node)
 
 

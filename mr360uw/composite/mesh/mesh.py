@@ -8,6 +8,7 @@ materials need no special cases. A mesh also has its convex hull, for its bounds
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ _SMALL_M = 0.02
 """Sizes above and below which a note suggests another unit or a scale."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles in the object's own axes [m]; arrays are (T, ...) by triangle and (T, 3, ...) by corner.
 
@@ -56,18 +57,18 @@ class Mesh:
         """The mesh at rest, which all poses share: a key for what does not change with the pose."""
         return self if self.rest is None else self.rest
 
-    @property
+    @cached_property
     def extent_m(self) -> Floats:
         """Size of the bounding box (3,)."""
         return np.ptp(self.hull.reshape(-1, 3), axis=0)
 
-    @property
+    @cached_property
     def center_m(self) -> Floats:
         """Centre of the bounding box (3,)."""
         points = self.hull.reshape(-1, 3)
         return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
-    @property
+    @cached_property
     def radius_m(self) -> float:
         """Radius of the ball about `center_m` that contains every vertex."""
         return float(np.max(np.linalg.norm(self.hull.reshape(-1, 3) - self.center_m, axis=-1)))
