@@ -58,6 +58,44 @@ def _width_at(a: Any, b: Any, hu: Any, hv: Any) -> Any:
     return first, width
 
 
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _slopes(cells: Any, y: Any, begin: Any, end: Any, stride: Any, at: Any, steps: Any) -> Any:
+    """Return the least and the greatest slope at which a place at height y meets a body along a ray, and how much of
+    a cell is covered at most; at, steps: the ray's begin and stride in cells.
+    """
+    n = cells.shape[0] - 2
+    low, high, most = 1e30, -1e30, 0.0
+    ga, gb = at
+    before, s_before, lower_before, upper_before = 0.0, begin, 0.0, 0.0
+    for turn_number in range(int((end - begin) / stride) + 2):
+        s = begin + turn_number * stride
+        ia, ib = min(max(int(ga), 0), n), min(max(int(gb), 0), n)
+        u, v = min(max(ga - ia, 0.0), 1.0), min(max(gb - ib, 0.0), 1.0)
+        ga += steps[0]
+        gb += steps[1]
+        w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
+        p00, p01, p10, p11 = cells[ia, ib], cells[ia, ib + 1], cells[ia + 1, ib], cells[ia + 1, ib + 1]
+        covered = w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0]
+        if covered <= 0.25 and before < _HALF:
+            before, s_before = covered, s
+            continue
+        lower = w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1] - y
+        upper = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2] - y
+        if (covered >= _HALF) != (before >= _HALF) and turn_number > 0:
+            t = (_HALF - before) / (covered - before)
+            if before <= 0.25:  # heights beside the body are those of its edge
+                lower_before, upper_before = lower, upper
+            away = 1.0 / max(s_before + (s - s_before) * t, 1e-9)
+            low = min(low, (lower_before + t * (lower - lower_before)) * away)
+            high = max(high, (upper_before + t * (upper - upper_before)) * away)
+        most = max(most, covered)
+        if covered >= _HALF or high < low:
+            away = 1.0 / max(s, 1e-9)
+            low, high = min(low, lower * away), max(high, upper * away)
+        before, s_before, lower_before, upper_before = covered, s, lower, upper
+    return low, high, most
+
+
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
@@ -95,35 +133,9 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
             low, high, most = 1e30, -1e30, 0.0
             if end > begin:
                 stride = min(fewer, 2) / max(abs(da) / cu, abs(db) / cv)
-                before, s_before, lower_before, upper_before = 0.0, begin, 0.0, 0.0
-                ga, gb = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
-                step_a, step_b = stride * da / cu, stride * db / cv
-                for turn_number in range(int((end - begin) / stride) + 2):
-                    s = begin + turn_number * stride
-                    ia, ib = min(max(int(ga), 0), n), min(max(int(gb), 0), n)
-                    u, v = min(max(ga - ia, 0.0), 1.0), min(max(gb - ib, 0.0), 1.0)
-                    ga += step_a
-                    gb += step_b
-                    w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
-                    p00, p01, p10, p11 = cells[ia, ib], cells[ia, ib + 1], cells[ia + 1, ib], cells[ia + 1, ib + 1]
-                    covered = w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0]
-                    if covered <= 0.25 and before < _HALF:
-                        before, s_before = covered, s
-                        continue
-                    lower = w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1] - y
-                    upper = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2] - y
-                    if (covered >= _HALF) != (before >= _HALF) and turn_number > 0:
-                        t = (_HALF - before) / (covered - before)
-                        if before <= 0.25:  # heights beside the body are those of its edge
-                            lower_before, upper_before = lower, upper
-                        away = 1.0 / max(s_before + (s - s_before) * t, 1e-9)
-                        low = min(low, (lower_before + t * (lower - lower_before)) * away)
-                        high = max(high, (upper_before + t * (upper - upper_before)) * away)
-                    most = max(most, covered)
-                    if covered >= _HALF or high < low:
-                        away = 1.0 / max(s, 1e-9)
-                        low, high = min(low, lower * away), max(high, upper * away)
-                    before, s_before, lower_before, upper_before = covered, s, lower, upper
+                at = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
+                steps = stride * da / cu, stride * db / cv
+                low, high, most = _slopes(cells, y, begin, end, stride, at, steps)
             if high < low or most <= 0.25:
                 blocked[k, q, 0] = blocked[k, q, 1] = blocked[k, q, 2] = 0.0
             else:
@@ -225,31 +237,3 @@ def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out
                     if piece[p, 1] > piece[p, 0]:
                         _add_sums(table, azimuth, piece[p, 1], weights[k], share * step, out[m, k])
                         _add_sums(table, azimuth, piece[p, 0], weights[k], -share * step, out[m, k])
-
-
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def mark_occluded(point: Any, normal: Any, reach_m: Any, center: Any, radius: Any, axes: Any, half: Any, least: Any,
-                  marks: Any) -> None:  # fmt: skip
-    """Set the marks (n,) of places that a body touches, or of whose ambient light it may block at least this part.
-
-    center, radius: of a ball around the body. axes, half: (3, 3) rows and (3,) of a box around it. reach_m: (n,) of the
-    receiver around each place, which stands for it. Of the box, what faces a place bounds what the body blocks there.
-    """
-    for i in range(len(marks)):
-        if marks[i]:
-            continue
-        p, n = point[i], normal[i]
-        x, y, z = center[0] - p[0], center[1] - p[1], center[2] - p[2]
-        near = radius + reach_m[i]
-        squared = x * x + y * y + z * z
-        if squared < near * near:
-            marks[i] = True
-            continue
-        away = np.sqrt(squared)
-        face = 0.0
-        for c in range(3):
-            d = abs(x * axes[c, 0] + y * axes[c, 1] + z * axes[c, 2]) / away
-            face += d * 4.0 * half[(c + 1) % 3] * half[(c + 2) % 3]
-        rising = max(x * n[0] + y * n[1] + z * n[2] + near, 0.0) / (away - reach_m[i])
-        distance = away - reach_m[i]
-        marks[i] = face * min(rising, 1.0) > least * np.pi * distance * distance

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Precomputed ambient transfer of a mesh: which directions its own surface blocks at its sites, and by which site
-(after Sloan, Kautz & Snyder 2002; here as a sparse list instead of spherical harmonics, so that bounces are solved
+(after Sloan et al. 2002; here as a sparse list instead of spherical harmonics, so that bounces are solved
 after the lights are known).
 """
 

@@ -24,11 +24,12 @@ from mr360uw.composite.ambient.body_view import NODES
 from mr360uw.composite.ambient.directions import blurred, radiance_towards
 from mr360uw.composite.ambient.ground_kernel import gather, shown
 from mr360uw.composite.ambient.knot_values import CHANNELS
+from mr360uw.composite.ambient.light_table import light_table
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
-from mr360uw.types import Environment, Floats
+from mr360uw.types import Floats
 
 BOUNCES = 8
 """Steps of the solution: what the first guess is off by shrinks by the reflectance times what is hidden in each, to
@@ -39,8 +40,6 @@ _STEPS = 64.0
 """The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
 _FEW = 0.002
 """Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
-_ROWS, _COLUMNS = 64, 48
-"""Azimuths and elevations of the tables over which the ground's blocked light is integrated: pixels of the map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +100,7 @@ class Solver:
         self._reflected = np.concatenate([b.transfer.reflected(shot.refractive_index) for b in layout.bodies])
         self._emitted = np.concatenate([b.transfer.emission / self._scale(b.center[None]) for b in layout.bodies])
         self._sun = np.concatenate([self._sunlight(k) for k in range(len(layout.bodies))])
-        self._table = _table(shot.environment)
+        self._table = light_table(shot.environment)
 
     def solve(self) -> AmbientLight:
         """Return the light after `BOUNCES` steps; the ground's shade is found from the first."""
@@ -231,23 +230,3 @@ def spread_from(total: Floats, weight: Floats) -> Floats:
     around = coarse.repeat(2, axis=0).repeat(2, axis=1)
     few = _FEW * np.pi
     return (total + few * around) / (weight + few)
-
-
-def _table(environment: Environment) -> NDArray[np.float64]:
-    """Return P of ground_kernel.py of the environment without its sun, and of a radiance of 1."""
-    d, weighted = _table_directions()
-    light = np.ones((_ROWS, _COLUMNS, 4))
-    light[..., :3] = environment_lookup(environment.residual, d)
-    table = np.zeros((_ROWS, _COLUMNS + 1, 3, 4))
-    table[:, 1:] = np.cumsum(weighted[..., None] * light[:, :, None, :], axis=1)
-    return table
-
-
-@functools.cache
-def _table_directions() -> tuple[Floats, Floats]:
-    """Return the middles (_ROWS, _COLUMNS, 3) of a table's cells, and the same times their solid angle over a row."""
-    azimuth = (np.arange(_ROWS) + 0.5) * 2.0 * np.pi / _ROWS
-    elevation = ((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) * np.pi
-    e, a = np.meshgrid(elevation, azimuth)
-    d = np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1)
-    return d, d * (np.cos(e) * np.pi / _COLUMNS)[..., None]

@@ -82,6 +82,14 @@ def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int, pattern
     )  # fmt: skip
 
 
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _pattern_at(shown: Any, calm: Any, veil: Any, share: Any) -> Any:
+    """Return what `pattern.direct_pattern` returns, at one pixel of one channel."""
+    one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
+    r = (shown - veil) / (calm - veil) if calm - veil > dark else one
+    return max(r, share + direct * (one - share))
+
+
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
@@ -92,12 +100,10 @@ def _lay(
     # one row of a block: channels of `corner`, relative change of the plate, weight of the change
     line, change = np.empty((10, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
     weight = np.empty(BLOCK, np.float32)
-    rows, columns = ratio.shape[:2]
-    dark, direct = np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
     for n in range(len(row)):
         top, left = row[n] * BLOCK, column[n] * BLOCK
-        y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + rows)
-        x0, x1 = max(left, first_column), min(left + BLOCK, width, first_column + columns)
+        y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + ratio.shape[0])
+        x0, x1 = max(left, first_column), min(left + BLOCK, width, first_column + ratio.shape[1])
         if y0 >= y1 or x0 >= x1:
             continue
         a, b = corner[row[n], column[n]], corner[row[n], column[n] + 1]
@@ -138,10 +144,7 @@ def _lay(
                     r, share = one, line[k, i]
                     if len(shown) and x0 <= left + i < x1:
                         py, px = y - first_row, left + i - first_column
-                        base = calm[py, px, k] - line[3 + k, i]
-                        if base > dark:
-                            r = (shown[py, px, k] - line[3 + k, i]) / base
-                        r = max(r, share + direct * (one - share))
+                        r = _pattern_at(shown[py, px, k], calm[py, px, k], line[3 + k, i], share)
                     change[k, i] = weight[i] * ((share * line[6 + k, i] + (r - share) * sun + more) / r - one)
             for x in range(x0, x1):
                 i = x - left

@@ -1,4 +1,5 @@
-// values of ambient light at a place of a body, a knot three texels of a list (ambient/lattice.py, ambient/knot_values.py)
+// Values of ambient light at a place of a body, three texels of a list for each knot. Held to composite/ambient/lattice.py
+// and composite/ambient/knot_values.py.
 struct Among {
     vec3 ratio;  // of irradiance
     float visible;
