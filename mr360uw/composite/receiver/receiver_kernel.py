@@ -117,8 +117,7 @@ def _lay(
                 continue
         down, across = one / np.float32(min(BLOCK, height - top)), one / np.float32(BLOCK)
         for y in range(y0, y1):
-            j = y - top
-            v = (np.float32(j) + half) * down
+            j, v = y - top, (np.float32(y - top) + half) * down
             for k in range(10):
                 start = a[k] + v * (c[k] - a[k])
                 step = across * (b[k] + v * (d[k] - b[k]) - start)
