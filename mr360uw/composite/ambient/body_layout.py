@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_view import NODES, Body, BodyView, body_view
-from mr360uw.composite.ambient.ground_kernel import AZIMUTHS, sweep
 from mr360uw.composite.ambient.height_field import make_height_field
+from mr360uw.composite.ambient.height_sweep import AZIMUTHS, sweep
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
@@ -38,11 +38,12 @@ class Layout:
         places = np.ascontiguousarray(points, np.float64)
         count = len(self.ground_bodies)
         begins = np.zeros((count, len(places), 3), np.float32)
-        blocked = np.zeros((count, len(places), AZIMUTHS, 3), np.float32)
+        blocked = np.zeros((count, len(places), AZIMUTHS, 5), np.float32)
         for m, k in enumerate(self.ground_bodies):
             body = self.bodies[k]
-            assert body.field is not None
-            sweep(places, body.origin, body.field.frame, body.field.cells, begins[m], blocked[m])
+            field = body.field
+            assert field is not None
+            sweep(places, body.origin, field.frame, field.outline, field.cells, begins[m], blocked[m])
         return begins, blocked
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:

@@ -15,27 +15,35 @@ from mr360uw.types import Floats
 CELLS = 32
 """Cells along each side of the plan. At the foot of a ball the blocked share is then within .01."""
 _FINE = 4
+"""Rays along each side of a cell."""
+_SUPPORTS = 64
+"""Directions in which the outermost point of a plan is a corner of its outline: a circle's is then within a
+thousandth of its radius."""
 _LEAST_WIDTH = 0.01
 """Least half width of the plan as a part of its half length: thin cards that stand upright keep one."""
+_STANDS_OUT = 1e-3
+"""Part of a body's extent by which edges stand out of what vertical rays found before they count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightField:
     """A body over its plan. Heights [m] and places are from the origin of the body, in the axes of the world.
 
-    frame: (6,) x and z of the middle, x and z of the unit vector along the first side, both half sides [m]. cells:
-    (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction that the body
-    covers, lower and upper height of its surface, those of the nearest covered cell where there is none.
+    frame: (6,) x and z of the middle, x and z of the unit vector along the first side, both half sides [m]. outline:
+    (E, 2) corners [m] of the convex hull of the plan along the two sides from the middle, from +x to +z about it.
+    cells: (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction of the
+    outline that the body covers, lower and upper height of its surface; those of the nearest cell where there is none.
     """
 
     frame: Floats
+    outline: Floats
     cells: Floats
 
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
     points = transfer.scene.triangles @ linear.T
-    frame = _frame(points.reshape(-1, 3)[:, [0, 2]])
+    frame, outline = _frame(_hull(points.reshape(-1, 3)[:, [0, 2]]))
     low, high = points[..., 1].min(), points[..., 1].max()
     fine = CELLS * _FINE
     along = (np.arange(fine) + 0.5) / fine * 2.0 - 1.0
@@ -49,26 +57,65 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     count = hit.reshape(shape).sum(axis=(1, 3))
     lower, upper = (np.where(hit, h, 0.0).reshape(shape).sum(axis=(1, 3)) / np.maximum(count, 1) for h in (up, down))
     # cells on the outline have the heights of the outline itself, where a round body is as thin as it ends
-    outline = (count > 0) & (count < _FINE**2)
-    lower = np.where(outline, np.where(hit, up, -np.inf).reshape(shape).max(axis=(1, 3)), lower)
-    upper = np.where(outline, np.where(hit, down, np.inf).reshape(shape).min(axis=(1, 3)), upper)
-    cover = count / _FINE**2
-    cover, lower, upper = _with_thin_parts(points, frame, cover, lower, upper)
-    cover, lower, upper = (np.pad(a, 1) for a in (cover, lower, upper))
-    return HeightField(frame, np.stack([cover, *_spread_out(cover > 0.0, lower, upper)], axis=-1))
+    rim = (count > 0) & (count < _FINE**2)
+    lower = np.where(rim, np.where(hit, up, -np.inf).reshape(shape).max(axis=(1, 3)), lower)
+    upper = np.where(rim, np.where(hit, down, np.inf).reshape(shape).min(axis=(1, 3)), upper)
+    within = (hit | _within(outline, a, b)).reshape(shape).sum(axis=(1, 3))
+    cover, lower, upper = (np.pad(a, 1) for a in (count / np.maximum(within, 1), lower, upper))
+    cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
+    return HeightField(frame, outline, _with_thin_parts(_samples(points, frame), cover, lower, upper))
 
 
-def _frame(plan: Floats) -> Floats:
-    """Return the narrow rectangle around points (n, 2) of a plan."""
-    spread = plan - plan.mean(axis=0)
-    axis = np.linalg.eigh(spread.T @ spread)[1][:, 1]
+def _hull(plan: Floats) -> Floats:
+    """Return corners (E, 2) of the convex hull of points (n, 2): the outermost in `_SUPPORTS` directions, in turn."""
+    angle = (np.arange(_SUPPORTS) + 0.5) / _SUPPORTS * 2.0 * np.pi
+    most = np.array([np.argmax(plan @ d) for d in np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+    corners = plan[most]
+    size = np.ptp(corners, axis=0).max()
+    for _ in range(2):  # without corners that coincide, then without those amid an edge
+        before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
+        if np.max(np.abs(after)) == 0.0:
+            return corners[:1]
+        apart = np.abs(after).max(axis=-1) > 1e-6 * size
+        if not np.all(apart):
+            corners = corners[apart]
+            continue
+        bent = np.abs(_cross(before, after)) > 1e-9 * size**2
+        corners = corners[bent] if bent.sum() >= 3 else corners
+    return corners
+
+
+def _cross(one: Floats, other: Floats) -> Floats:
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
+
+
+def _frame(hull: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest rectangle around a convex hull (E, 2), and the hull in it: never narrower than allowed."""
+    sides = np.roll(hull, -1, axis=0) - hull
+    length = np.linalg.norm(sides, axis=-1)
+    axes = sides[length > 0.0] / length[length > 0.0, None] if np.any(length > 0.0) else np.array([[1.0, 0.0]])
+    across = np.stack([-axes[:, 1], axes[:, 0]], axis=-1)
+    area = np.ptp(hull @ axes.T, axis=0) * np.ptp(hull @ across.T, axis=0)
+    axis = axes[np.argmin(area)]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     across = np.array([-axis[1], axis[0]])
-    a, b = plan @ axis, plan @ across
-    middle = 0.5 * (a.min() + a.max()) * axis + 0.5 * (b.min() + b.max()) * across
-    half = 0.5 * np.array([np.ptp(a), np.ptp(b)])
-    half = np.maximum(half, _LEAST_WIDTH * half.max())
-    return np.concatenate([middle, axis, half * (1.0 + 1.0 / CELLS)])
+    local = np.stack([hull @ axis, hull @ across], axis=-1)
+    middle = 0.5 * (local.min(axis=0) + local.max(axis=0))
+    local = local - middle
+    found = local.max(axis=0)
+    half = np.maximum(found, max(_LEAST_WIDTH * found.max(), 1e-9))
+    if np.any(half > found):
+        local = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    center = middle[0] * axis + middle[1] * across
+    return np.concatenate([center, axis, half * (1.0 + 1.0 / CELLS)]), np.ascontiguousarray(local)
+
+
+def _within(outline: Floats, a: Floats, b: Floats) -> NDArray[np.bool_]:
+    """Return which places (n,) lie in an outline."""
+    inside = np.ones(a.shape, np.bool_)
+    for corner, after in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        inside &= (after[0] - corner[0]) * (b - corner[1]) >= (after[1] - corner[1]) * (a - corner[0])
+    return inside
 
 
 def _first_height(transfer: Transfer, linear: Floats, x: Floats, z: Floats, start: float, way: float) -> Floats:
@@ -87,37 +134,54 @@ def _first_height(transfer: Transfer, linear: Floats, x: Floats, z: Floats, star
     return height
 
 
-def _with_thin_parts(
-    points: Floats, frame: Floats, cover: Floats, lower: Floats, upper: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return the field with what vertical rays miss: upright sheets and parts narrower than a cell."""
-    steps = np.linspace(0.0, 1.0, 2 * CELLS)
-    near = cover.copy()
-    for axis in (0, 1):
-        near = np.maximum(near, np.maximum(np.roll(near, 1, axis), np.roll(near, -1, axis)))
+def _samples(points: Floats, frame: Floats) -> tuple[Floats, Floats]:
+    """Return places (n, 2) in cells, with the border's, and heights (n,) at least twice a cell along all edges."""
     edges = np.concatenate([points[:, [0, 1]], points[:, [1, 2]], points[:, [2, 0]]])
     local = edges[..., [0, 2]] - frame[:2]
     place = np.stack([local @ frame[2:4], local @ [-frame[3], frame[2]]], axis=-1) / frame[4:]
-    ends = np.clip(((place + 1.0) * 0.5 * CELLS).astype(np.int64), 0, CELLS - 1)
-    missed = (near[ends[:, 0, 0], ends[:, 0, 1]] == 0.0) | (near[ends[:, 1, 0], ends[:, 1, 1]] == 0.0)
-    if not np.any(missed):
-        return cover, lower, upper
-    at = place[missed, :1] + steps[:, None] * (place[missed, 1:] - place[missed, :1])
-    height = edges[missed, :1, 1] + steps * (edges[missed, 1:, 1] - edges[missed, :1, 1])
-    cell = np.clip(((at + 1.0) * 0.5 * CELLS).astype(np.int64), 0, CELLS - 1).reshape(-1, 2)
-    thin = near[cell[:, 0], cell[:, 1]] == 0.0
-    cell, height = cell[thin], height.ravel()[thin]
-    low, high = np.full(cover.shape, np.inf), np.full(cover.shape, -np.inf)
-    np.minimum.at(low, (cell[:, 0], cell[:, 1]), height)
-    np.maximum.at(high, (cell[:, 0], cell[:, 1]), height)
-    new = np.isfinite(low)
-    return np.where(new, 1.0, cover), np.where(new, low, lower), np.where(new, high, upper)
+    place = np.clip((place + 1.0) * 0.5 * CELLS + 0.5, 0.5, CELLS + 0.499)
+    count = np.ceil(2.0 * np.abs(place[:, 1] - place[:, 0]).max(axis=-1)).astype(np.int64) + 1
+    of = np.repeat(np.arange(len(count)), count)
+    t = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(count - 1, 1)[of]
+    height = edges[of, 0, 1] + t * (edges[of, 1, 1] - edges[of, 0, 1])
+    return place[of, 0] + t[:, None] * (place[of, 1] - place[of, 0]), height
 
 
-def _spread_out(there: NDArray[np.bool_], lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+def _with_thin_parts(samples: tuple[Floats, Floats], cover: Floats, lower: Floats, upper: Floats) -> Floats:
+    """Return cells with what vertical rays miss, upright sheets and parts narrower than their distance: edges that
+    stand out of the heights around. cover: as in `HeightField`, not a number beyond the outline.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    place, height = samples
+    known = np.nan_to_num(cover) > 0.0
+    top = maximum_filter(np.where(known, upper, -np.inf), 3, mode="constant", cval=-np.inf)
+    bottom = minimum_filter(np.where(known, lower, np.inf), 3, mode="constant", cval=np.inf)
+    margin = _STANDS_OUT * np.ptp(height)
+    i, j = np.floor(place + 0.5).astype(np.int64).T
+    out = (height > top[i, j] + margin) | (height < bottom[i, j] - margin)
+    lower, upper = _spread_out(known, lower, upper)
+    if np.any(out):
+        cover[i[out], j[out]] = 1.0
+        low, high = np.full(cover.shape, np.inf), np.full(cover.shape, -np.inf)
+        corner, height = np.floor(place[out]).astype(np.int64), height[out]
+        for step in ((0, 0), (0, 1), (1, 0), (1, 1)):  # all between which heights at an edge are interpolated
+            np.minimum.at(low, tuple((corner + step).T), height)
+            np.maximum.at(high, tuple((corner + step).T), height)
+        alone = ~np.isfinite(bottom)
+        lower = np.where(alone, low, np.minimum(lower, low))
+        upper = np.where(alone, high, np.maximum(upper, high))
+        known |= np.isfinite(low)
+        lower, upper = _spread_out(known, lower, upper)
+    (cover,) = _spread_out(np.isfinite(cover), cover)
+    return np.stack([cover, lower, upper], axis=-1)
+
+
+def _spread_out(there: NDArray[np.bool_], *values: Floats) -> tuple[Floats, ...]:
+    """Return arrays in which every cell has the value of the nearest one that is there; zeros where none is."""
     from scipy.ndimage import distance_transform_edt
 
     if not np.any(there):
-        return np.zeros_like(lower), np.zeros_like(upper)
+        return tuple(np.zeros_like(a) for a in values)
     nearest: Any = distance_transform_edt(~there, return_distances=False, return_indices=True)
-    return lower[tuple(nearest)], upper[tuple(nearest)]
+    return tuple(a[tuple(nearest)] for a in values)

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Elevations that a body blocks at places: rays in its plan, cut exactly by the plan's outline, along which its lower
+and upper heights are followed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+AZIMUTHS = 32
+"""Azimuths over the width of a body, from a place."""
+_HALF, _LEAST = 0.5, 0.25
+"""Covered fraction at which a body begins and ends along a ray; from the second on a narrow part blocks a share."""
+_UNSEEN = 0.003
+"""A body whose ball cannot block more than this fraction is passed over: far less than what is shown of one."""
+_HALVED, _QUARTERED = 4.0, 9.0
+"""From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
+_ON_EDGE = 1e-9
+"""A place nearer to an edge of the outline than this part of the body's size counts as within it."""
+
+_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+_inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _side(outline: Any, k: Any, a: Any, b: Any) -> Any:
+    """Return the k-th edge of an outline (2 numbers) and its cross product with the way to a place, positive inside."""
+    n = k + 1 if k + 1 < outline.shape[0] else 0
+    ea, eb = outline[n, 0] - outline[k, 0], outline[n, 1] - outline[k, 1]
+    return ea, eb, ea * (b - outline[k, 1]) - eb * (a - outline[k, 0])
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _corner_side(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
+    """Return on which side of a ray a corner lies: positive where a greater azimuth is."""
+    return da * (outline[k, 1] - b) - db * (outline[k, 0] - a)
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _width_at(outline: Any, a: Any, b: Any, tiny: Any) -> Any:
+    """Return (first azimuth, width, the first edges of the far and the near side, whether it is outside) of a place in
+    the plane of an outline. With the azimuth rises the number of the edge on the far side, and falls that on the near.
+    """
+    count = outline.shape[0]
+    start, stop = -1, -1
+    before = _side(outline, count - 1, a, b)[2] < -tiny
+    for k in range(count):
+        seen = _side(outline, k, a, b)[2] < -tiny
+        if seen and not before:
+            start = k
+        if before and not seen:
+            stop = k
+        before = seen
+    outside = start >= 0 and stop >= 0
+    first, width = np.arctan2(outline[0, 1] - b, outline[0, 0] - a), 2.0 * np.pi
+    far, near = 0, 0
+    if outside:
+        fa, fb = outline[stop, 0] - a, outline[stop, 1] - b
+        la, lb = outline[start, 0] - a, outline[start, 1] - b
+        first, width = np.arctan2(fb, fa), np.arctan2(max(fa * lb - fb * la, 0.0), fa * la + fb * lb)
+        far, near = stop, stop - 1 if stop > 0 else count - 1
+    return first, width, far, near, outside
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _edges_met(outline: Any, far: Any, near: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
+    """Return the edges of the far and the near side that a ray meets, from those that the ray before it met."""
+    count = outline.shape[0]
+    for _ in range(count):
+        after = far + 1 if far + 1 < count else 0
+        if _corner_side(outline, after, a, b, da, db) > 0.0:
+            break
+        far = after
+    for _ in range(count):
+        if _corner_side(outline, near, a, b, da, db) > 0.0:
+            break
+        near = near - 1 if near > 0 else count - 1
+    return far, near
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _distance(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
+    """Return how far a place lies from an edge along a direction."""
+    ea, eb, side = _side(outline, k, a, b)
+    across = ea * db - eb * da
+    return max(-side / across, 0.0) if abs(across) > 1e-30 else 0.0
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _add_part(found: Any, parts: Any, low: Any, high: Any) -> Any:
+    """Add an interval to up to two that do not overlap; return how many there are. A third one widens the second."""
+    if parts == 0:
+        found[0, 0], found[0, 1] = low, high
+        return 1
+    which = 0 if low <= found[0, 1] and high >= found[0, 0] else 1
+    if which == 1 and parts == 1:
+        found[1, 0], found[1, 1] = low, high
+        return 2
+    found[which, 0], found[which, 1] = min(found[which, 0], low), max(found[which, 1], high)
+    if parts == 2 and found[1, 0] <= found[0, 1] and found[1, 1] >= found[0, 0]:
+        found[0, 0], found[0, 1] = min(found[0, 0], found[1, 0]), max(found[0, 1], found[1, 1])
+        return 1
+    return parts
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, steps: Any, found: Any) -> Any:
+    """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
+    body along a ray; return how many there are, and the share of the ray's width.
+
+    bounds: least and greatest height. way: the ray's begin and end; at, steps: its begin and stride in cells.
+    """
+    n = cells.shape[0] - 2
+    bottom, top = bounds
+    begin, end = way
+    parts, inside = 0, False
+    low, high, most = 1e30, -1e30, 0.0  # of the part that is followed
+    before, s_before, lower_before, upper_before = 0.0, begin, 0.0, 0.0
+    last = int(np.ceil((end - begin) / stride - 1e-9))
+    for number in range(last + 1):
+        s = min(begin + number * stride, end)
+        turns = (s - begin) / stride
+        ga, gb = at[0] + turns * steps[0], at[1] + turns * steps[1]
+        ia, ib = min(max(int(ga), 0), n), min(max(int(gb), 0), n)
+        u, v = min(max(ga - ia, 0.0), 1.0), min(max(gb - ib, 0.0), 1.0)
+        w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
+        p00, p01, p10, p11 = cells[ia, ib], cells[ia, ib + 1], cells[ia + 1, ib], cells[ia + 1, ib + 1]
+        covered = w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0]
+        if covered <= _LEAST and not inside:
+            before, s_before = covered, s
+            continue
+        lower = w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1] - y
+        upper = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2] - y
+        now = covered >= _HALF
+        if now != inside and number > 0:
+            t = (_HALF - before) / (covered - before)
+            if before <= _LEAST:  # heights beside the body are those of its edge
+                lower_before, upper_before = lower, upper
+            away = 1.0 / max(s_before + (s - s_before) * t, 1e-9)
+            if now and most < _HALF:  # what was narrow so far belongs to this part
+                low, high = 1e30, -1e30
+            low = min(low, (lower_before + t * (lower - lower_before)) * away)
+            high = max(high, (upper_before + t * (upper - upper_before)) * away)
+        most = max(most, covered)
+        if now or (most < _HALF and high < low):
+            away = 1.0 / max(s, 1e-9)
+            low, high = min(low, lower * away), max(high, upper * away)
+            if now and high * s >= top and low * end <= bottom and top >= 0.0 and bottom >= 0.0:
+                break  # nothing behind is higher or lower than what was met
+        if inside and not now:
+            parts = _add_part(found, parts, low, high)
+            low, high = 1e30, -1e30
+        inside = now
+        before, s_before, lower_before, upper_before = covered, s, lower, upper
+    if high >= low:
+        parts = _add_part(found, parts, low, high)
+    return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
+
+
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+def sweep(point: Any, origin: Any, frame: Any, outline: Any, cells: Any, begins: Any, blocked: Any) -> None:
+    """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
+
+    frame, outline, cells: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
+    and how many there are. blocked: (n, AZIMUTHS, 5), lowest and highest elevation [rad] of an interval, those of a
+    second one, equal for none, and the fraction of the azimuth's width.
+    """
+    n = cells.shape[0] - 2
+    ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
+    turn = np.arctan2(uz, ux)
+    cu, cv = 2.0 * hu / n, 2.0 * hv / n
+    highest, lowest = cells[..., 2].max(), cells[..., 1].min()
+    radius_squared = hu * hu + hv * hv
+    tiny = _ON_EDGE * radius_squared
+    radius_squared += (highest - lowest) ** 2 / 4.0
+    found = np.zeros((2, 2))
+    for k in range(len(point)):
+        x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
+        a, b = x * ux + z * uz, z * ux - x * uz
+        begins[k, 2] = 0.0
+        squared = a * a + b * b
+        if radius_squared * (highest - y) < _UNSEEN * squared * np.sqrt(squared):
+            continue
+        apart = squared / radius_squared
+        fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
+        count = AZIMUTHS // fewer
+        first, width, far, near, outside = _width_at(outline, a, b, tiny)
+        step = width / count
+        begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
+        for q in range(count):
+            angle = first + (q + 0.5) * step
+            da, db = np.cos(angle), np.sin(angle)
+            far, near = _edges_met(outline, far, near, a, b, da, db)
+            begin = _distance(outline, near, a, b, da, db) if outside else 0.0
+            end = max(_distance(outline, far, a, b, da, db), begin)
+            stride = min(fewer, 2) / max(abs(da) / cu, abs(db) / cv)
+            at = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
+            steps = stride * da / cu, stride * db / cv
+            bounds = lowest - y, highest - y
+            parts, share = _slopes(cells, y, bounds, (begin, end), stride, at, steps, found)
+            for p in range(2):
+                there = p < parts and share > 0.0
+                blocked[k, q, 2 * p] = np.arctan(found[p, 0]) if there else 0.0
+                blocked[k, q, 2 * p + 1] = np.arctan(found[p, 1]) if there else 0.0
+            blocked[k, q, 4] = share if parts > 0 else 0.0
