@@ -43,7 +43,7 @@ class Layout:
             body = self.bodies[k]
             field = body.field
             assert field is not None
-            sweep(places, body.origin, field.frame, field.outline, field.cells, begins[m], blocked[m])
+            sweep(places, body.origin, field.frame, field.outline, field.squares, begins[m], blocked[m])
         return begins, blocked
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.height_sweep import STEP
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.types import Floats
 
@@ -21,6 +22,8 @@ _SUPPORTS = 64
 thousandth of its radius."""
 _LEAST_WIDTH = 0.01
 """Least half width of the plan as a part of its half length: thin cards that stand upright keep one."""
+_STRAIGHT = 0.012
+"""Slope by which heights may leave a straight line between two steps of a ray: a thousandth of the light."""
 _STANDS_OUT = 1e-3
 """Part of a body's extent by which edges stand out of what vertical rays found before they count."""
 
@@ -31,13 +34,15 @@ class HeightField:
 
     frame: (6,) x and z of the middle, x and z of the unit vector along the first side, both half sides [m]. outline:
     (E, 2) corners [m] of the convex hull of the plan along the two sides from the middle, from +x to +z about it.
-    cells: (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction of the
-    outline that the body covers, lower and upper height of its surface; those of the nearest cell where there is none.
+    squares: (CELLS + 1, CELLS + 1, 13), first index along the first side: squares between the middles of cells, with a
+    border around. Each has four coefficients, of 1, u, v and uv with u, v in 0..1 along its sides, of the fraction of
+    the outline that the body covers and of the lower and the upper height of its surface; then the distance [m] from
+    which all are straight to a ray that passes `STEP` cells. What lies off the body has the values of the nearest cell.
     """
 
     frame: Floats
     outline: Floats
-    cells: Floats
+    squares: Floats
 
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
@@ -63,7 +68,8 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     within = (hit | _within(outline, a, b)).reshape(shape).sum(axis=(1, 3))
     cover, lower, upper = (np.pad(a, 1) for a in (count / np.maximum(within, 1), lower, upper))
     cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
-    return HeightField(frame, outline, _with_thin_parts(_samples(points, frame), cover, lower, upper))
+    cells = _with_thin_parts(_samples(points, frame), cover, lower, upper)
+    return HeightField(frame, outline, _squares(cells))
 
 
 def _hull(plan: Floats) -> Floats:
@@ -175,6 +181,33 @@ def _with_thin_parts(samples: tuple[Floats, Floats], cover: Floats, lower: Float
         lower, upper = _spread_out(known, lower, upper)
     (cover,) = _spread_out(np.isfinite(cover), cover)
     return np.stack([cover, lower, upper], axis=-1)
+
+
+def _squares(cells: Floats) -> Floats:
+    """Return the squares of `HeightField` between cells (n, n, 3) of cover, lower and upper height."""
+    one, along, across = cells[:-1, :-1], cells[1:, :-1] - cells[:-1, :-1], cells[:-1, 1:] - cells[:-1, :-1]
+    twist = cells[1:, 1:] - cells[1:, :-1] - across
+    numbers = np.stack([one, along, across, twist], axis=-1).reshape(*one.shape[:2], 12)
+    return np.concatenate([numbers, _straight_from(cells)[..., None]], axis=-1)
+
+
+def _straight_from(cells: Floats) -> Floats:
+    """Return the distance (n - 1, n - 1) from which heights and cover are straight enough for `STEP` cells at once,
+    the middle one within the square.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    bend = np.zeros(cells.shape[:2])
+    for height in (cells[..., 1], cells[..., 2]):
+        padded = np.pad(height, 1, mode="edge")
+        along = np.abs(padded[2:, 1:-1] + padded[:-2, 1:-1] - 2.0 * height)
+        across = np.abs(padded[1:-1, 2:] + padded[1:-1, :-2] - 2.0 * height)
+        twist = 0.25 * np.abs(padded[2:, 2:] + padded[:-2, :-2] - padded[2:, :-2] - padded[:-2, 2:])
+        bend = np.maximum(bend, np.maximum(along, across) + twist)
+    reach = STEP + 2  # all cells between which heights on the way are interpolated
+    most, least = (f(cells[..., 0], reach, origin=-1)[:-1, :-1] for f in (maximum_filter, minimum_filter))
+    distance = maximum_filter(bend, reach, origin=-1)[:-1, :-1] * (STEP**2 / 8.0 / _STRAIGHT)
+    return np.where((least >= 0.5) | (most <= 0.25), distance, np.inf)
 
 
 def _spread_out(there: NDArray[np.bool_], *values: Floats) -> tuple[Floats, ...]:

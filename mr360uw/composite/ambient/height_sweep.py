@@ -10,7 +10,7 @@ from typing import Any
 import numba
 import numpy as np
 
-AZIMUTHS = 32
+AZIMUTHS = 24
 """Azimuths over the width of a body, from a place."""
 _HALF, _LEAST = 0.5, 0.25
 """Covered fraction at which a body begins and ends along a ray; from the second on a narrow part blocks a share."""
@@ -18,6 +18,8 @@ _UNSEEN = 0.003
 """A body whose ball cannot block more than this fraction is passed over: far less than what is shown of one."""
 _HALVED, _QUARTERED = 4.0, 9.0
 """From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
+STEP = 4
+"""Cells that a ray passes at once where the heights on its way are straight."""
 _ON_EDGE = 1e-9
 """A place nearer to an edge of the outline than this part of the body's size counts as within it."""
 
@@ -43,25 +45,29 @@ def _corner_side(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
 def _width_at(outline: Any, a: Any, b: Any, tiny: Any) -> Any:
     """Return (first azimuth, width, the first edges of the far and the near side, whether it is outside) of a place in
     the plane of an outline. With the azimuth rises the number of the edge on the far side, and falls that on the near.
+    Within, the first azimuth is that of an end of the nearest edge, from where on what is blocked may jump.
     """
     count = outline.shape[0]
-    start, stop = -1, -1
+    start, stop, nearest, least = -1, -1, 0, 1e30
     before = _side(outline, count - 1, a, b)[2] < -tiny
     for k in range(count):
-        seen = _side(outline, k, a, b)[2] < -tiny
+        ea, eb, side = _side(outline, k, a, b)
+        seen = side < -tiny
         if seen and not before:
             start = k
         if before and not seen:
             stop = k
         before = seen
+        squared = side * side / (ea * ea + eb * eb)
+        if squared < least:
+            nearest, least = k, squared
     outside = start >= 0 and stop >= 0
-    first, width = np.arctan2(outline[0, 1] - b, outline[0, 0] - a), 2.0 * np.pi
-    far, near = 0, 0
+    far, near = (stop, stop - 1 if stop > 0 else count - 1) if outside else (nearest, nearest)
+    fa, fb = outline[far, 0] - a, outline[far, 1] - b
+    first, width = np.arctan2(fb, fa), 2.0 * np.pi
     if outside:
-        fa, fb = outline[stop, 0] - a, outline[stop, 1] - b
         la, lb = outline[start, 0] - a, outline[start, 1] - b
-        first, width = np.arctan2(fb, fa), np.arctan2(max(fa * lb - fb * la, 0.0), fa * la + fb * lb)
-        far, near = stop, stop - 1 if stop > 0 else count - 1
+        width = np.arctan2(max(fa * lb - fb * la, 0.0), fa * la + fb * lb)
     return first, width, far, near, outside
 
 
@@ -107,72 +113,83 @@ def _add_part(found: Any, parts: Any, low: Any, high: Any) -> Any:
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, steps: Any, found: Any) -> Any:
+def _at(squares: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
+    """Return a bilinear value of a square, whose coefficients begin at the k-th number."""
+    return squares[i, j, k] + u * squares[i, j, k + 1] + v * (squares[i, j, k + 2] + u * squares[i, j, k + 3])
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _hop(squares: Any, ga: Any, gb: Any, s: Any, hops: Any) -> Any:
+    """Return how many steps a ray at distance s may take at once, up to `hops`, about a place in cells."""
+    n = squares.shape[0] - 1
+    from_there = squares[min(max(int(ga), 0), n), min(max(int(gb), 0), n), 12]
+    return hops if from_there <= s else max(0.5 * hops, 1.0) if from_there <= 4.0 * s else 1.0
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _slopes(squares: Any, y: Any, bounds: Any, way: Any, stride: Any, hops: Any, at: Any, steps: Any, found: Any) -> Any:
     """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
     body along a ray; return how many there are, and the share of the ray's width.
 
-    bounds: least and greatest height. way: the ray's begin and end; at, steps: its begin and stride in cells.
+    bounds: least and greatest height. way: the ray's begin and end; at, steps: its begin and stride in cells. hops:
+    strides over `STEP` cells.
     """
-    n = cells.shape[0] - 2
+    n = squares.shape[0] - 1
     bottom, top = bounds
     begin, end = way
     parts, inside = 0, False
     low, high, most = 1e30, -1e30, 0.0  # of the part that is followed
     before, s_before, lower_before, upper_before = 0.0, begin, 0.0, 0.0
-    last = int(np.ceil((end - begin) / stride - 1e-9))
-    for number in range(last + 1):
-        s = min(begin + number * stride, end)
-        turns = (s - begin) / stride
-        ga, gb = at[0] + turns * steps[0], at[1] + turns * steps[1]
+    number, whole = 0.0, (end - begin) / stride
+    while True:
+        turns = min(number, whole)
+        s, ga, gb = begin + turns * stride, at[0] + turns * steps[0], at[1] + turns * steps[1]
         ia, ib = min(max(int(ga), 0), n), min(max(int(gb), 0), n)
         u, v = min(max(ga - ia, 0.0), 1.0), min(max(gb - ib, 0.0), 1.0)
-        w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
-        p00, p01, p10, p11 = cells[ia, ib], cells[ia, ib + 1], cells[ia + 1, ib], cells[ia + 1, ib + 1]
-        covered = w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0]
-        if covered <= _LEAST and not inside:
-            before, s_before = covered, s
-            continue
-        lower = w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1] - y
-        upper = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2] - y
+        covered = _at(squares, ia, ib, 0, u, v)
         now = covered >= _HALF
-        if now != inside and number > 0:
-            t = (_HALF - before) / (covered - before)
-            if before <= _LEAST:  # heights beside the body are those of its edge
-                lower_before, upper_before = lower, upper
-            away = 1.0 / max(s_before + (s - s_before) * t, 1e-9)
-            if now and most < _HALF:  # what was narrow so far belongs to this part
+        if covered > _LEAST or inside:
+            lower, upper = _at(squares, ia, ib, 4, u, v) - y, _at(squares, ia, ib, 8, u, v) - y
+            if now != inside and number > 0.0:
+                t = (_HALF - before) / (covered - before)
+                if before <= _LEAST:  # heights beside the body are those of its edge
+                    lower_before, upper_before = lower, upper
+                away = 1.0 / max(s_before + (s - s_before) * t, 1e-9)
+                if now and most < _HALF:  # what was narrow so far belongs to this part
+                    low, high = 1e30, -1e30
+                low = min(low, (lower_before + t * (lower - lower_before)) * away)
+                high = max(high, (upper_before + t * (upper - upper_before)) * away)
+            most = max(most, covered)
+            if now or (most < _HALF and high < low):
+                away = 1.0 / max(s, 1e-9)
+                low, high = min(low, lower * away), max(high, upper * away)
+            if inside and not now:
+                parts = _add_part(found, parts, low, high)
                 low, high = 1e30, -1e30
-            low = min(low, (lower_before + t * (lower - lower_before)) * away)
-            high = max(high, (upper_before + t * (upper - upper_before)) * away)
-        most = max(most, covered)
-        if now or (most < _HALF and high < low):
-            away = 1.0 / max(s, 1e-9)
-            low, high = min(low, lower * away), max(high, upper * away)
-            if now and high * s >= top and low * end <= bottom and top >= 0.0 and bottom >= 0.0:
-                break  # nothing behind is higher or lower than what was met
-        if inside and not now:
-            parts = _add_part(found, parts, low, high)
-            low, high = 1e30, -1e30
-        inside = now
-        before, s_before, lower_before, upper_before = covered, s, lower, upper
+            lower_before, upper_before = lower, upper
+        over = high * s >= top and low * end <= bottom and top >= 0.0 and bottom >= 0.0
+        if number >= whole or (now and over):  # nothing behind is higher or lower than what was met
+            break
+        inside, before, s_before = now, covered, s
+        number += _hop(squares, ga + hops * 0.5 * steps[0], gb + hops * 0.5 * steps[1], s, hops)
     if high >= low:
         parts = _add_part(found, parts, low, high)
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def sweep(point: Any, origin: Any, frame: Any, outline: Any, cells: Any, begins: Any, blocked: Any) -> None:
+def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
 
-    frame, outline, cells: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
+    frame, outline, squares: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
     and how many there are. blocked: (n, AZIMUTHS, 5), lowest and highest elevation [rad] of an interval, those of a
     second one, equal for none, and the fraction of the azimuth's width.
     """
-    n = cells.shape[0] - 2
+    n = squares.shape[0] - 1
     ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
     turn = np.arctan2(uz, ux)
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
-    highest, lowest = cells[..., 2].max(), cells[..., 1].min()
+    highest, lowest = squares[..., 8].max(), squares[..., 4].min()
     radius_squared = hu * hu + hv * hv
     tiny = _ON_EDGE * radius_squared
     radius_squared += (highest - lowest) ** 2 / 4.0
@@ -186,23 +203,25 @@ def sweep(point: Any, origin: Any, frame: Any, outline: Any, cells: Any, begins:
             continue
         apart = squared / radius_squared
         fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
-        count = AZIMUTHS // fewer
+        count, coarse = AZIMUTHS // fewer, min(fewer, 2)
         first, width, far, near, outside = _width_at(outline, a, b, tiny)
         step = width / count
         begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
+        da, db = np.cos(first + 0.5 * step), np.sin(first + 0.5 * step)
+        turn_a, turn_b = np.cos(step), np.sin(step)
         for q in range(count):
-            angle = first + (q + 0.5) * step
-            da, db = np.cos(angle), np.sin(angle)
+            if q > 0:
+                da, db = da * turn_a - db * turn_b, da * turn_b + db * turn_a
             far, near = _edges_met(outline, far, near, a, b, da, db)
             begin = _distance(outline, near, a, b, da, db) if outside else 0.0
             end = max(_distance(outline, far, a, b, da, db), begin)
-            stride = min(fewer, 2) / max(abs(da) / cu, abs(db) / cv)
+            stride = coarse / max(abs(da) / cu, abs(db) / cv)
             at = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
             steps = stride * da / cu, stride * db / cv
             bounds = lowest - y, highest - y
-            parts, share = _slopes(cells, y, bounds, (begin, end), stride, at, steps, found)
-            for p in range(2):
-                there = p < parts and share > 0.0
-                blocked[k, q, 2 * p] = np.arctan(found[p, 0]) if there else 0.0
-                blocked[k, q, 2 * p + 1] = np.arctan(found[p, 1]) if there else 0.0
-            blocked[k, q, 4] = share if parts > 0 else 0.0
+            parts, share = _slopes(squares, y, bounds, (begin, end), stride, STEP / coarse, at, steps, found)
+            blocked[k, q] = 0.0
+            if share > 0.0:
+                blocked[k, q, 4] = share
+                for p in range(parts):
+                    blocked[k, q, 2 * p], blocked[k, q, 2 * p + 1] = np.arctan(found[p, 0]), np.arctan(found[p, 1])
