@@ -30,6 +30,7 @@ from mr360uw.gl.context import gl_available
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats, Layer
 from tests.composite import tolerances as tol
+from tests.composite.form_factors import box_form_factor, polygon_form_factor
 from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 
 WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_index=1.0)
@@ -123,6 +124,64 @@ def test_a_box_blocks_what_rays_and_lambert_find(size: tuple[float, float, float
     if gap > 0.0 and size[1] < 0.05:  # thin: what it blocks straight below is its lower face, by Lambert's formula
         below = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2]])
         np.testing.assert_allclose(blocked_share(layout, below), lambert(lid, below), atol=tol.BOX_SHARE)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 33.0])
+@pytest.mark.parametrize("height", [0.6, 0.006])
+@pytest.mark.parametrize("gap", [0.0, 0.03, 0.15])
+def test_a_box_blocks_its_form_factor(gap: float, height: float, yaw_deg: float) -> None:
+    """Also where its gap is as narrow as a cell of its plan, and along its corners."""
+    body = placed(box((0.6, height, 0.5), WHITE), (0.1, gap + 0.5 * height, -0.2), (yaw_deg, 0.0, 0.0))
+    layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+    rng = np.random.default_rng(3)
+    local = rng.uniform(-1.0, 1.0, (300, 3)) * [0.9, 0.0, 0.9]
+    low, high = np.array([-0.3, max(gap, 1e-6), -0.25]), np.array([0.3, gap + height, 0.25])
+    want = np.array([box_form_factor(p, np.array([0.0, 1.0, 0.0]), low, high) for p in local])
+    points = local @ body.world_from_object[:3, :3].T + [0.1, 0.0, -0.2]
+    off = np.abs(blocked_share(layout, np.ascontiguousarray(points)) - want)
+    assert off.max() < tol.EXACT_BOX
+
+
+def sheets(*corners: list[list[float]]) -> Mesh:
+    """Return squares without thickness, each of four corners in turn."""
+    quads = np.array([[0, 1, 2], [0, 2, 3]])
+    return make_mesh([Part("sheet", np.array(c, float), quads) for c in corners], [replace(WHITE, double_sided=True)])
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 20.0])
+def test_walls_without_thickness_block_like_a_box(yaw_deg: float) -> None:
+    """Seen from the ground outside an open crate of sheets is a box; a sheet that stands alone is a rectangle."""
+    x, y, z = 0.45, 0.4, 0.3
+    around = [[-x, -z], [x, -z], [x, z], [-x, z]]
+    walls = [[[*a[:1], 0, a[1]], [*b[:1], 0, b[1]], [*b[:1], y, b[1]], [*a[:1], y, a[1]]]
+             for a, b in zip(around, around[1:] + around[:1], strict=True)]  # fmt: skip
+    floor = [[a, 0.0, b] for a, b in around]
+    rng, up = np.random.default_rng(4), np.array([0.0, 1.0, 0.0])
+    local = rng.uniform(-1.2, 1.2, (300, 3)) * [1.0, 0.0, 1.0]
+    beside = np.maximum(np.abs(local) - [x, 0.0, z], 0.0).max(axis=-1)
+    for mesh, near in ((sheets(floor, *walls), beside), (sheets(walls[2]), np.abs(local[:, 2] - z))):
+        body = placed(mesh, (0.0, 0.0, 0.0), (yaw_deg, 0.0, 0.0))
+        layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+        share = blocked_share(layout, np.ascontiguousarray(local @ body.world_from_object[:3, :3].T))
+        if mesh.positions.shape[0] == 2:
+            want = np.array([polygon_form_factor(p, up, np.array(walls[2])) for p in local])
+        else:
+            want = np.array([box_form_factor(p, up, [-x, 1e-6, -z], [x, y, z]) for p in local])
+        assert np.abs(share - want)[near > 0.02].max() < tol.SHEETS
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 30.0])
+def test_light_falls_through_a_ring(yaw_deg: float) -> None:
+    """A level square with a square hole blocks the difference of the two, below it, in the hole and outside."""
+    inner, outer, height = 0.2, 0.4, 0.15
+    a, b = (half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) for half in (inner, outer))
+    level = [[[p[0], height, p[1]] for p in (b[k], b[(k + 1) % 4], a[(k + 1) % 4], a[k])] for k in range(4)]
+    body = placed(sheets(*level), (0.0, 0.0, 0.0), (yaw_deg, 0.0, 0.0))
+    layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+    local = np.random.default_rng(6).uniform(-0.7, 0.7, (300, 3)) * [1.0, 0.0, 1.0]
+    share = blocked_share(layout, np.ascontiguousarray(local @ body.world_from_object[:3, :3].T))
+    full, hole = (lambert(np.insert(c, 1, height, axis=1), local) for c in (b, a))
+    assert np.abs(share - (full - hole)).max() < tol.RING
 
 
 def lambert(polygon: Floats, points: Floats) -> Floats:

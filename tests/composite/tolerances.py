@@ -33,10 +33,16 @@ ROLL_CODES = 1.0
 PENUMBRA = 0.03
 """Sun disc by 96 directions against 1024: about n^-3/4 of the disc."""
 BALL_SHARE = 0.012
-"""Share of the ground's light that a ball of 48 rows blocks: a plan of 32 cells, 32 azimuths, and flat facets."""
+"""Share of the ground's light that a ball of 48 rows blocks: a plan of 32 cells, 24 azimuths, and flat facets."""
 BOX_SHARE, BOX_CONTACT = 0.02, 0.05
-"""The same of boxes against 4096 rays (0.004): an upright wall's end may be off by half an azimuth, and at its foot by a
-part of a cell of the plan."""
+"""The same of boxes against 4096 rays (0.004), and within .02 of their outline, where it changes within the spread of the
+azimuths."""
+EXACT_BOX = 0.012
+"""The same against the closed form: 24 azimuths, at places some millimetres within the edge of a low box."""
+SHEETS = 0.012
+"""The same of walls without thickness, which have one of a hundredth of their half length."""
+RING = 0.02
+"""The same of a ring, whose hole is known to a part of a cell of the plan: .017. As one interval an azimuth it is .3."""
 MONOTONE = 0.001
 """Steps upwards of that share along a radius: a tenth of what the eye sees in an 8-bit video (quadrature over azimuth)."""
 REDDENED = 0.03

@@ -10,8 +10,10 @@ from typing import Any
 import numba
 import numpy as np
 
-AZIMUTHS = 24
-"""Azimuths over the width of a body, from a place."""
+AZIMUTHS, _FROM_OUTSIDE = 32, 24
+"""Azimuths all around a place within the outline of a body, and over its width from outside. With half as many, what
+is blocked near the edge of a low box is .02 off instead of .01.
+"""
 _HALF, _LEAST = 0.5, 0.25
 """Covered fraction at which a body begins and ends along a ray; from the second on a narrow part blocks a share."""
 _UNSEEN = 0.003
@@ -127,7 +129,9 @@ def _hop(squares: Any, ga: Any, gb: Any, s: Any, hops: Any) -> Any:
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def _slopes(squares: Any, y: Any, bounds: Any, way: Any, stride: Any, hops: Any, at: Any, steps: Any, found: Any) -> Any:
+def _slopes(
+    squares: Any, y: Any, bounds: Any, way: Any, stride: Any, hops: Any, at: Any, steps: Any, found: Any
+) -> Any:
     """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
     body along a ray; return how many there are, and the share of the ray's width.
 
@@ -203,8 +207,8 @@ def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begin
             continue
         apart = squared / radius_squared
         fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
-        count, coarse = AZIMUTHS // fewer, min(fewer, 2)
         first, width, far, near, outside = _width_at(outline, a, b, tiny)
+        count, coarse = (_FROM_OUTSIDE if outside else AZIMUTHS) // fewer, min(fewer, 2)
         step = width / count
         begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
         da, db = np.cos(first + 0.5 * step), np.sin(first + 0.5 * step)

@@ -16,7 +16,7 @@ from mr360uw.types import Floats
 
 _PLACES_AT_ONCE = 1 << 14
 _KEPT_PLACES, _KEPT_SWEEPS = 1 << 17, 8
-"""Sets of places, 400 bytes a place and body, whose sweeps are kept."""
+"""Sets of places, 650 bytes a place and body, whose sweeps are kept."""
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
