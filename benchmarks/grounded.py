@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies on the ground against truth from outside: occlusion, light between bodies and ground, contact, cost.
+"""Bodies on the ground against truth from outside: occlusion, light between bodies and ground, contact, shadows on a
+plate's own caustics, cost.
 
-    python benchmarks/grounded.py [truth [SCENE ...] | contact | furnace | speed [CHECKOUT] | pictures FOLDER]
+    python benchmarks/grounded.py [truth [SCENE ...] | contact | furnace | caustics [WATER ...] |
+                                   speed [CHECKOUT] | pictures FOLDER]
 
 `truth` and `pictures` need Mitsuba 3 (`pip install 'mr360uw[peers]'`; see peers/path_traced.py) and render for some
 minutes at the first time. `speed` with another checkout of the project measures both, in turns.
@@ -10,6 +12,7 @@ minutes at the first time. `speed` with another checkout of the project measures
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import subprocess
 import sys
 import time
@@ -39,6 +42,7 @@ from benchmarks.peers.scenes import (  # noqa: E402
     lights,
     torus,
 )
+from benchmarks.peers.shaded_dives import CLIPS, FRAMES, ShadedDive, remains  # noqa: E402
 from mr360uw.composite import PlacedObject, Receiver, Shot, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
@@ -273,6 +277,45 @@ def furnace() -> None:
         print(f"  flush card {sky.name:19} " + "   ".join(f"{key} {value:.5f}" for key, value in worst.items()))
 
 
+# --- the plate's own caustics --------------------------------------------------------------------------------------
+
+DIVES = [(water, depth, up) for water in ("IA", "II", "1C") for depth in (4.0, 8.0) for up in (35.0, 60.0)]
+_SHOWN = 5
+"""Frames of a dive that are compared."""
+
+
+def caustics(*waters: str) -> None:
+    """Umbra of a ball on synthetic dives under moving caustics, against the dive's own picture with the ball's shade.
+
+    plate: contrast of the caustics in the plate. left: contrast of what is wrong in the umbra as a fraction of it, the
+    mean of five frames; in brackets with `plate_caustics = "keep"`. mean: light in the umbra over the dive's own,
+    red, green, blue. texture: correlation of the sand's albedo with that in the umbra. clip: ten seconds, cut: two,
+    still: one frame, all lit by the dive's own light; measured: ten seconds, lit by what is measured in the plate.
+    """
+    render = renderers()["gl"]
+    print("water m deg floor  shown     plate  left (keep)   mean                 texture (keep)")
+    for (water, depth_m, up_deg), contrast in itertools.product(DIVES, (1.0, 0.0)):
+        if waters and water not in waters:
+            continue
+        dive = ShadedDive.of(water, depth_m, up_deg, contrast)
+        clip = [dive.frame(index) for index in FRAMES]
+        facts = {count: dive.facts(clip[:count]) for count in set(CLIPS.values()) - {1}}
+        for name, count in CLIPS.items():
+            found = []
+            for frame in clip[:: len(clip) // _SHOWN]:
+                shot = dive.shot(frame, facts.get(count) or dive.facts([frame]), known=name != "measured")
+                both = shot, replace(shot, pattern=None)
+                found.append([remains(dive, frame, over(frame.image_linear, render(one))) for one in both])
+            plate, left, texture = (
+                np.mean([[getattr(one, key) for one in both] for both in found], axis=0)
+                for key in ("plate", "left", "texture")
+            )
+            mean = np.mean([both[0].mean for both in found], axis=0)
+            start = f"{water:5} {depth_m:.0f} {up_deg:3.0f} {'sand' if contrast else 'even':6} {name:9} {plate[0]:5.3f}"
+            print(f"{start}  {left[0]:4.2f} ({left[1]:4.2f})  {mean.round(3)}  {texture[0]:5.2f} ({texture[1]:4.2f})")
+    print("target: at most 0.25 left, mean within 0.03 of 1")
+
+
 # --- cost ----------------------------------------------------------------------------------------------------------
 
 _FRAMES, _SKIPPED, _ROUNDS = 12, 3, 3
@@ -317,7 +360,7 @@ def speed(checkout: str | None = None) -> None:
         print(f"{kind:7} {here:9.1f} {other}")
 
 
-SECTIONS: dict[str, Callable[..., None]] = {f.__name__: f for f in (truth, contact, furnace, speed, pictures)}
+SECTIONS: dict[str, Callable[..., None]] = {f.__name__: f for f in (truth, contact, furnace, caustics, speed, pictures)}
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["measure"]:
@@ -325,7 +368,7 @@ if __name__ == "__main__":
     elif sys.argv[1:]:
         SECTIONS[sys.argv[1]](*sys.argv[2:])
     else:
-        for section in (truth, contact, furnace, speed):
+        for section in (truth, contact, furnace, caustics, speed):
             print(f"\n{section.__name__}: {section.__doc__}")
             if section is truth and importlib.util.find_spec("mitsuba") is None:
                 print("left out: mitsuba is not installed (pip install 'mr360uw[peers]')")

@@ -7,19 +7,26 @@ the size of caustics is smoothed, by the fraction of its variance that the scene
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from mr360uw.caustics import caustic_map
+from mr360uw.caustics import caustic_map, refract_to_water
+from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
-from mr360uw.medium.lookup import unscattered_share
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.render.calm import CalmPlate, CalmSeries
+from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
 from mr360uw.video import VideoFrame
 
 _TYPICAL_HEIGHT_M = 2.0
 """Height of the camera above ground that a distance map gives."""
 _LEAST_HEIGHT_M = 0.2
+_TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
+"""Direction of a sun 60 degrees high in the air, for the contrast of the caustics that a sea makes: at 35 degrees it is
+larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
 def calm_series(loaded: Loaded) -> CalmSeries | None:
@@ -58,10 +65,11 @@ def _height_above(receiver: Receiver, loaded: Loaded) -> float:
 
 
 def _expected_contrast(loaded: Loaded, depth_m: float) -> float:
-    """Return the standard deviation over mean of the light that the scene's sea throws on the ground, sun overhead."""
+    """Return the standard deviation over mean of the light that the scene's sea throws on the ground."""
     scene, medium = loaded.scene, loaded.surroundings.medium
     assert medium is not None
-    pattern = caustic_map(
-        scene.sea, (0.0, 1.0, 0.0), depth_m, 0.0, size=128, grid=64, refractive_index=scene.water.refractive_index
-    )
-    return float(pattern.std() * unscattered_share(medium.unit_table, np.array([depth_m]), 1.0).max())
+    index, table, at = scene.water.refractive_index, medium.unit_table, np.array([depth_m])
+    pattern = caustic_map(scene.sea, _TYPICAL_SUN, depth_m, 0.0, size=512, grid=192, refractive_index=index)
+    up = float(refract_to_water(np.array(_TYPICAL_SUN), index)[1])
+    direct = direct_to_diffuse(table) * beam_ratio(table, at, up) / ambient_ratio(table, at)
+    return float(pattern.std() * luminance(direct / (1.0 + direct) * unscattered_share(table, at, up))[0])

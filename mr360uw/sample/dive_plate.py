@@ -45,7 +45,10 @@ _SMALLEST_WAVE_M = 0.25
 
 @dataclass(frozen=True, slots=True)
 class DiveSettings:
-    """Parameters of the dive: depths below the mean surface [m], angles of the sun above the surface [rad]."""
+    """Parameters of the dive: depths below the mean surface [m], angles of the sun above the surface [rad].
+
+    sand_contrast: of the sand's albedo, 1 ordinary, 0 an even floor, 3 stones.
+    """
 
     camera_depth_m: float = 4.0
     floor_depth_m: float = 7.5
@@ -53,6 +56,7 @@ class DiveSettings:
     sun_azimuth_rad: float = 0.6
     sun_elevation_rad: float = 1.0
     seed: int = 1
+    sand_contrast: float = 1.0
 
     @property
     def sun_in_air(self) -> Floats:
@@ -65,8 +69,23 @@ class DiveSettings:
         return GerstnerSea(wind_speed=3.0, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorShade:
+    """Light that a body leaves on the floor, each (H/2, W) for the rows below the horizon, 0 to 1.
+
+    ambient: fraction of the ambient light. disc: visible fraction of the sun's disc. halo: of the wider disc from which
+    light arrives that the water has scattered forwards.
+    """
+
+    ambient: Floats
+    disc: Floats
+    halo: Floats
+
+
 class DivePlate:
     """Renders the plate's frames; what does not move is computed once.
+
+    albedo: (H/2, W, 3) of the floor in the rows below the horizon.
 
     The camera is level, so the water between it and what it sees is the same all along a row.
     """
@@ -102,32 +121,46 @@ class DivePlate:
         self._floor_footprint = footprint[below, 0]
         along_beam = floor / self._sun_in_water[1] * self._sun_in_water
         self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
-        sand = [level[0].astype(np.float32) for level in mip_levels(sand_albedo(settings.seed)[None])]
-        self._albedo = _read(sand, np.stack([x[below], z[below]]) / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
+        albedo = sand_albedo(settings.seed)
+        even = albedo.mean(axis=(0, 1))
+        albedo = np.maximum(even + settings.sand_contrast * (albedo - even), 0.02)
+        sand = [level[0].astype(np.float32) for level in mip_levels(albedo[None])]
+        self.albedo = _read(sand, np.stack([x[below], z[below]]) / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
         self._mirrored_up = np.linspace(-1.0, 0.0, 4 * len(self._table.veil))
         self._mirrored = veil_lookup(self._table, np.full(self._mirrored_up.shape, 1e6), self._mirrored_up)
 
-    def radiance(self, time_s: float) -> NDArray[np.float32]:
-        """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording."""
-        image = np.concatenate([self._surface(time_s), self._floor(time_s)])
+    def radiance(self, time_s: float, shade: FloorShade | None = None) -> NDArray[np.float32]:
+        """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording.
+
+        shade: of a body on the floor, which the frame does not show itself.
+        """
+        image = np.concatenate([self._surface(time_s), self._floor(time_s, shade)])
         return self._transmittance * image + self._veil
 
-    def _beam(self, depth_m: float) -> Floats:
-        """Sun's irradiance (3,) perpendicular to its beam in the water."""
-        up = float(self._sun_in_water[1])
-        at = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
-        return at * (1.0 - _SKY_SHARE) / up
+    def irradiance(self, depth_m: float) -> tuple[Floats, Floats]:
+        """Return the ambient irradiance (3,) on a level plane at a depth, and the beam's (3,) perpendicular to itself.
 
-    def _floor(self, time_s: float) -> NDArray[np.float32]:
+        Both are relative to the downwelling irradiance just below the surface.
+        """
+        up = float(self._sun_in_water[1])
+        ambient = ambient_ratio(self._table, depth_m) / ambient_ratio(self._table, 0.0)
+        beam = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
+        return _SKY_SHARE * ambient, beam * (1.0 - _SKY_SHARE) / up
+
+    def _floor(self, time_s: float, shade: FloorShade | None) -> NDArray[np.float32]:
         depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
         stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
         levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
         pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
         contrast = unscattered_share(self._table, depth, up)
-        ambient = _SKY_SHARE * ambient_ratio(self._table, depth) / ambient_ratio(self._table, 0.0)
-        steady, moving = ambient + self._beam(depth) * up * (1.0 - contrast), self._beam(depth) * up * contrast
-        irradiance = steady.astype(np.float32) + moving.astype(np.float32) * pattern
-        return self._albedo / np.float32(np.pi) * irradiance
+        ambient, beam = self.irradiance(depth)
+        scattered, moving = ((beam * up * share).astype(np.float32) for share in (1.0 - contrast, contrast))
+        if shade is None:
+            irradiance = (ambient.astype(np.float32) + scattered) + moving * pattern
+        else:
+            free, disc, halo = (a[..., None].astype(np.float32) for a in (shade.ambient, shade.disc, shade.halo))
+            irradiance = free * ambient.astype(np.float32) + halo * scattered + disc * moving * pattern
+        return self.albedo / np.float32(np.pi) * irradiance
 
     def _surface(self, time_s: float) -> NDArray[np.float32]:
         """Radiance that comes down from the surface: refracted sky and sun, or the deep water it mirrors."""

@@ -51,7 +51,8 @@ class PlatePattern:
     """A plate's frame and how it would look in the mean light of its waves.
 
     mean: (H, W, 3) of the clip where the camera stands, or None: then detail of the size of caustics is smoothed.
-    height_m: of the camera above the ground, for that size. strength: fraction of the detail that is caustics, 0 to 1.
+    height_m: of the camera above the ground, for that size. strength: fraction of that detail that is caustics, 0 to 1;
+    a mean is the calm state as it is.
     """
 
     picture: Picture
@@ -64,10 +65,8 @@ class PlatePattern:
         shown = np.asarray(self.picture.linear(part), np.float32)
         if self.mean is not None:
             rows = slice(part.row, part.row + part.height)
-            calm = self.mean[rows, part.column : part.column + part.width].astype(np.float32)
-        else:
-            calm = self._smooth(part)
-        return shown, shown + np.float32(self.strength) * (calm - shown)
+            return shown, self.mean[rows, part.column : part.column + part.width].astype(np.float32)
+        return shown, shown + np.float32(self.strength) * (self._smooth(part) - shown)
 
     def _smooth(self, part: Rectangle) -> Floats:
         """Return a part blurred by `_SIGMA_M` on level ground, row by row."""
