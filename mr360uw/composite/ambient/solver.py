@@ -22,6 +22,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import NODES
 from mr360uw.composite.ambient.directions import blurred, radiance_towards
+from mr360uw.composite.ambient.glossy import reflected_among
 from mr360uw.composite.ambient.ground_kernel import gather, shown
 from mr360uw.composite.ambient.knot_values import CHANNELS
 from mr360uw.composite.ambient.light_table import light_table
@@ -112,15 +113,19 @@ class Solver:
             for plain, view, radiance in zip(self._plain, views, self._radiance, strict=True)
         ]
         shade: list[Floats] = [np.zeros((len(plain), 3)) for plain in direct]
+        change: list[Floats] = [np.zeros((len(view.node), 3)) for view in views]
         sent = self._sent(irradiance)
         steps = BOUNCES if any(view.sites.nnz or view.ground.nnz for view in views) else 0
         for step in range(steps):
             if step == 1:
-                shade = self._shade(sent)
+                change = self._ground_change(sent)
+                shade = [
+                    view.ground @ (self._floor(k) * c) for k, (view, c) in enumerate(zip(views, change, strict=True))
+                ]
             found = [d + view.sites @ sent + s for d, view, s in zip(direct, views, shade, strict=True)]
             irradiance = np.concatenate(found)
             sent = self._sent(irradiance)
-        values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
+        values = self._values(np.maximum(irradiance, 0.0), sent, change) if self._shot.draw.ambient_occlusion else None
         none: tuple[None, ...] = (None,) * len(self._shot.objects)
         down = tuple(self._sent_down(k, sent) for k in layout.ground_bodies)
         ambient = self._shot.environment.ambient
@@ -130,7 +135,7 @@ class Solver:
         """Return the ratio (sites, 3) of irradiance were every site in a hollow of its own openness v and reflectance:
         v/(1 - rho (1 - v)); 1 in a white or an open one.
         """
-        seen = np.concatenate([view.visible[:, :1] for view in self._layout.views])
+        seen = np.concatenate([view.visible[:, None] for view in self._layout.views])
         return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
@@ -171,14 +176,14 @@ class Solver:
         key = (self._layout, what, towards.tobytes())
         return self._cache.get("ambient sun", key, lambda: self._layout.shaded(place, towards), keep=256)
 
-    def _shade(self, sent: Floats) -> list[Floats]:
-        """Return what the shaded ground adds (S, 3) to the sites of every body, negative where it takes."""
+    def _ground_change(self, sent: Floats) -> list[Floats]:
+        """Return the relative change (NODES^2, 3) of the light on the ground at the nodes of every body, from -1 on."""
         down = tuple(self._sent_down(k, sent) for k in self._layout.ground_bodies)
         sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
-        shade: list[Floats] = []
-        for number, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True)):
+        changes: list[Floats] = []
+        for number, view in enumerate(self._layout.views):
             if len(view.node) == 0:
-                shade.append(np.zeros((len(body.transfer.cosine), 3)))
+                changes.append(np.zeros((0, 3)))
                 continue
             key = (self._layout, number)
             swept = self._cache.get("ambient nodes", key, functools.partial(self._layout.sweep, view.node), keep=64)
@@ -189,12 +194,16 @@ class Solver:
                 beam = self._beam(view.node) * max(float(sun.direction[1]), 0.0)
                 change = change - beam * self._shaded(("nodes", number), view.node)[:, None]
                 before = before + beam
-            away = view.node - body.center
-            floor = environment_lookup(self._shot.environment.residual, away / np.linalg.norm(away, axis=-1)[:, None])
-            shade.append(view.ground @ (floor * np.maximum(change / before, -1.0)))
-        return shade
+            changes.append(np.maximum(change / before, -1.0))
+        return changes
 
-    def _values(self, irradiance: Floats, sent: Floats) -> tuple[NDArray[np.float32] | None, ...]:
+    def _floor(self, number: int) -> Floats:
+        """Return the radiance (NODES^2, 3) of the ground without bodies at the nodes of a body."""
+        away = self._layout.views[number].node - self._layout.bodies[number].center
+        towards = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        return environment_lookup(self._shot.environment.residual, towards)
+
+    def _values(self, irradiance: Floats, sent: Floats, change: list[Floats]) -> tuple[NDArray[np.float32] | None, ...]:
         layout = self._layout
         values: list[NDArray[np.float32] | None] = []
         for k, (body, view) in enumerate(zip(layout.bodies, layout.views, strict=True)):
@@ -205,9 +214,11 @@ class Solver:
             of_sites = np.zeros((len(plain), CHANNELS))
             least = 1e-3 * plain.max() + 1e-9
             of_sites[:, :3] = np.minimum((irradiance[part] + least) / (plain + least), _BRIGHTEST)
-            of_sites[:, 3:5] = view.visible[:, :2]
-            of_sites[:, 5:8] = view.visible[:, 2:] @ body.rotation.T
-            of_sites[:, 8:11] = (view.sites @ sent) / body.transfer.whole[:, None]
+            of_sites[:, 4:7] = of_sites[:, :3]
+            if len(self._shot.environment.glossy) and body.placed.mesh.glossy:
+                camera = self._shot.view.position
+                mirrored = reflected_among(body, view, camera, self._radiance[k], sent, change[k])
+                of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
             values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
         return tuple(values)
 

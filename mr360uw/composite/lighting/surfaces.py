@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.ambient.knot_values import reflected_light
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.shading import dielectric_f0, highlight, lobe_axis, reflectance
 from mr360uw.composite.raycast.geometry import Hits
@@ -104,10 +103,10 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     mirrors = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
     albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
     axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
-    ratio, seen, instead = reflected_light(among_bodies, axis)
+    ratio = among_bodies[:, :3]
     if len(environment.glossy):
         reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, axis, hits.roughness)
-        reflected = reflected * seen + instead
+        reflected = reflected * among_bodies[:, 4:7] + among_bodies[:, 8:11]
     else:
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]

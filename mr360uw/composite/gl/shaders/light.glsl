@@ -70,7 +70,7 @@ Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, s
 #if defined(GLOSSY)
     vec3 reflected = glossy_lookup(glossy, level, axis);
 #if defined(AMONG_BODIES)
-    reflected = reflected_among(among, reflected, axis);
+    reflected = reflected * among.kept + among.instead;
 #endif
 #else
     vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI * among.ratio;
