@@ -59,9 +59,8 @@ class BodyView:
     lost: (S, COUNT) sparse, irradiance that each direction's radiance does not add. sites: (S, all sites) sparse, what
     each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below add. back: (NODES^2, S)
     sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S,) fraction of the
-    irradiance from free directions. node: (NODES^2, 3) places of the
-    nodes in the world, or none. met: (S, COUNT) sparse int32, for glossy bodies what each direction meets: the number of
-    a site plus one, or minus that of a node minus one.
+    irradiance from free directions. node: (NODES^2, 3) places of the nodes in the world, or none. met: (S, COUNT)
+    sparse int32, of glossy bodies, numbers of what directions meet: of a site plus 1, or minus that of a node minus 1.
     """
 
     lost: Any

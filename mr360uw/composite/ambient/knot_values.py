@@ -3,10 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from mr360uw.types import Floats
-
 CHANNELS = 12
 """Values of a knot: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
 besides (3), 0."""
