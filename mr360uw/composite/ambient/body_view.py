@@ -60,7 +60,7 @@ class BodyView:
     each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below add. back: (NODES^2, S)
     sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S,) fraction of the
     irradiance from free directions. node: (NODES^2, 3) places of the nodes in the world, or none. met: (S, COUNT)
-    sparse int32, of glossy bodies, numbers of what directions meet: of a site plus 1, or minus that of a node minus 1.
+    sparse int32 of glossy bodies, None of others, numbers of what directions meet: site plus 1, or minus node minus 1.
     """
 
     lost: Any
@@ -99,7 +99,7 @@ def body_view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], g
     weight = transfer.cosine[site, direction]
     node, onto, back = _ground(body, place, free, ground_y)
     below = csr_matrix((transfer.cosine[onto[0], onto[1]], (onto[0], onto[2])), shape=(count, len(node)))
-    met = csr_matrix((0, COUNT), dtype=np.int32)
+    met: Any = None
     if body.placed.mesh.glossy:
         number_met = np.concatenate([hit + 1, -onto[2] - 1]).astype(np.int32)
         rows, columns = (np.concatenate([a, b]) for a, b in ((site, onto[0]), (direction, onto[1])))
