@@ -26,8 +26,6 @@ _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
 """Height of the nodes above the ground over the body's radius."""
-_COUPLING_TERMS = 4
-"""Terms of visibility over a surface: its mean over directions and its change along three axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,9 +58,9 @@ class BodyView:
 
     lost: (S, COUNT) sparse, irradiance that each direction's radiance does not add. sites: (S, all sites) sparse, what
     each site of the layout adds instead. ground: (S, NODES^2) sparse, how the nodes below add. back: (NODES^2, S)
-    sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S, 5) fraction of the
-    irradiance from free directions, then visibility as a + b.d in the body's axes. node: (NODES^2, 3) places of the
-    nodes in the world, or none.
+    sparse, irradiance that radiance of the body's own sites adds to the nodes. visible: (S,) fraction of the
+    irradiance from free directions. node: (NODES^2, 3) places of the nodes in the world, or none. met: (S, COUNT)
+    sparse int32 of glossy bodies, None of others, numbers of what directions meet: site plus 1, or minus node minus 1.
     """
 
     lost: Any
@@ -71,6 +69,7 @@ class BodyView:
     back: Any
     visible: Floats
     node: Floats
+    met: Any
 
     @property
     def nothing(self) -> bool:
@@ -98,14 +97,21 @@ def body_view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], g
     site, direction, hit = (np.concatenate([np.zeros(0, np.int64), *column]) for column in zip(*parts, strict=True)) \
         if parts else np.zeros((3, 0), np.int64)  # fmt: skip
     weight = transfer.cosine[site, direction]
-    node, ground, back = _ground(body, place, free, ground_y)
+    node, onto, back = _ground(body, place, free, ground_y)
+    below = csr_matrix((transfer.cosine[onto[0], onto[1]], (onto[0], onto[2])), shape=(count, len(node)))
+    met: Any = None
+    if body.placed.mesh.glossy:
+        number_met = np.concatenate([hit + 1, -onto[2] - 1]).astype(np.int32)
+        rows, columns = (np.concatenate([a, b]) for a, b in ((site, onto[0]), (direction, onto[1])))
+        met = csr_matrix((number_met, (rows, columns)), shape=(count, COUNT))
     return BodyView(
         lost=csr_matrix((weight, (site, direction)), shape=(count, COUNT)),
         sites=csr_matrix((weight, (site, hit)), shape=(count, int(first[-1]))),
-        ground=ground,
+        ground=below,
         back=back,
-        visible=_visibility(transfer, site, direction, weight),
+        visible=1.0 - np.bincount(site, weight, count) / np.maximum(transfer.whole, 1e-12),
         node=node,
+        met=met,
     )
 
 
@@ -159,13 +165,18 @@ def _towards(
     return site, near[direction]
 
 
-def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None) -> tuple[Floats, Any, Any]:
-    """Return the nodes (NODES^2, 3) on the ground below a body, how they add to its sites, and its sites to them."""
+def _ground(
+    body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float | None
+) -> tuple[Floats, tuple[NDArray[np.int64], ...], Any]:
+    """Return the nodes (NODES^2, 3) on the ground below a body, (site, direction, node) of what sites see of them, and
+    how the body's sites add to them.
+    """
     from scipy.sparse import csr_matrix
 
     count, center, radius = len(place), body.center, body.radius
     if ground_y is None or body.field is None or not -radius < center[1] - ground_y < (1.0 + _NEAR_GROUND) * radius:
-        return np.zeros((0, 3)), csr_matrix((count, 0)), csr_matrix((0, count))
+        none = np.zeros(0, np.int64)
+        return np.zeros((0, 3)), (none, none, none), csr_matrix((0, count))
     half = _NODE_REACH * radius + _REACH_WITH_HEIGHT * max(center[1] - radius - ground_y, 0.0)
     line = ((np.arange(NODES) + 0.5) / NODES * 2.0 - 1.0) * half
     x, z = np.meshgrid(center[0] + line, center[2] + line, indexing="ij")
@@ -180,9 +191,8 @@ def _ground(body: Body, place: Floats, free: NDArray[np.bool_], ground_y: float 
     i, j = (start[axis][site] + far * run[:, axis][direction] + 0.5 * NODES for axis in (0, 2))
     inside = (i >= 0.0) & (i < NODES) & (j >= 0.0) & (j < NODES)
     site, direction, i, j = site[inside], direction[inside], i[inside], j[inside]
-    weight = body.transfer.cosine[site, direction]
     number = i.astype(np.int64) * NODES + j.astype(np.int64)
-    return node, csr_matrix((weight, (site, number)), shape=(count, len(node))), _sent_down(body, node)
+    return node, (site, direction, number), _sent_down(body, node)
 
 
 def _sent_down(body: Body, node: Floats) -> Any:
@@ -202,28 +212,3 @@ def _sent_down(body: Body, node: Floats) -> Any:
     site, _, _ = met_sites(body.transfer, origin[hit], rays[hit], triangle[hit])
     weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
     return csr_matrix((weight, (number[hit], site)), shape=(len(node), len(body.transfer.cosine)))
-
-
-def _visibility(
-    transfer: Transfer, site: NDArray[np.int64], direction: NDArray[np.int64], weight: NDArray[np.float32]
-) -> Floats:
-    """Return (S, 5): the visible fraction of uniform light, and visibility as a linear function of direction.
-
-    The function is the one nearest to what is visible, weighted by the cosine.
-    """
-    count = len(transfer.cosine)
-    visible = np.zeros((count, 1 + _COUPLING_TERMS))
-    visible[:, :2] = 1.0
-    touched = np.unique(site)
-    if len(touched) == 0:
-        return visible
-    d = directions()
-    terms = np.concatenate([np.ones((COUNT, 1)), d], axis=1)
-    cosine = transfer.cosine[touched].astype(np.float64)
-    whole = cosine @ (terms[:, :, None] * terms[:, None, :]).reshape(COUNT, -1)
-    whole = whole.reshape(-1, _COUPLING_TERMS, _COUPLING_TERMS)
-    lost = np.stack([np.bincount(site, weight * terms[direction, k], count) for k in range(_COUPLING_TERMS)], -1)
-    whole += 1e-3 * whole[:, :1, :1] * np.eye(_COUPLING_TERMS)
-    visible[touched, 0] = 1.0 - lost[touched, 0] / np.maximum(cosine.sum(axis=1), 1e-12)
-    visible[touched, 1:] -= np.linalg.solve(whole, lost[touched][..., None])[..., 0]
-    return visible

@@ -16,6 +16,7 @@ from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice, stand_ins
 from mr360uw.composite.ambient.store import kept_on_disk
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
+from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast.geometry import base_color, gather
 from mr360uw.composite.raycast.rays import RayScene, barycentric
@@ -50,7 +51,7 @@ class Transfer:
 
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum. own:
     pairs that the mesh blocks itself. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic,
-    index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
+    roughness, index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
     """
 
     lattice: Lattice
@@ -59,6 +60,7 @@ class Transfer:
     base: Floats
     emission: Floats
     metallic: Floats
+    roughness: Floats
     index: Floats
     whole: Floats
     scene: RayScene
@@ -87,8 +89,8 @@ def make_transfer(mesh: Mesh) -> Transfer:
     cosine = np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE
     # their sum is that of the integral, so that uniform light stays uniform
     cosine = (cosine * (np.pi / cosine.sum(axis=1, keepdims=True))).astype(np.float32)
-    base, emission, metallic, index = _colors(mesh, lattice)
-    bare = Transfer(lattice, cosine, Pairs(*np.zeros((3, 0), np.int64)), base, emission, metallic, index,
+    base, emission, metallic, roughness, index = _colors(mesh, lattice)
+    bare = Transfer(lattice, cosine, Pairs(*np.zeros((3, 0), np.int64)), base, emission, metallic, roughness, index,
                     cosine.sum(axis=1), scene, solid, mesh)  # fmt: skip
     own = kept_on_disk(
         (mesh.positions, mesh.normals, solid, np.array([COUNT, _VERSION])), ("site", "direction", "hit", "behind"),
@@ -141,22 +143,26 @@ def met_sites(
     return transfer.sites_at(triangle, weights, behind), distance, behind
 
 
-def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return base colour (S, 3), emission (S, 3), metallic (S,) and index (S,) at sites, maps averaged about them."""
+def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
+    """Return base colour (S, 3), emission (S, 3), metallic (S,), roughness (S,) and index (S,) at sites, maps averaged
+    about them.
+    """
     geometry = gather([PlacedObject(mesh, np.eye(4))], np.zeros(3))
     uv = mesh.uv[lattice.triangle]
     steps = lattice.places[lattice.triangle, 3].astype(np.float64)[:, None]
     change = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], axis=1) / steps[..., None]
     base = base_color(geometry, lattice.triangle, lattice.weights, change)
     of = mesh.material[lattice.triangle]
-    factors = np.array([(*m.emission, _mean_metallic(m), m.refractive_index) for m in mesh.materials])
+    factors = np.array([(*m.emission, *_mean_factors(m), m.refractive_index) for m in mesh.materials])
     emission = factors[of, :3]
     for number, m in enumerate(mesh.materials):
         if m.emission_map is not None:
             emission[of == number] *= m.emission_map.levels[-1].reshape(-1, 4)[0, :3]
-    return np.clip(base[:, :3], 0.0, 1.0), emission, factors[of, 3], factors[of, 4]
+    return np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T
 
 
-def _mean_metallic(material: Any) -> float:
+def _mean_factors(material: Material) -> tuple[float, float]:
+    """Return the mean metallic and roughness of a material."""
     map_ = material.metallic_roughness_map
-    return float(material.metallic * (1.0 if map_ is None else map_.levels[-1].reshape(-1, 4)[0, 2]))
+    _, rough, metallic = np.ones(3) if map_ is None else map_.levels[-1].reshape(-1, 4)[0, :3]
+    return float(material.metallic * metallic), float(material.roughness * rough)

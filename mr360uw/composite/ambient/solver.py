@@ -11,7 +11,6 @@ white box.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +24,7 @@ from mr360uw.composite.ambient.directions import blurred, radiance_towards
 from mr360uw.composite.ambient.ground_kernel import gather, shown
 from mr360uw.composite.ambient.knot_values import CHANNELS
 from mr360uw.composite.ambient.light_table import light_table
+from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
@@ -116,13 +116,14 @@ class Solver:
         steps = BOUNCES if any(view.sites.nnz or view.ground.nnz for view in views) else 0
         for step in range(steps):
             if step == 1:
-                shade = self._shade(sent)
+                down = self._down(sent)
+                shade = [view.ground @ (self._floor(k) * self._ground_change(k, down)) for k, view in enumerate(views)]
             found = [d + view.sites @ sent + s for d, view, s in zip(direct, views, shade, strict=True)]
             irradiance = np.concatenate(found)
             sent = self._sent(irradiance)
         values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
         none: tuple[None, ...] = (None,) * len(self._shot.objects)
-        down = tuple(self._sent_down(k, sent) for k in layout.ground_bodies)
+        down = self._down(sent)
         ambient = self._shot.environment.ambient
         return AmbientLight(layout, none if values is None else values, self._table, down, ambient)
 
@@ -130,7 +131,7 @@ class Solver:
         """Return the ratio (sites, 3) of irradiance were every site in a hollow of its own openness v and reflectance:
         v/(1 - rho (1 - v)); 1 in a white or an open one.
         """
-        seen = np.concatenate([view.visible[:, :1] for view in self._layout.views])
+        seen = np.concatenate([view.visible[:, None] for view in self._layout.views])
         return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
@@ -171,28 +172,31 @@ class Solver:
         key = (self._layout, what, towards.tobytes())
         return self._cache.get("ambient sun", key, lambda: self._layout.shaded(place, towards), keep=256)
 
-    def _shade(self, sent: Floats) -> list[Floats]:
-        """Return what the shaded ground adds (S, 3) to the sites of every body, negative where it takes."""
-        down = tuple(self._sent_down(k, sent) for k in self._layout.ground_bodies)
+    def _down(self, sent: Floats) -> tuple[Floats, ...]:
+        """Return `AmbientLight.sent`."""
+        return tuple(self._sent_down(k, sent) for k in self._layout.ground_bodies)
+
+    def _ground_change(self, number: int, down: tuple[Floats, ...]) -> Floats:
+        """Return the relative change (NODES^2, 3) of the light on the ground at the nodes of a body, from -1 on."""
+        node, layout = self._layout.views[number].node, self._layout
+        if len(node) == 0:
+            return np.zeros((0, 3))
         sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
-        shade: list[Floats] = []
-        for number, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True)):
-            if len(view.node) == 0:
-                shade.append(np.zeros((len(body.transfer.cosine), 3)))
-                continue
-            key = (self._layout, number)
-            swept = self._cache.get("ambient nodes", key, functools.partial(self._layout.sweep, view.node), keep=64)
-            lost, _ = light_lost(self._layout, self._table, down, view.node, np.tile(up, (len(view.node), 1)), swept)
-            before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
-            change = -lost
-            if sun is not None:
-                beam = self._beam(view.node) * max(float(sun.direction[1]), 0.0)
-                change = change - beam * self._shaded(("nodes", number), view.node)[:, None]
-                before = before + beam
-            away = view.node - body.center
-            floor = environment_lookup(self._shot.environment.residual, away / np.linalg.norm(away, axis=-1)[:, None])
-            shade.append(view.ground @ (floor * np.maximum(change / before, -1.0)))
-        return shade
+        swept = self._cache.get("ambient nodes", (layout, number), lambda: layout.sweep(node), keep=64)
+        lost, _ = light_lost(layout, self._table, down, node, np.tile(up, (len(node), 1)), swept)
+        before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
+        change = -lost
+        if sun is not None:
+            beam = self._beam(node) * max(float(sun.direction[1]), 0.0)
+            change = change - beam * self._shaded(("nodes", number), node)[:, None]
+            before = before + beam
+        return np.maximum(change / before, -1.0)
+
+    def _floor(self, number: int) -> Floats:
+        """Return the radiance (NODES^2, 3) of the ground without bodies at the nodes of a body."""
+        away = self._layout.views[number].node - self._layout.bodies[number].center
+        towards = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        return environment_lookup(self._shot.environment.residual, towards)
 
     def _values(self, irradiance: Floats, sent: Floats) -> tuple[NDArray[np.float32] | None, ...]:
         layout = self._layout
@@ -205,9 +209,12 @@ class Solver:
             of_sites = np.zeros((len(plain), CHANNELS))
             least = 1e-3 * plain.max() + 1e-9
             of_sites[:, :3] = np.minimum((irradiance[part] + least) / (plain + least), _BRIGHTEST)
-            of_sites[:, 3:5] = view.visible[:, :2]
-            of_sites[:, 5:8] = view.visible[:, 2:] @ body.rotation.T
-            of_sites[:, 8:11] = (view.sites @ sent) / body.transfer.whole[:, None]
+            of_sites[:, 4:7] = of_sites[:, :3]
+            if len(self._shot.environment.glossy) and body.placed.mesh.glossy:
+                camera = self._shot.view.position
+                change = self._ground_change(k, self._down(sent))
+                mirrored = reflected_among(body, view, camera, self._radiance[k], sent, change)
+                of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
             values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
         return tuple(values)
 

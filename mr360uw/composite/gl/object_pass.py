@@ -143,6 +143,7 @@ class ObjectPass:
         buffers = self._buffers(mesh)
         defines = {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
         defines |= {"AMONG_BODIES": 1} if mesh in bodies.among else {}
+        defines |= {"SMOOTH": 1} if mesh.glossy else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,

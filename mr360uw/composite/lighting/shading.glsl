@@ -1,5 +1,6 @@
 // twin: shading.py
 const float MINIMUM_ALPHA = 0.002;
+const float PIXEL_POINT = 0.28867513;  // 1/sqrt(12)
 
 float ggx_distribution(float n_dot_h, float alpha) {
     float squared = alpha * alpha;
@@ -28,6 +29,11 @@ vec3 lobe_axis(vec3 normal, vec3 view, float n_dot_v, float roughness) {
 vec3 reflectance(vec3 f0, vec2 split) {
     vec3 single = f0 * split.x + grazing_reflectance(f0) * split.y;
     return single * (1.0 + f0 * (1.0 / max(split.x + split.y, 1e-3) - 1.0));
+}
+
+float resolved_alpha(float roughness, vec3 columns, vec3 rows) {
+    float squared = roughness * roughness;
+    return sqrt(min(max(squared * squared, (dot(columns, columns) + dot(rows, rows)) / 24.0), 1.0));
 }
 
 vec3 highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_dot_h, float v_dot_h, float half_angle) {

@@ -22,6 +22,8 @@ from mr360uw.types import Floats
 
 MINIMUM_ALPHA = 0.002
 """Least width of a lobe: narrower ones are not resolved in single precision."""
+PIXEL_POINTS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]) / np.sqrt(12.0)
+"""Places (4, 2) in a pixel, from its middle, of the Gauss-Legendre quadrature that is exact for cubic functions."""
 
 
 def dielectric_f0(refractive_index: ArrayLike, medium_index: float) -> Floats:
@@ -76,6 +78,13 @@ def reflectance(f0: Floats, split: Floats) -> Floats:
     """
     single = f0 * split[..., :1] + grazing_reflectance(f0) * split[..., 1:]
     return single * (1.0 + f0 * (1.0 / np.maximum(split[..., :1] + split[..., 1:], 1e-3) - 1.0))
+
+
+def resolved_alpha(roughness: Floats, change: Floats) -> Floats:
+    """Return the width (n,) of a lobe whose normals change by `change` (n, 2, 3) over a pixel: at least half of what
+    the normals at `PIXEL_POINTS` are apart, or a highlight could fall between them.
+    """
+    return np.sqrt(np.minimum(np.maximum(roughness**4, np.sum(change**2, axis=(-1, -2)) / 24.0), 1.0))
 
 
 def highlight(

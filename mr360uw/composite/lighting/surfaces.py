@@ -14,9 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.ambient.knot_values import reflected_light
-from mr360uw.composite.lighting.arrival import LightSource
-from mr360uw.composite.lighting.shading import dielectric_f0, highlight, lobe_axis, reflectance
+from mr360uw.composite.lighting.arrival import Arrival, LightSource
+from mr360uw.composite.lighting.shading import (
+    PIXEL_POINTS,
+    dielectric_f0,
+    highlight,
+    lobe_axis,
+    reflectance,
+    resolved_alpha,
+)
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI
@@ -104,10 +110,10 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     mirrors = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
     albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
     axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
-    ratio, seen, instead = reflected_light(among_bodies, axis)
+    ratio = among_bodies[:, :3]
     if len(environment.glossy):
         reflected = glossy_lookup(environment.glossy, environment.glossy_roughness, axis, hits.roughness)
-        reflected = reflected * seen + instead
+        reflected = reflected * among_bodies[:, 4:7] + among_bodies[:, 8:11]
     else:
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
@@ -131,13 +137,25 @@ def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> 
     waves = source.pattern(hits.point, hits.footprint_m)
     irradiance = arrival.irradiance * seen[:, None] * waves
     n_dot_l = np.maximum(n_dot_l, 0.0)
-    half = coat.view + arrival.direction
-    half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
-    n_dot_h, v_dot_h = (np.clip(np.sum(a * half, -1), 0.0, 1.0) for a in (hits.normal, coat.view))
-    lobe = highlight(coat.f0, hits.roughness**2, coat.n_dot_v, n_dot_l, n_dot_h, v_dot_h, arrival.half_angle_rad)
-    diffuse, glossy = coat.albedo * INV_PI * irradiance * n_dot_l[:, None], lobe * irradiance
+    diffuse, glossy = coat.albedo * INV_PI * irradiance * n_dot_l[:, None], _highlight(arrival, hits, coat) * irradiance
     pattern = (diffuse + glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
     return Reflected(source.variable, diffuse, glossy, pattern)
+
+
+def _highlight(arrival: Arrival, hits: Hits, coat: _Coat) -> Floats:
+    """Return the mean highlight (n, 3) of pixels for an irradiance of 1."""
+    half = coat.view + arrival.direction
+    half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
+    v_dot_h, alpha = np.clip(np.sum(coat.view * half, -1), 0.0, 1.0), resolved_alpha(hits.roughness, hits.normal_change)
+    total = np.zeros_like(hits.normal)
+    for place in PIXEL_POINTS:
+        normal = hits.normal + np.einsum("k,nkc->nc", place, hits.normal_change)
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+        n_dot_v = np.clip(np.sum(normal * coat.view, -1), 1e-3, 1.0)
+        n_dot_l = np.maximum(np.sum(normal * arrival.direction, -1), 0.0)
+        n_dot_h = np.clip(np.sum(normal * half, -1), 0.0, 1.0)
+        total += highlight(coat.f0, alpha, n_dot_v, n_dot_l, n_dot_h, v_dot_h, arrival.half_angle_rad)
+    return total / len(PIXEL_POINTS)
 
 
 def water_ahead(shot: Shot, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:

@@ -16,6 +16,10 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.types import Floats, Rectangle
 
+LARGEST_CHANGE = 1.0
+"""Most that a normal is taken to change over a pixel: at a silhouette the next pixel does not show the triangle's
+plane."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
@@ -88,7 +92,7 @@ class Hits:
     triangle, object: indices. weights: (n, 3) barycentric. behind: hit from the back. point: (n, 3) [m] from the
     camera. distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second is
     interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of a pixel at that
-    distance.
+    distance. normal_change: (n, 2, 3) of the interpolated normal over a pixel, along its columns and rows.
     """
 
     triangle: NDArray[np.int64]
@@ -108,6 +112,7 @@ class Hits:
     occlusion: Floats
     refractive_index: Floats
     footprint_m: Floats
+    normal_change: Floats
 
 
 def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
@@ -140,6 +145,20 @@ def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats
     return np.where(np.isfinite(change), np.clip(change, -1e3, 1e3), 1e3)
 
 
+def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours: Floats) -> Floats:
+    """Return the change (n, 2, 3) over a pixel of interpolated unit normals (n, 3), along its columns and rows.
+
+    normals: (n, 3, 3) of the corners. neighbours: rays (n, 2, 3) half a pixel away, as the filter of textures is wide.
+    """
+    change = np.empty((len(normal), 2, 3))
+    for k in range(2):
+        there, _ = barycentric(triangles, neighbours[:, k])
+        beside = np.einsum("nc,nck->nk", there, normals)
+        change[:, k] = 2.0 * (beside / np.maximum(np.linalg.norm(beside, axis=-1, keepdims=True), 1e-12) - normal)
+    size = np.linalg.norm(change, axis=-1, keepdims=True)
+    return change * np.minimum(1.0, LARGEST_CHANGE / np.maximum(size, 1e-12))
+
+
 def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, pixel: float) -> Hits:
     """Return the surfaces at frame coordinates (n,) on given triangles; pixel: filter width of textures [pixels]."""
     direction = shot.view.directions(x, y)
@@ -155,6 +174,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
     side = -np.sign(np.sum(flat * direction, -1, keepdims=True))
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
     count = len(triangle)
     metallic, roughness, occlusion, index = (np.empty(count) for _ in range(4))
     emission = np.empty((count, 3))
@@ -192,6 +212,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
         occlusion=occlusion,
         refractive_index=index,
         footprint_m=distance * np.pi / shot.view.height * pixel,
+        normal_change=turning * side[..., None],
     )
 
 

@@ -2,9 +2,8 @@
 // and composite/ambient/knot_values.py.
 struct Among {
     vec3 ratio;  // of irradiance
-    float visible;
-    vec4 about;  // visibility as a + b.d
-    vec3 instead;  // light of what blocks
+    vec3 kept;  // ratio of glossy light
+    vec3 instead;  // radiance that is reflected besides
 };
 
 int knot_row(int steps, int i) {
@@ -27,19 +26,13 @@ ivec3 knots_at(vec4 places, vec3 weights, out vec3 shares) {
 Among among_bodies(sampler2D list, int first, vec4 places, vec3 weights) {
     vec3 shares;
     ivec3 knots = first + 3 * knots_at(places, weights, shares);
-    vec4 a = vec4(0.0), b = vec4(0.0), c = vec4(0.0);
+    Among among = Among(vec3(0.0), vec3(0.0), vec3(0.0));
     for (int k = 0; k < 3; ++k) {
-        a += shares[k] * listed(list, knots[k]);
+        among.ratio += shares[k] * listed(list, knots[k]).rgb;
 #if defined(GLOSSY)
-        b += shares[k] * listed(list, knots[k] + 1);
-        c += shares[k] * listed(list, knots[k] + 2);
+        among.kept += shares[k] * listed(list, knots[k] + 1).rgb;
+        among.instead += shares[k] * listed(list, knots[k] + 2).rgb;
 #endif
     }
-    return Among(a.rgb, a.a, b, c.rgb);
-}
-
-vec3 reflected_among(Among among, vec3 reflected, vec3 axis) {
-    float seen = clamp(among.about.x + dot(among.about.yzw, axis), 0.0, 1.0);
-    float hidden = (1.0 - seen) / max(1.0 - among.visible, 1e-4);
-    return reflected * seen + among.instead * hidden;
+    return among;
 }

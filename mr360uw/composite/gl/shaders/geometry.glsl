@@ -31,7 +31,10 @@ struct Surface {
     float footprint_m;
     vec3 weights;
     bool behind;
+    vec3 normal_change[2];  // over a pixel, along columns and rows; of glossy meshes
 };
+
+const float LARGEST_CHANGE = 0.5;
 
 // an entry of a list in rows of 2048 texels: shifts, because software drivers divide integers one lane at a time
 vec4 listed(sampler2D list, int index) {
@@ -55,6 +58,13 @@ mat3x2 fetch_uv(sampler2D triangles, int first) {
 
 vec2 uv_change(Facet facet, mat3x2 uv, vec2 here, vec3 neighbour) {
     return clamp(uv * barycentric(facet, neighbour).xyz - here, -1e3, 1e3);
+}
+
+// normals: of the corners. neighbour: ray half a pixel away
+vec3 normal_change(Facet facet, mat3 normals, vec3 normal, vec3 neighbour) {
+    vec3 beside = normals * barycentric(facet, neighbour).xyz;
+    vec3 change = 2.0 * (beside / max(length(beside), 1e-12) - normal);
+    return change * min(1.0, LARGEST_CHANGE / max(length(change), 1e-12));
 }
 
 vec4 base_color(sampler2D triangles, sampler2D materials, sampler2D store, Triangle triangle, vec3 weights,
@@ -100,9 +110,13 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     vec3 flat_normal = normalize(cross(e1, e2));
     float side = -sign(dot(flat_normal, direction));
     s.geometric_normal = flat_normal * side;
-    vec3 normal = hit.x * listed(triangles, triangle.first + 1).xyz + hit.y * listed(triangles, triangle.first + 4).xyz
-                + hit.z * listed(triangles, triangle.first + 7).xyz;
-    normal = normalize(mat3(placed) * normal);
+    mat3 normals = mat3(placed) * mat3(listed(triangles, triangle.first + 1).xyz, listed(triangles, triangle.first + 4).xyz,
+                                       listed(triangles, triangle.first + 7).xyz);
+    vec3 normal = normalize(normals * hit.xyz);
+#if defined(SMOOTH)
+    s.normal_change[0] = side * normal_change(facet, normals, normal, next_column);
+    s.normal_change[1] = side * normal_change(facet, normals, normal, next_row);
+#endif
     int row = triangle.material * MATERIAL_TEXELS;
     vec4 factors = listed(materials, row + 1);
     s.metallic = factors.x;

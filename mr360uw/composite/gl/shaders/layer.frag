@@ -86,7 +86,7 @@ void main() {
     Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place),
                         world_direction(place + vec2(filter_width, 0.0)), world_direction(place + vec2(0.0, filter_width)),
                         PI / frame_size.y * filter_width);
-    Among among = Among(vec3(1.0), 1.0, vec4(1.0, 0.0, 0.0, 0.0), vec3(0.0));
+    Among among = Among(vec3(1.0), vec3(1.0), vec3(0.0));
 #if defined(AMONG_BODIES)
     int first_value = int(numbers.y) + (s.behind ? 3 * int(numbers.z) : 0);
     among = among_bodies(bodies, first_value, listed(triangles, triangle.first + 10), s.weights);

@@ -70,7 +70,7 @@ Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, s
 #if defined(GLOSSY)
     vec3 reflected = glossy_lookup(glossy, level, axis);
 #if defined(AMONG_BODIES)
-    reflected = reflected_among(among, reflected, axis);
+    reflected = reflected * among.kept + among.instead;
 #endif
 #else
     vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI * among.ratio;
@@ -87,7 +87,19 @@ vec3 reflected_light(Coat coat, Surface s, vec3 towards, vec3 irradiance, float 
     float n_dot_l = max(dot(s.normal, towards), 0.0);
     vec3 half_vector = coat.view + towards;
     half_vector /= max(length(half_vector), 1e-9);
-    float n_dot_h = clamp(dot(s.normal, half_vector), 0.0, 1.0), v_dot_h = clamp(dot(coat.view, half_vector), 0.0, 1.0);
-    vec3 lobe = highlight(coat.f0, s.roughness * s.roughness, coat.n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle);
+    float v_dot_h = clamp(dot(coat.view, half_vector), 0.0, 1.0);
+#if defined(SMOOTH)
+    float alpha = resolved_alpha(s.roughness, s.normal_change[0], s.normal_change[1]);
+    vec3 lobe = vec3(0.0);
+    for (int k = 0; k < 4; ++k) {
+        vec2 place = PIXEL_POINT * vec2((k & 1) == 0 ? -1.0 : 1.0, k < 2 ? -1.0 : 1.0);
+        vec3 normal = normalize(s.normal + place.x * s.normal_change[0] + place.y * s.normal_change[1]);
+        lobe += 0.25 * highlight(coat.f0, alpha, clamp(dot(normal, coat.view), 1e-3, 1.0),
+                                 max(dot(normal, towards), 0.0), clamp(dot(normal, half_vector), 0.0, 1.0), v_dot_h, half_angle);
+    }
+#else
+    vec3 lobe = highlight(coat.f0, s.roughness * s.roughness, coat.n_dot_v, n_dot_l,
+                          clamp(dot(s.normal, half_vector), 0.0, 1.0), v_dot_h, half_angle);
+#endif
     return (coat.albedo * INV_PI * n_dot_l + lobe) * irradiance;
 }
