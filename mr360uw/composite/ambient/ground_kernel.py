@@ -23,11 +23,11 @@ UNNOTICED, NOTICED = 0.012, 0.036
 """A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres;
 from the second on it shows whole."""
 _HALF = 0.5
-_PIECES = 8
+PIECES = 8
 _UNSEEN = 0.003
-"""A body whose ball cannot block more than this fraction is passed over: far less than what is shown of one."""
-_HALVED, _QUARTERED = 4.0, 9.0
-"""From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
+"""A body that cannot block more than this fraction is passed over: far less than what is shown of one."""
+_HALVED, _QUARTERED, _STRIDE_HALVED = 2.0, 4.5, 4.0
+"""From so many half widths on, half and a quarter of the azimuths do, and half of the steps along them."""
 
 
 def shown(blocked: Floats) -> Floats:
@@ -56,6 +56,18 @@ def _width_at(a: Any, b: Any, hu: Any, hv: Any) -> Any:
             least, most = min(least, away), max(most, away)
         first, width = middle + least, most - least
     return first, width
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def most_blocked(squared: Any, beside: Any, wide_squared: Any, highest: Any) -> Any:
+    """Return a bound on the fraction of uniform light that a body blocks on level ground: all of the azimuths of its
+    plan's circle, up to the highest elevation. Squares of the horizontal distances to the plan's middle and to the plan,
+    and of the circle's radius; height of the body's upper end above the place.
+    """
+    if highest <= 0.0:
+        return 0.0
+    turn = np.arcsin(np.sqrt(wide_squared / squared)) / np.pi if squared > wide_squared else 1.0
+    return turn * highest * highest / (beside + highest * highest)
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
@@ -108,18 +120,19 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
     ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
     turn = np.arctan2(uz, ux)
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
-    highest, radius_squared = cells[..., 2].max(), hu * hu + hv * hv
-    radius_squared += (cells[..., 2].max() - cells[..., 1].min()) ** 2 / 4.0
+    highest, wide_squared = cells[..., 2].max(), hu * hu + hv * hv
+    radius_squared = wide_squared + (highest - cells[..., 1].min()) ** 2 / 4.0
     for k in range(len(point)):
         x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
         a, b = x * ux + z * uz, z * ux - x * uz
         begins[k, 2] = 0.0
         squared = a * a + b * b
-        if radius_squared * (highest - y) < _UNSEEN * squared * np.sqrt(squared):
+        beside = max(abs(a) - hu, 0.0) ** 2 + max(abs(b) - hv, 0.0) ** 2
+        if most_blocked(squared, beside, wide_squared, highest - y) < _UNSEEN:
             continue
         apart = squared / radius_squared
         fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
-        count = AZIMUTHS // fewer
+        count, stride_cells = AZIMUTHS // fewer, 2.0 if apart > _STRIDE_HALVED * _STRIDE_HALVED else 1.0
         first, width = _width_at(a, b, hu, hv)
         step = width / count
         begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
@@ -132,7 +145,7 @@ def sweep(point: Any, origin: Any, frame: Any, cells: Any, begins: Any, blocked:
             end = min(max(a0, a1), max(b0, b1))
             low, high, most = 1e30, -1e30, 0.0
             if end > begin:
-                stride = min(fewer, 2) / max(abs(da) / cu, abs(db) / cv)
+                stride = stride_cells / max(abs(da) / cu, abs(db) / cv)
                 at = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
                 steps = stride * da / cu, stride * db / cv
                 low, high, most = _slopes(cells, y, begin, end, stride, at, steps)
@@ -178,7 +191,7 @@ def _add_sums(table: Any, azimuth: Any, elevation: Any, weights: Any, factor: An
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
+def cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
     """Set the pieces of an interval that the bodies before the m-th leave at an azimuth; return how many there are."""
     piece[0, 0], piece[0, 1] = low, high
     pieces = 1
@@ -193,7 +206,7 @@ def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azi
             if taken < b and until > a:
                 if taken > a:
                     piece[p, 1] = taken
-                    if until < b and pieces < _PIECES:
+                    if until < b and pieces < PIECES:
                         piece[pieces, 0], piece[pieces, 1] = until, b
                         pieces += 1
                 else:
@@ -208,7 +221,7 @@ def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out
     begins, blocked: (bodies, n, ...) of `sweep`. table: (azimuths, elevations + 1, 3, channels), P of the light, and
     weights (n, 3) the normals; or both of one component, where the normals are the same and P is taken along them.
     """
-    piece = np.empty((_PIECES, 2))
+    piece = np.empty((PIECES, 2))
     for k in range(len(normal)):
         nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
         upright = nx == 0.0 and nz == 0.0 and ny > 0.0
@@ -232,7 +245,7 @@ def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out
                         continue
                 if high <= low:
                     continue
-                pieces = _cut(piece, low, high, begins[:, k], blocked[:, k], m, azimuth)
+                pieces = cut(piece, low, high, begins[:, k], blocked[:, k], m, azimuth)
                 for p in range(pieces):
                     if piece[p, 1] > piece[p, 0]:
                         _add_sums(table, azimuth, piece[p, 1], weights[k], share * step, out[m, k])
