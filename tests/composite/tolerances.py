@@ -37,6 +37,10 @@ BALL_SHARE = 0.012
 BOX_SHARE, BOX_CONTACT = 0.02, 0.05
 """The same of boxes against 4096 rays (0.004): an upright wall's end may be off by half an azimuth, and at its foot by a
 part of a cell of the plan."""
+BETWEEN_SAMPLES = 0.004
+"""Root mean square error of the ground's ambient light between samples: their tolerance, half a code. It was 0.002."""
+AT_OUTLINES = 0.02
+"""Places within a sample's distance of a box's outline, and below a body, where what it sends down varies fast."""
 MONOTONE = 0.001
 """Steps upwards of that share along a radius: a tenth of what the eye sees in an 8-bit video (quadrature over azimuth)."""
 REDDENED = 0.03
@@ -70,10 +74,10 @@ PIXEL_HOLES = 1e-3
 """Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
-BLOCK_CODES = 18.0
+BLOCK_CODES = 14.0
 """Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
 the sun map. Ambient light jumps at the foot of an upright wall. With corners alone it is 30 to 100."""
-BLOCK_ERROR = 0.16
+BLOCK_ERROR = 0.12
 """Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.09 to 0.14 for balls a few
 pixels wide. With corners alone 0.3 and 2."""
 EDGE_CODES = 1.2

@@ -15,6 +15,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from mr360uw.composite.ambient.body_bound import most_blocked
 from mr360uw.types import Floats
 
 AZIMUTHS = 32
@@ -56,18 +57,6 @@ def _width_at(a: Any, b: Any, hu: Any, hv: Any) -> Any:
             least, most = min(least, away), max(most, away)
         first, width = middle + least, most - least
     return first, width
-
-
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def most_blocked(squared: Any, beside: Any, wide_squared: Any, highest: Any) -> Any:
-    """Return a bound on the fraction of uniform light that a body blocks on level ground: all of the azimuths of its
-    plan's circle, up to the highest elevation. Squares of the horizontal distances to the plan's middle and to the plan,
-    and of the circle's radius; height of the body's upper end above the place.
-    """
-    if highest <= 0.0:
-        return 0.0
-    turn = np.arcsin(np.sqrt(wide_squared / squared)) / np.pi if squared > wide_squared else 1.0
-    return turn * highest * highest / (beside + highest * highest)
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]

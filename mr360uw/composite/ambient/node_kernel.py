@@ -13,8 +13,8 @@ import numpy as np
 def between_nodes(place: Any, values: Any, out: Any) -> None:
     """Set `out` (n, c) to values (k, k, c) of a grid of nodes at places (n, 2), 0 to k - 1.
 
-    Cubic through the nodes with half the difference of the neighbours as slope (Catmull & Rom 1974), so that the light
-    has no bends along lines of nodes; never outside the range of the four nodes around.
+    A cubic spline through the nodes whose slopes there are half the differences of their neighbours: light has no bends
+    along lines of nodes. It is cut to the range of the four nodes around.
     """
     last = values.shape[0] - 1
     weight, index = np.zeros((2, 4)), np.zeros((2, 4), np.int64)

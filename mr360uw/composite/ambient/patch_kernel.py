@@ -12,7 +12,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from mr360uw.composite.ambient.ground_kernel import most_blocked
+from mr360uw.composite.ambient.body_bound import most_blocked
 
 _compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 _inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
@@ -20,8 +20,7 @@ NOTHING, SMOOTH_PATCH, JUMP_PATCH = 0, 1, 2
 """Kinds of patches: where no light is blocked, biquadratic, and bilinear between samples."""
 
 _LARGEST = 1.6
-"""Largest side of a square over its distance to a body, or over a quarter of the body's width: twice as large, squares
-miss the foot of a body."""
+"""Largest side of a square over its distance to a body: twice as large, squares pass over what bodies block."""
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
@@ -69,8 +68,10 @@ def look_up(place: Any, roots: Any, child: Any, kind: Any, sample: Any, values: 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def find_hanging(place: Any, roots: Any, child: Any, kind: Any, eps: Any, leaf: Any, at: Any) -> None:
-    """Set for each sample at a place (n, 2) in root squares the largest patch around it, -1 if it is one of its samples,
-    its depth (leaf (n, 2)), and the place in it (at (n, 2)). eps: a length below half the finest spacing.
+    """Find the largest patch around each sample at a place (n, 2) in root squares.
+
+    leaf: (n, 2) set to its node, -1 if the sample is one of its own, and its depth. at: (n, 2) set to the place in it.
+    eps: a length below half the finest spacing.
     """
     for n in range(len(place)):
         best = 1 << 30
@@ -102,10 +103,10 @@ def set_hanging(hanging: Any, leaf: Any, at: Any, kind: Any, sample: Any, values
 def survey(low: Any, size: Any, bodies: Any, camera: Any, least: Any, bound: Any, coarsest: Any, seen_m: Any) -> None:
     """Find what bodies ask of squares of ground with low corners (n, 2) and one size [m].
 
-    bodies: (m, 8), middle x and z of the plan, unit vector along its first side, both half sides, and the heights of the
-    lower end (0 if it is in the ground) and of the upper end above the ground.
-    Sets bound (n,) on the blocked fraction, the size [m] of a square that the nearest feature asks for (n,) of bodies that
-    block more than `least`, and the distance [m] (n,) from the camera (3,), relative to the ground.
+    bodies: (m, 8), middle x and z of the plan, unit vector along its first side, both half sides, and the heights of
+    lower and upper end above the ground, at least 0. camera: (3,), its height above the ground.
+    bound: (n,) set to a bound on the blocked fraction. coarsest: (n,) to the largest size [m] of a square near
+    bodies that may block more than `least` there. seen_m: (n,) to the distance from the camera.
     """
     for n in range(len(low)):
         x0, z0 = low[n, 0], low[n, 1]

@@ -2,8 +2,8 @@
 """Level ground around bodies in nested squares, fine where the light that they block changes fast.
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
-falls with the third power of its size; so where the prediction misses by less than eight times the tolerance, the square
-does. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
+falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
+itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ from mr360uw.types import Floats
 
 TOLERANCE = 0.004
 """Largest error of the blocked fraction between samples: less than a code value."""
-_PREDICTED = 8.0
+_PREDICTED = 4.0
+"""Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
 _ROOTS = 4
 """Squares along the longer side of the ground around all bodies, before they are quartered."""
 _DEEPEST = 16
 """Most times that a square is quartered."""
-_FINEST = 1.0
+_FINEST = 0.5
 """Least distance of samples, in pixels across the frame."""
 _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 """Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
@@ -80,8 +81,9 @@ class Patches:
 
 
 def make_patches(layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
-    """Return the patches of ground at a height around the bodies of a layout, as fine as a camera (3,) in the world whose
-    pixels are `pixel_rad` wide needs them, and as far from it as `extent_m`.
+    """Return the patches of ground at a height around the bodies of a layout, as far from a camera as `extent_m`.
+
+    camera: (3,) of `camera_place`, in the world. pixel_rad: width of its pixels, which samples are not much finer than.
     """
     return _Builder(layout, ground_y, camera, pixel_rad, extent_m).build()
 
@@ -133,8 +135,8 @@ class _Builder:
         )
 
     def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
-        """Return samples, kinds and which are quartered of the squares (n, 2) of one depth; and the quarters with what is
-        predicted at their samples.
+        """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
+        quarters with what is predicted (m, 9, k) at their samples.
         """
         size = self._root_m / 2**depth
         bound, coarsest, seen_m = np.zeros((3, len(square)))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light that bodies block at places of level ground as weights on the sky, so that light that changes costs one product.
+"""Light that bodies block at places of level ground, as weights on the sky: new light then costs one product.
 
     E_blocked = sum_(a, e) w_(a, e) Q(a, e)        Q(a, e) = int_0^e L(a, e') |sin e'| cos e' de'
 
-with a, e the nodes of a table and w from the intervals of ground_kernel.py: +1 at an interval's end that is farther from
-the horizon, -1 at the other, times the width of the azimuth, bilinear between nodes.
+with a, e the nodes of a table and w from the intervals of ground_kernel.py: +1 at the end of an interval that is
+farther from the horizon, -1 at the other, times the width of the azimuth, bilinear between nodes.
 """
 
 from __future__ import annotations
