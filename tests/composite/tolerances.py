@@ -42,7 +42,11 @@ EXACT_BOX = 0.012
 SHEETS = 0.012
 """The same of walls without thickness, which have one of a hundredth of their half length."""
 RING = 0.02
-"""The same of a ring, whose hole is known to a part of a cell of the plan: .017. As one interval an azimuth it is .3."""
+"""The same of a ring, whose hole is known to a part of a cell of the plan: .017."""
+BETWEEN_SAMPLES = 0.004
+"""Root mean square error of the ground's ambient light between samples: their tolerance, half a code. It was 0.002."""
+AT_OUTLINES = 0.02
+"""Places within a sample's distance of a box's outline, and below a body, where what it sends down varies fast."""
 MONOTONE = 0.001
 """Steps upwards of that share along a radius: a tenth of what the eye sees in an 8-bit video (quadrature over azimuth)."""
 REDDENED = 0.03
@@ -76,11 +80,11 @@ PIXEL_HOLES = 1e-3
 """Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
-BLOCK_CODES = 18.0
+BLOCK_CODES = 14.0
 """Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
 the sun map. Ambient light jumps at the foot of an upright wall. With corners alone it is 30 to 100."""
-BLOCK_ERROR = 0.16
-"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.09 to 0.14 for balls a few
+BLOCK_ERROR = 0.14
+"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.09 to 0.13 for balls a few
 pixels wide. With corners alone 0.3 and 2."""
 EDGE_CODES = 1.2
 """Root mean square error of edge pixels in codes: coverage by 65 samples, times the contrast to the plate, leaves 0.9;

@@ -14,6 +14,7 @@ from mr360uw.composite.ambient.body_view import NODES, Body, BodyView, body_view
 from mr360uw.composite.ambient.height_field import make_height_field
 from mr360uw.composite.ambient.height_sweep import AZIMUTHS, sweep
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.ambient.node_kernel import between_nodes
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -47,18 +48,13 @@ class Layout:
         return begins, blocked
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
-        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): bilinear, those of the edge beyond."""
+        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): cubic, those of the edge beyond."""
+        out = np.zeros((len(points), values.shape[-1]))
         node = self.views[number].node
-        if len(node) == 0:
-            return np.zeros((len(points), values.shape[-1]))
-        low, high = node[0], node[-1]
-        at = (points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1)
-        at = np.clip(at, 0.0, NODES - 1.001)
-        i, j = at.astype(np.int64).T
-        u, v = (at - np.floor(at)).T[..., None]
-        first = values[i, j] * (1.0 - v) + values[i, j + 1] * v
-        second = values[i + 1, j] * (1.0 - v) + values[i + 1, j + 1] * v
-        return first * (1.0 - u) + second * u
+        if len(node):
+            place = (points - node[0])[:, [0, 2]] / (node[-1] - node[0])[[0, 2]] * (NODES - 1)
+            between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
+        return out
 
     def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
         """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""

@@ -20,7 +20,7 @@ from mr360uw.types import Floats
 UNNOTICED, NOTICED = 0.012, 0.036
 """A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres;
 from the second on it shows whole."""
-_PIECES = 8
+PIECES = 8
 
 
 def shown(blocked: Floats) -> Floats:
@@ -66,7 +66,7 @@ def _add_sums(table: Any, azimuth: Any, elevation: Any, weights: Any, factor: An
 
 
 @_inlined  # type: ignore[untyped-decorator, unused-ignore]
-def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
+def cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
     """Set the pieces of an interval that the bodies before the m-th leave at an azimuth; return how many there are."""
     piece[0, 0], piece[0, 1] = low, high
     pieces = 1
@@ -83,7 +83,7 @@ def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azi
                 if taken < b and until > a:
                     if taken > a:
                         piece[p, 1] = taken
-                        if until < b and pieces < _PIECES:
+                        if until < b and pieces < PIECES:
                             piece[pieces, 0], piece[pieces, 1] = until, b
                             pieces += 1
                     else:
@@ -111,7 +111,7 @@ def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out
     begins, blocked: (bodies, n, ...) of `sweep`. table: (azimuths, elevations + 1, 3, channels), P of the light, and
     weights (n, 3) the normals; or both of one component, where the normals are the same and P is taken along them.
     """
-    piece = np.empty((_PIECES, 2))
+    piece = np.empty((PIECES, 2))
     for k in range(len(normal)):
         upright = normal[k, 0] == 0.0 and normal[k, 2] == 0.0 and normal[k, 1] > 0.0
         for m in range(len(begins)):
@@ -128,7 +128,7 @@ def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out
                     low, high = _horizon(normal[k], azimuth, low, high)
                 if high <= low:
                     continue
-                pieces = _cut(piece, low, high, begins[:, k], blocked[:, k], m, azimuth)
+                pieces = cut(piece, low, high, begins[:, k], blocked[:, k], m, azimuth)
                 for p in range(pieces):
                     if piece[p, 1] > piece[p, 0]:
                         _add_sums(table, azimuth, piece[p, 1], weights[k], share * step, out[m, k])

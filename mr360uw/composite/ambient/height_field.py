@@ -44,6 +44,16 @@ class HeightField:
     outline: Floats
     squares: Floats
 
+    @property
+    def lowest_m(self) -> float:
+        """Least height of the body."""
+        return float(self.squares[..., 4].min())
+
+    @property
+    def highest_m(self) -> float:
+        """Greatest height of the body."""
+        return float(self.squares[..., 8].max())
+
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""

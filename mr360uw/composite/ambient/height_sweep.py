@@ -10,6 +10,8 @@ from typing import Any
 import numba
 import numpy as np
 
+from mr360uw.composite.ambient.body_bound import most_blocked
+
 AZIMUTHS, _FROM_OUTSIDE = 32, 24
 """Azimuths all around a place within the outline of a body, and over its width from outside. With 24 within, light
 blocked by a box rises by .003 from its middle outwards; the time grows with both.
@@ -17,7 +19,7 @@ blocked by a box rises by .003 from its middle outwards; the time grows with bot
 _HALF, _LEAST = 0.5, 0.25
 """Covered fraction at which a body begins and ends along a ray; from the second on a narrow part blocks a share."""
 _UNSEEN = 0.003
-"""A body whose ball cannot block more than this fraction is passed over: far less than what is shown of one."""
+"""A body that cannot block more than this fraction is passed over: far less than what is shown of one."""
 _HALVED, _QUARTERED = 4.0, 9.0
 """From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
 STEP = 4
@@ -194,16 +196,17 @@ def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begin
     turn = np.arctan2(uz, ux)
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
     highest, lowest = squares[..., 8].max(), squares[..., 4].min()
-    radius_squared = hu * hu + hv * hv
-    tiny = _ON_EDGE * radius_squared
-    radius_squared += (highest - lowest) ** 2 / 4.0
+    wide_squared = hu * hu + hv * hv
+    tiny = _ON_EDGE * wide_squared
+    radius_squared = wide_squared + (highest - lowest) ** 2 / 4.0
     found = np.zeros((2, 2))
     for k in range(len(point)):
         x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
         a, b = x * ux + z * uz, z * ux - x * uz
         begins[k, 2] = 0.0
         squared = a * a + b * b
-        if radius_squared * (highest - y) < _UNSEEN * squared * np.sqrt(squared):
+        beside = max(abs(a) - hu, 0.0) ** 2 + max(abs(b) - hv, 0.0) ** 2
+        if most_blocked(squared, beside, wide_squared, highest - y) < _UNSEEN:
             continue
         apart = squared / radius_squared
         fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1

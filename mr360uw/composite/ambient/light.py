@@ -10,8 +10,12 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
 from mr360uw.composite.ambient.ground_height import ground_heights
+from mr360uw.composite.ambient.ground_kernel import shown
+from mr360uw.composite.ambient.light_table import level_table
+from mr360uw.composite.ambient.patches import Patches, camera_place, make_patches
 from mr360uw.composite.ambient.solver import AmbientLight, Solver
 from mr360uw.composite.shot import Shot
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
 _PLACES_AT_ONCE = 1 << 14
@@ -55,3 +59,33 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
         swept = cache.get("ambient sweep", key, functools.partial(layout.sweep, places[part]), keep)
         free[part] = light.free(places[part], normals[part], swept)
     return free.reshape(point.shape)
+
+
+def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
+    """Return what `free_of_bodies` does; on level ground interpolated between samples, within `patches.TOLERANCE`.
+
+    cache: keeps the samples and what bodies block there.
+    """
+    receiver = shot.receiver
+    if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
+        return free_of_bodies(shot, light, point, normal, cache)
+    camera = camera_place(shot.view.position, receiver.plane_y)
+    asked = receiver.plane_y, camera, 2.0 * np.pi / shot.view.width, receiver.extent_m
+    key = (light.layout, receiver.plane_y, camera.tobytes(), shot.view.width, receiver.extent_m)
+    patches = cache.get("ambient patches", key, lambda: make_patches(light.layout, *asked))
+    up = bool(camera[1] >= receiver.plane_y)
+    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches, up)))
+    return patches.between(values, point.reshape(-1, 3) + shot.view.position, 1.0).reshape(point.shape)
+
+
+def _free_at(light: AmbientLight, patches: Patches, up: bool) -> Floats:
+    """Return the fraction (samples, 3) of the ambient light that bodies leave at the samples of patches."""
+    blocked, layout = patches.blocked, light.layout
+    table = level_table(light.table[..., :3], up=up).reshape(-1, 3)
+    lost = (blocked.weights @ table.astype(np.float32)).astype(np.float64)
+    for k, radiance, share in zip(layout.ground_bodies, light.sent, blocked.share, strict=True):
+        some = np.flatnonzero(share)
+        lost[some] -= np.pi * share[some, None] * layout.at_nodes(k, radiance, patches.place[some])
+    normal = np.array([[0.0, 1.0 if up else -1.0, 0.0]])
+    whole = np.maximum(environment_lookup(light.ambient, normal), 1e-9)
+    return np.asarray(1.0 - shown(blocked.share.sum(axis=0))[:, None] * lost / whole)

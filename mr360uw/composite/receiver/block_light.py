@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import free_of_bodies
+from mr360uw.composite.ambient.light import free_between
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
@@ -48,7 +48,7 @@ def corner_light(
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
         corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
-    corner[j, i, FREE] = free_of_bodies(shot, light, point, normal, cache)
+    corner[j, i, FREE] = free_between(shot, light, point, normal, cache)
     corner[j, i, SEEN] = 1.0
     return corner
 
@@ -106,7 +106,7 @@ def _missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
 def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
     """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
     point, normal = (np.asarray(a, np.float64) for a in places)
-    return free_of_bodies(shot, light, point, normal, cache).astype(np.float32)
+    return free_between(shot, light, point, normal, cache).astype(np.float32)
 
 
 def enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:

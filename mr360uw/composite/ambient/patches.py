@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Level ground around bodies in nested squares, fine where the light that they block changes fast.
+
+A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
+falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
+itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.ground_kernel import UNNOTICED, shown
+from mr360uw.composite.ambient.light_table import glow_table
+from mr360uw.composite.ambient.patch_kernel import (
+    JUMP_PATCH,
+    NOTHING,
+    SMOOTH_PATCH,
+    find_hanging,
+    look_up,
+    set_hanging,
+    survey,
+)
+from mr360uw.composite.ambient.sky_weights import SkyWeights, sky_weights
+from mr360uw.types import Floats
+
+TOLERANCE = 0.004
+"""Largest error of the blocked fraction between samples: less than a code value."""
+_PREDICTED = 4.0
+"""Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
+_ROOTS = 4
+"""Squares along the longer side of the ground around all bodies, before they are quartered."""
+_DEEPEST = 16
+"""Most times that a square is quartered."""
+_FINEST = 0.5
+"""Least distance of samples, in pixels across the frame."""
+_CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
+"""Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
+_AT = 0.25 * np.arange(3) + 0.5 * np.arange(2)[:, None]
+_QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), _AT * (2.0 * _AT - 1.0)], axis=-1)
+"""Weights (2, 3, 3) of a side's three samples at those of its halves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """Nested squares. low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of
+    them. child: (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
+
+    place: (samples, 3) [m] in the world; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
+    """
+
+    low: Floats
+    root_m: float
+    roots: NDArray[np.int64]
+    child: NDArray[np.int32]
+    kind: NDArray[np.int8]
+    sample: NDArray[np.int32]
+    place: Floats
+    blocked: SkyWeights
+    hanging: NDArray[np.int64]
+    leaf: NDArray[np.int64]
+    at: Floats
+
+    def joined(self, values: Floats) -> Floats:
+        """Return values at the samples (samples, k) as the patches need them, so that they meet without a step."""
+        values = values.copy()
+        set_hanging(self.hanging, self.leaf, self.at, self.kind, self.sample, values)
+        return values
+
+    def between(self, values: Floats, points: Floats, elsewhere: float) -> Floats:
+        """Return joined values at points (n, 3) of the world, (n, k); `elsewhere` where bodies block nothing."""
+        out = np.full((len(points), values.shape[-1]), elsewhere)
+        place = (points[:, [0, 2]] - self.low) / self.root_m
+        look_up(place, self.roots, self.child, self.kind, self.sample, values, out)
+        return out
+
+
+def make_patches(layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
+    """Return the patches of ground at a height around the bodies of a layout, as far from a camera as `extent_m`.
+
+    camera: (3,) of `camera_place`, in the world. pixel_rad: width of its pixels, which samples are not much finer than.
+    """
+    return _Builder(layout, ground_y, camera, pixel_rad, extent_m).build()
+
+
+def camera_place(camera: Floats, ground_y: float) -> Floats:
+    """Return the place (3,) of a camera rounded to about a quarter of its height, from which patches are as fine."""
+    step = 2.0 ** np.round(np.log2(max(abs(camera[1] - ground_y), _LOWEST_M))) * _CAMERA_STEP
+    return np.asarray(np.round(camera / step) * step)
+
+
+class _Builder:
+    """Quarters squares, one depth after the other."""
+
+    def __init__(self, layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> None:
+        self._layout, self._ground_y, self._up = layout, ground_y, bool(camera[1] >= ground_y)
+        self._camera, self._pixel_rad, self._extent_m = camera - [0.0, ground_y, 0.0], pixel_rad, extent_m
+        self._bodies = _plans(layout, ground_y)
+        wide = np.hypot(self._bodies[:, 4], self._bodies[:, 5])
+        reach = (wide + np.cbrt(wide * self._bodies[:, 7] ** 2 * len(self._bodies) / (2.0 * UNNOTICED)))[:, None]
+        low, high = ((self._bodies[:, :2] + way * reach) for way in (-1.0, 1.0))
+        low, high = low.min(axis=0), high.max(axis=0)
+        self._root_m = 2.0 ** np.ceil(np.log2(max(float((high - low).max()), 1e-6) / _ROOTS))
+        first = np.floor(low / self._root_m).astype(np.int64)
+        self._roots = np.floor(high / self._root_m).astype(np.int64) + 1 - first
+        self._low = first * self._root_m
+        self._keys, self._number = np.zeros(0, np.int64), np.zeros(0, np.int64)
+        self._place, self._parts = np.zeros((0, 3)), list[SkyWeights]()
+        self._value = np.zeros((0, glow_table().shape[-1]))
+
+    def build(self) -> Patches:
+        """Return the patches."""
+        square = np.stack(np.meshgrid(*(np.arange(n) for n in self._roots), indexing="ij"), axis=-1).reshape(-1, 2)
+        predicted = np.full((len(square), 9, self._value.shape[1]), np.inf)
+        levels, count = [], len(square)
+        for depth in range(_DEEPEST + 1):
+            sample, kind, split, square, predicted = self._one_depth(square, predicted, depth)
+            child = np.full(len(kind), -1, np.int32)
+            child[split] = count + 4 * np.arange(len(split))
+            levels.append((sample, kind, child))
+            count += len(square)
+            if len(square) == 0:
+                break
+        sample, kind, child = (np.concatenate(column) for column in zip(*levels, strict=True))
+        hanging, leaf, at = self._hanging(child, kind)
+        weights = np.concatenate([part.weights for part in self._parts])
+        blocked = SkyWeights(weights, np.concatenate([part.share for part in self._parts], axis=1))
+        return Patches(
+            self._low, self._root_m, self._roots, child, kind, sample, self._place, blocked, hanging, leaf, at
+        )
+
+    def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
+        """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
+        quarters with what is predicted (m, 9, k) at their samples.
+        """
+        size = self._root_m / 2**depth
+        bound, coarsest, seen_m = np.zeros((3, len(square)))
+        survey(self._low + square * size, size, self._bodies, self._camera, TOLERANCE, bound, coarsest, seen_m)
+        there = np.flatnonzero((bound > UNNOTICED) & (seen_m <= self._extent_m + np.abs(self._camera[1])))
+        sample, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
+        sample[there] = self._sampled(square[there], depth)
+        value = self._value[sample[there]]
+        jump = np.abs(value - predicted[there]).max(axis=(1, 2), initial=0.0) > _PREDICTED * TOLERANCE
+        kind[there] = np.where(jump, JUMP_PATCH, SMOOTH_PATCH)
+        wanted = (jump | (size > coarsest[there])) & (0.25 * size >= _FINEST * self._pixel_rad * seen_m[there])
+        split = there[wanted & (depth < _DEEPEST)]
+        quarters = (2 * square[split][:, None] + [[0, 0], [0, 1], [1, 0], [1, 1]]).reshape(-1, 2)
+        corners = value[wanted & (depth < _DEEPEST)].reshape(-1, 3, 3, value.shape[-1])
+        of_quarters = np.einsum("aiu,bjv,nuvk->nabijk", _QUARTERS, _QUARTERS, corners, optimize=True)
+        return sample, kind, split, quarters, of_quarters.reshape(len(quarters), 9, value.shape[-1])
+
+    def _sampled(self, square: NDArray[np.int64], depth: int) -> NDArray[np.int64]:
+        """Return the numbers (n, 9) of the samples of squares; sweeps what bodies block at new ones."""
+        nine = 2 * square[:, None] + np.stack(np.divmod(np.arange(9), 3), axis=-1)
+        nine <<= _DEEPEST - depth
+        key = (nine[..., 0] << 32) + nine[..., 1]
+        asked, first = np.unique(key, return_index=True)
+        new = ~np.isin(asked, self._keys, assume_unique=True)
+        if np.any(new):
+            place = np.full((np.count_nonzero(new), 3), self._ground_y)
+            place[:, [0, 2]] = self._low + nine.reshape(-1, 2)[first[new]] * (self._root_m / 2 ** (_DEEPEST + 1))
+            table = glow_table()
+            found = sky_weights(self._layout, place, table[..., 0], up=self._up)
+            part = shown(found.share.sum(axis=0))[:, None]
+            value = part * (found.weights @ table.reshape(-1, table.shape[-1]).astype(np.float32)) / np.pi
+            numbers = np.concatenate([self._number, len(self._place) + np.arange(len(place))])
+            self._keys = np.concatenate([self._keys, asked[new]])
+            order = np.argsort(self._keys)
+            self._keys, self._number = self._keys[order], numbers[order]
+            self._place, self._value = np.concatenate([self._place, place]), np.concatenate([self._value, value])
+            self._parts.append(found)
+        return self._number[np.searchsorted(self._keys, key)]
+
+    def _hanging(self, child: NDArray[np.int32], kind: NDArray[np.int8]) -> tuple[NDArray[Any], ...]:
+        """Return the samples on the sides of larger patches, those patches, and the places in them."""
+        leaf, at = np.zeros((len(self._place), 2), np.int64), np.zeros((len(self._place), 2))
+        place = (self._place[:, [0, 2]] - self._low) / self._root_m
+        find_hanging(place, self._roots, child, kind, 0.25 / 2 ** (_DEEPEST + 1), leaf, at)
+        hanging = np.flatnonzero(leaf[:, 0] >= 0)
+        hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
+        return hanging, leaf[hanging, 0], at[hanging]
+
+
+def _plans(layout: Layout, ground_y: float) -> Floats:
+    """Return what `patch_kernel.survey` takes of the bodies that the ground sees, (m, 8)."""
+    plans = np.zeros((len(layout.ground_bodies), 8))
+    for plan, number in zip(plans, layout.ground_bodies, strict=True):
+        body = layout.bodies[number]
+        assert body.field is not None
+        frame, lowest, highest = body.field.frame, body.field.lowest_m, body.field.highest_m
+        plan[:6] = frame
+        plan[:2] += body.origin[[0, 2]]
+        plan[6:] = np.maximum(np.array([lowest, highest]) + body.origin[1] - ground_y, 0.0)
+    return plans

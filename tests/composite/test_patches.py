@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Blocked light between samples on level ground, against the sweep of every place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.body_bound import most_blocked
+from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
+from mr360uw.composite.ambient.light_table import glow_table
+from mr360uw.composite.ambient.patch_kernel import SMOOTH_PATCH
+from mr360uw.composite.ambient.patches import camera_place, make_patches
+from mr360uw.composite.ambient.sky_weights import sky_weights
+from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.types import Floats
+from tests.composite import tolerances as tol
+from tests.composite.scenes import box, changed, environment, placed, shot, sphere
+
+FLOOR_Y_M = -1.2
+
+
+@pytest.fixture(scope="module")
+def scene() -> Shot:
+    """A ball on the ground, one above it that hides the first from some places, and a turned box."""
+    bodies = (
+        placed(sphere(radius=0.3), (0.4, -0.9, -1.8)),
+        placed(sphere(radius=0.2), (0.5, -0.4, -1.3)),
+        placed(box((0.5, 0.3, 0.4)), (-0.6, -1.0, -1.7), (25, 0, 0)),
+    )
+    return shot(*bodies, width=1024, environment=environment(), receiver=Receiver(plane_y=FLOOR_Y_M))
+
+
+def places(rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
+    """Return points of the ground around the bodies, and normals, each (count, 3)."""
+    x, z = rng.uniform(-2.5, 2.5, count), rng.uniform(-4.0, 0.5, count)
+    return np.stack([x, np.full(count, FLOOR_Y_M), z], axis=-1), np.tile([0.0, 1.0, 0.0], (count, 1))
+
+
+def test_values_between_samples_are_those_of_every_place(scene: Shot, rng: np.random.Generator) -> None:
+    """Also where one body hides another; places at the box's outline, where light jumps, are few."""
+    cache, (point, normal) = Cache(), places(rng, 8000)
+    light = ambient_light(scene, cache)
+    each = free_of_bodies(scene, light, point, normal, cache)
+    wrong = np.abs(free_between(scene, light, point, normal, cache) - each).max(axis=-1)
+    assert np.abs(1.0 - each).max() > 0.5
+    assert np.sqrt(np.mean(wrong**2)) < tol.BETWEEN_SAMPLES
+    assert np.mean(wrong > 4.0 * tol.BETWEEN_SAMPLES) < tol.AT_OUTLINES
+
+
+def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.random.Generator) -> None:
+    """Any values at the samples: to both sides of the lines of all squares they are the same."""
+    light = ambient_light(scene, Cache())
+    assert light is not None
+    patches = make_patches(light.layout, FLOOR_Y_M, camera_place(np.zeros(3), FLOOR_Y_M), 2.0 * np.pi / 256, 8.0)
+    assert len(patches.hanging) > 0
+    patches.kind[patches.kind > 0] = SMOOTH_PATCH
+    values = patches.joined(rng.uniform(size=(len(patches.place), 1)))
+    size = patches.root_m / 2**5
+    across = patches.low[0] + size * np.arange(1, int(patches.roots[0]) * 2**5)
+    along = patches.low[1] + patches.root_m * patches.roots[1] * rng.uniform(size=400)
+    x, z = (g.ravel() for g in np.meshgrid(across, along, indexing="ij"))
+    point, step = np.stack([x, np.full_like(x, FLOOR_Y_M), z], axis=-1), np.array([1e-9, 0.0, 0.0])
+    beside = [patches.between(values, point + way * step, np.nan) for way in (-1.0, 1.0)]
+    there = np.isfinite(beside[0]) & np.isfinite(beside[1])
+    assert np.count_nonzero(there) > 1000
+    np.testing.assert_allclose(beside[0][there], beside[1][there], atol=1e-5)
+
+
+def test_new_light_keeps_what_is_sampled(
+    scene: Shot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And gives what it gives with nothing kept."""
+    cache, (point, normal) = Cache(), places(rng, 200)
+    free_between(scene, ambient_light(scene, cache), point, normal, cache)
+    new = changed(scene, environment=environment(0.3))
+    expected = free_between(new, ambient_light(new, Cache()), point, normal, Cache())
+    light = ambient_light(new, cache)
+    monkeypatch.setattr(Layout, "sweep", None)
+    np.testing.assert_array_equal(free_between(new, light, point, normal, cache), expected)
+
+
+@pytest.mark.parametrize("height", [0.002, 0.3, 2.0])
+def test_no_light_is_lost_beyond_the_bound(rng: np.random.Generator, height: float) -> None:
+    """A flat card reaches to its corners; a tall box far."""
+    card = placed(box((1.0, height, 0.4)), (0.0, FLOOR_Y_M + 0.5 * height, -1.5), (30, 0, 0))
+    scene = shot(card, width=1024, environment=environment(1.0), receiver=Receiver(plane_y=FLOOR_Y_M))
+    light = ambient_light(scene, Cache())
+    assert light is not None
+    point, _ = places(rng, 3000)
+    (field,) = (body.field for body in light.layout.bodies if body.field is not None)
+    away = point[:, [0, 2]] - light.layout.bodies[0].origin[[0, 2]] - field.frame[:2]
+    along, across = away @ field.frame[2:4], away @ [-field.frame[3], field.frame[2]]
+    beside = sum(
+        np.maximum(np.abs(a) - half, 0.0) ** 2 for a, half in zip((along, across), field.frame[4:], strict=True)
+    )
+    share = sky_weights(light.layout, point, glow_table()[..., 0], up=True).share[0]
+    wide, top = float(field.frame[4] ** 2 + field.frame[5] ** 2), height
+    bound = [most_blocked(float(s), float(b), wide, top) for s, b in zip(along**2 + across**2, beside, strict=True)]
+    assert share.max() > 0.9
+    assert np.all(share <= np.array(bound) + tol.QUADRATURE)
