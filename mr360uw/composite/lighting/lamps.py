@@ -15,7 +15,8 @@ import numpy as np
 
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.shadow import basis, disc_offsets
+from mr360uw.composite.lighting.footprint import moved
+from mr360uw.composite.lighting.shadow import basis, disc_offsets, pixel_offsets
 from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
@@ -82,24 +83,24 @@ class LampSource:
         """Return 1: waves do not refract this light."""
         return np.ones((len(point), 3))
 
-    def visibility(self, start: Floats) -> Floats:
+    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the ball, taken as a disc that faces each point."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
         offsets = self._lamp.radius_m * disc_offsets(self._samples)
-        away = self._place - start
-        axes = _axes(away)
+        axes = _axes(self._place - start)
         seen = np.zeros(len(start))
-        for across, along in offsets:
-            to = away + across * axes[:, 0] + along * axes[:, 1]
+        for (across, along), place in zip(offsets, pixel_offsets(len(offsets)), strict=True):
+            begin = moved(start, sides, place)
+            to = self._place - begin + across * axes[:, 0] + along * axes[:, 1]
             length = np.linalg.norm(to, axis=-1)
             reach = np.maximum(length - nearest_m(self._lamp), 0.0)
-            seen += ~self._blockers.block(start, to / np.maximum(length, 1e-9)[:, None], reach)
+            seen += ~self._blockers.block(begin, to / np.maximum(length, 1e-9)[:, None], reach)
         return seen / len(offsets)
 
     @property
     def _samples(self) -> int:
-        return REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples if self._lamp.radius_m > 0.0 else 1
+        return REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
 
 
 def _axes(away: Floats) -> Floats:
