@@ -74,7 +74,7 @@ def frame_from_grid(x: ArrayLike, y: ArrayLike, a: int, b: int) -> tuple[Floats,
 
 
 def nearest_to_mean(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the index (n,) of the member nearest to the mean of members (n, s); sums are of integers: ties are exact."""
+    """Return the index (n,) of the member nearest to the mean of members (n, s), in integers: ties are exact."""
     x, y = samples.cells.T.astype(np.float64)
     count, sum_x, sum_y = (member @ np.stack([np.ones_like(x), x, y], axis=-1)).T[..., None]
     return np.argmin(np.where(member, count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y), np.inf), axis=1)

@@ -16,8 +16,7 @@ import numpy as np
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.footprint import moved
-from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle, pixel_offsets
+from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle, visible_fraction
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.types import Floats, Sun
@@ -100,10 +99,10 @@ class SunSource:
         return seen
 
     def _disc_seen(self, start: Floats, sides: Floats | None, half_angle_rad: float) -> Floats:
-        assert self._blockers is not None
-        seen = np.zeros(len(start))
+        blockers = self._blockers
+        assert blockers is not None
         count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
         directions = disc_directions(self._sun.direction, half_angle_rad, count)
-        for direction, place in zip(directions, pixel_offsets(count), strict=True):
-            seen += ~self._blockers.block(moved(start, sides, place), np.broadcast_to(direction, start.shape))
-        return seen / len(directions)
+        return visible_fraction(
+            lambda k, begin, _: blockers.block(begin, np.broadcast_to(directions[k], begin.shape)), start, sides, count
+        )

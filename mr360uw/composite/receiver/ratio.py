@@ -84,8 +84,8 @@ def receiver_ratio(
     """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends.
 
     free: (n, 3) fraction of the ambient light that bodies leave there, with what they send. plate: its light, its calm
-    light and its veil there, each (n, 3), where it has a pattern (see pattern.py). sides: (n, 2, 3) [m] of the pixels on
-    the receiver, over which shadows are averaged; None for points.
+    light and its veil there, each (n, 3), where it has a pattern (see pattern.py). sides: (n, 2, 3) [m] of the pixels
+    on the receiver, over which shadows are averaged; None for points.
     """
     receiver = shot.receiver
     assert receiver is not None

@@ -64,8 +64,7 @@ vec3 in_slot(sampler2D casters, int slot, vec3 point, out float middle) {
     return vec3(p.xy * middle, middle * middle) / p.z;
 }
 
-// visible fraction of a lamp, a mean over a footprint; undefined unless `wanted`. A point lamp has one ray, as wide as
-// the footprint
+// visible fraction of a lamp, a mean over a footprint; undefined unless `wanted`. A point lamp has one ray
 float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D casters,
                       vec4 rays[MAXIMUM_SUN_SAMPLES], Footprint area, bool wanted) {
     int between = 0, number = 0;
@@ -82,8 +81,8 @@ float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D c
     int count = lamp.radius > 0.0 ? shadows.samples : 1;
     int k = !wanted || between == 0 ? count : 0;
     vec3 facing = cross(area.sides[0], area.sides[1]);
-    float part = sqrt(abs(dot(facing, normalize(lamp.place - area.middle))) / float(count));
-    mat2x3 sides = count > 1 ? area.sides : POINT;
+    float grain = ray_grain(count) * sqrt(abs(dot(facing, normalize(lamp.place - area.middle))));
+    mat2x3 sides = area.sides * ray_places(count);
     float blocked = 0.0;
     while (k < count) {
         int left = between;
@@ -93,7 +92,7 @@ float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D c
             vec3 p = in_slot(casters, slot, area.middle + sides * rays[k].zw, middle);
             float spread = lamp.radius / middle;
             most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p, spread * rays[k].xy,
-                                         part * p.z / middle, spread * sqrt(PI / float(count))));
+                                         grain * p.z / middle, spread * sqrt(PI / float(count))));
             left &= ~lowest;
         }
         blocked += most;
