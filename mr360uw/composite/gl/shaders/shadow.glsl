@@ -7,7 +7,6 @@ const float RAMP = 1.33;      // texels over which a filtered column rises from 
 const float SHARPEST = 0.2;   // least width of a sharpened edge, as a fraction of RAMP
 const float SMALLEST = 4.0;   // texels across the last level of a slot
 const int MAXIMUM_STEPS = 16;
-const float GRAINS = 1.5;     // from 1 to 3 the error of 24 rays at straight edges falls little, and grows at contacts
 const mat2x3 POINT = mat2x3(0.0);  // sides of the footprint of a point
 
 // for all directed lights: texels across a slot of the atlas; directions over a light's disc; factor on the offset of
@@ -93,15 +92,15 @@ float footprint_radius(mat2x3 sides) {
     return 0.5 * (length(sides[0]) + length(sides[1]));
 }
 
-// width of a ray, over the footprint's: GRAINS times that of the part that it represents, at most all
+// width of a ray, over the footprint's: that of the part that it represents
 float ray_grain(int count) {
-    return min(GRAINS * inversesqrt(float(count)), 1.0);
+    return inversesqrt(float(count));
 }
 
 // factor on the places of rays of that width, such that they have the second moments of the footprint together
 float ray_places(int count) {
     float grain = ray_grain(count);
-    return sqrt(1.0 - grain * grain);
+    return sqrt(max(1.0 - grain * grain, 0.0));
 }
 
 // bits of the bodies that may occlude part of the light's disc from part of a ball about p. gap: distance [m] to the
