@@ -46,3 +46,7 @@ MAXIMUM_SUN_SAMPLES = 32
 
 MAXIMUM_GLOSSY_LEVELS = 8
 """Most roughnesses that the environment is filtered at: the length of the shaders' array of them."""
+
+LONGEST_FOOTPRINT = 16.0
+"""Longest side of a pixel on a slanted surface, over its width across the ray, for means of shadows: that of a pixel
+3.6 degrees below the horizon of a floor. Twice as large: smoother shadows towards the horizon, more bodies to test."""

@@ -22,6 +22,7 @@ from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.footprint import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile
@@ -210,7 +211,8 @@ def draw_receiver(
         plate = shown, calm, veil
     point = direction * distance[:, None]
     free = free_of_bodies(shot, light, point, normal, Cache())
-    ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate)
+    sides = pixel_footprint(shot.view, x[hit], y[hit], point, normal).sides
+    ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate, sides)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]

@@ -31,6 +31,9 @@ GROUPS = 8
 BLEND_LAYERS = 4
 """Most transparent surfaces drawn in front of each other."""
 
+WHOLE_PIXEL = (0.0, 0.0, 1.0, 0.0, 1.0)
+"""The area of a whole pixel about its centre, as in `frame_areas`."""
+
 _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4), 65: (8, 1)}
 
 
@@ -68,6 +71,31 @@ def frame_from_grid(x: ArrayLike, y: ArrayLike, a: int, b: int) -> tuple[Floats,
     """Return the frame coordinates of grid coordinates."""
     x, y, n = np.asarray(x, np.float64), np.asarray(y, np.float64), a * a + b * b
     return (a * x + b * y) / n, (a * y - b * x) / n
+
+
+def nearest_to_mean(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the index (n,) of the member nearest to the mean of members (n, s), in integers: ties are exact."""
+    x, y = samples.cells.T.astype(np.float64)
+    count, sum_x, sum_y = (member @ np.stack([np.ones_like(x), x, y], axis=-1)).T[..., None]
+    return np.argmin(np.where(member, count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y), np.inf), axis=1)
+
+
+def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np.int64]) -> Floats:
+    """Return the areas of a pixel that members (n, s) represent, (n, 5): offset x, y, and matrix xx, xy, yy [pixels].
+
+    The area is the parallelogram with the mean and the second moments C of the members, each a square of 1/s pixel: its
+    sides are the columns of the symmetric root of 12 C, the unit matrix for a whole pixel. offset: from the sample
+    `nearest` (n,) to the mean.
+    """
+    x, y = samples.positions.T
+    sums = member @ np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    mean_x, mean_y, xx, xy, yy = sums[:, 1:].T / sums[:, 0]
+    own = 1.0 / (12.0 * samples.count)
+    xx, xy, yy = xx - mean_x**2 + own, xy - mean_x * mean_y, yy - mean_y**2 + own
+    root = np.sqrt(np.maximum(xx * yy - xy * xy, own * own))
+    scale = np.sqrt(12.0 / (xx + yy + 2.0 * root))
+    offset = np.stack([mean_x, mean_y], axis=-1) - samples.positions[nearest]
+    return np.concatenate([offset, np.stack([xx + root, xy, yy + root], axis=-1) * scale[:, None]], axis=1)
 
 
 def filter_width(samples: int, shading: str) -> float:

@@ -12,11 +12,13 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.footprint import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats
@@ -48,7 +50,8 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
     free = free_of_bodies(scene, ambient_light(scene, Cache()), point, normal[there], Cache())
-    ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there])
+    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there]).sides
+    ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there], sides=sides)
     return ratio, distance
 
 
@@ -136,6 +139,36 @@ def test_a_small_body_is_not_lost_between_corners(renderer: LayerRenderer, sea: 
     balls = [placed(sphere(8, radius=0.03), (x, -1.17, -1.5 - 0.3 * k)) for k, x in enumerate((-0.4, 0.0, 0.3))]
     scene = shot(*balls, width=width, environment=sea, receiver=Receiver(plane_y=-1.2))
     assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+
+
+@pytest.mark.parametrize("name", ["reference", "gl"])
+def test_pixels_across_a_hard_edge_are_as_bright_as_their_lit_fraction(renderer: LayerRenderer, name: str) -> None:
+    """A slanted straight edge under a sun without extent: the fraction of 32 x 32 places of each pixel beside it."""
+    height, yaw = 0.6, 20.0
+    slab = placed(box((3.0, 0.02, 3.0)), (-0.9, height, -1.5), (yaw, 0, 0))
+    floor = Receiver(plane_y=-1.2, occlusion=False)
+    bare = replace(SUN, half_angle_rad=1e-4)
+    scene = shot(slab, environment=environment(0.2), receiver=floor, width=512, sun=bare, sun_spread_deg=0.0)
+    rows, columns = np.arange(168, 200), np.arange(240, 300)
+    draw = renderer.render if name == "gl" else render_layer
+    ratio = draw(scene).ratio[168:200, 240:300, 1]
+    seen = (ratio - ratio.min()) / (1.0 - ratio.min())
+    inside = (np.arange(32) + 0.5) / 32
+    y, x = np.meshgrid((rows[:, None] + inside).ravel(), (columns[:, None] + inside).ravel(), indexing="ij")
+    d = scene.view.directions(x, y)
+    ground = d * (-1.2 / d[..., 1:2])
+    above = {
+        level: ground + SUN.direction * ((level + 1.2) / SUN.direction[1]) for level in (height - 0.01, height + 0.01)
+    }
+    body = np.linalg.inv(slab.world_from_object)
+    free = np.logical_and.reduce(
+        [np.abs((p @ body[:3, :3].T + body[:3, 3])[..., [0, 2]]).max(axis=-1) > 1.5 for p in above.values()]
+    )
+    expected = free.reshape(len(rows), 32, len(columns), 32).mean(axis=(1, 3))
+    assert np.sum((expected > 0.1) & (expected < 0.9)) > 30
+    wrong = np.abs(seen - expected)
+    assert wrong.max() <= tol.HARD_EDGE
+    assert np.sqrt(np.mean(wrong[(expected > 0.0) & (expected < 1.0)] ** 2)) <= 0.5 * tol.HARD_EDGE
 
 
 def test_light_falls_through_a_mask(renderer: LayerRenderer, sea: Environment) -> None:

@@ -17,7 +17,8 @@ class Fragments:
     """n pieces of surface in p pixels, the pieces of a pixel in sequence.
 
     row, column: (p,) of the pixels, each once. first: (p,) index of the first piece of each. triangle: (n,) numbers.
-    place: (n, 2) frame coordinates at which each piece is shaded. weight: (n,) fraction of the pixel's samples.
+    place: (n, 2) frame coordinates at which each piece is shaded. area: (n, 5) of the frame that it represents
+    (`sampling.frame_areas`). weight: (n,) fraction of the pixel's samples.
     """
 
     row: NDArray[np.int64]
@@ -25,6 +26,7 @@ class Fragments:
     first: NDArray[np.int64]
     triangle: NDArray[np.int64]
     place: Floats
+    area: Floats
     weight: Floats
 
     def __len__(self) -> int:
@@ -44,7 +46,7 @@ class Fragments:
 
 
 _NONE = np.zeros(0, np.int64)
-NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros(0))
+NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0))
 
 
 def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
@@ -52,7 +54,7 @@ def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
     shift = np.cumsum([0, *(len(part) for part in parts)])
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("row", "column", "triangle", "place", "weight")
+        for name in ("row", "column", "triangle", "place", "area", "weight")
     }
     first = np.concatenate([part.first + start for part, start in zip(parts, shift[:-1], strict=True)])
     return Fragments(first=first, **joined)

@@ -126,7 +126,7 @@ class ObjectPass:
 
         body: (n,) object of each, triangle: (n,) number in its mesh. outputs: see `_CHANNELS`.
         """
-        entries = np.concatenate([triangle[:, None], fragments.place, body[:, None]], axis=1)
+        entries = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
         meshes = list(dict.fromkeys(placed.mesh for placed in objects))
         of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
         values = np.empty((len(fragments), sum(_CHANNELS[outputs])), np.float32)
@@ -148,7 +148,7 @@ class ObjectPass:
         bind(
             shader,
             {
-                "fragments": list_texture(entries),
+                "fragments": list_texture(entries, 3),
                 "bodies": bodies.texture,
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,

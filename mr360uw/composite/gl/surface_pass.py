@@ -22,7 +22,17 @@ from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sampling import BLEND_LAYERS, GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, pattern
+from mr360uw.composite.sampling import (
+    BLEND_LAYERS,
+    GROUPS,
+    PIXEL_FILTER,
+    PLANE_TOLERANCE,
+    WHOLE_PIXEL,
+    Pattern,
+    frame_areas,
+    nearest_to_mean,
+    pattern,
+)
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats, Rectangle
@@ -34,10 +44,8 @@ _PROBES = np.array(
 surface, the pixel is interior and is shaded from one sample."""
 _BLOCKS_AT_ONCE = 8192
 """Blocks in one draw call: bounds the size of targets."""
-_RANKS = 128
-"""Factor that packs a count of rays and the rank of one, below 128, in one number."""
-_SHOWN = GROUPS // 2
-"""Targets for the groups of a pixel, two in each."""
+_WORD_BITS = 22
+"""Bits of a word: single floats hold 24 exactly, and three words hold the most rays of a pixel."""
 _SAMPLES_AT_ONCE = 32
 """Rays of a pixel in one draw call where every sample is kept: eight targets of four."""
 
@@ -103,7 +111,8 @@ class SurfacePass:
             whole, number = number[shown[number] > 0.0], number[shown[number] < 0.0]
             center = np.stack([column[whole], row[whole]], axis=-1) + 0.5
             triangle = shown[whole].astype(np.int64) - 1
-            yield Fragments(row[whole], column[whole], np.arange(len(whole)), triangle, center, np.ones(len(whole)))
+            area, weight = np.tile(WHOLE_PIXEL, (len(whole), 1)), np.ones(len(whole))
+            yield Fragments(row[whole], column[whole], np.arange(len(whole)), triangle, center, area, weight)
         yield self._grouped(draw, samples, row[number], column[number], number)
 
     def _grouped(
@@ -118,14 +127,20 @@ class SurfacePass:
         per_block = BLOCK * BLOCK
         picked = list_texture(np.stack([number // per_block, number % per_block], axis=-1), 2)
         draw = replace(draw, textures={**draw.textures, "picked": picked})
-        shown = self._rays(draw, samples.positions, {"PICKED": 1}, len(row), (4,) * _SHOWN, samples.cells)
-        shown = shown.reshape(len(row), 2 * _SHOWN, 2)
+        words = -(-samples.count // _WORD_BITS)
+        channels = (4,) * (GROUPS * (1 + words) // 4)
+        defines = {"PICKED": 1, "WORDS": words, "WORD_BITS": _WORD_BITS}
+        shown = self._rays(draw, samples.positions, defines, len(row), channels, samples.cells)
+        shown = shown.reshape(len(row), GROUPS, 1 + words)
         pixel, group = np.nonzero(shown[..., 0])
-        triangle, code = shown[pixel, group].astype(np.int64).T
-        rays, rank = np.divmod(code, _RANKS)
+        entries = shown[pixel, group].astype(np.int32)
+        bits = entries[:, 1:, None] >> np.arange(_WORD_BITS, dtype=np.int32) & 1
+        member = bits.reshape(len(pixel), -1)[:, : samples.count].astype(np.bool_)
+        rank = nearest_to_mean(samples, member)
         there, first = np.unique(pixel, return_index=True)
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
-        return Fragments(row[there], column[there], first, triangle - 1, place, rays / samples.count)
+        area, weight = frame_areas(samples, member, rank), member.mean(axis=1)
+        return Fragments(row[there], column[there], first, entries[:, 0].astype(np.int64) - 1, place, area, weight)
 
     def _by_sample(
         self,
@@ -146,8 +161,11 @@ class SurfacePass:
         pixel, rank = np.nonzero(triangle)
         there, first = np.unique(pixel, return_index=True)
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
-        weight = np.full(len(pixel), 1.0 / samples.count)
-        return Fragments(row[there], column[there], first, triangle[pixel, rank].astype(np.int64) - 1, place, weight)
+        one = np.array(WHOLE_PIXEL) * samples.count**-0.5
+        area, weight = np.tile(one, (len(pixel), 1)), np.full(len(pixel), 1.0 / samples.count)
+        return Fragments(
+            row[there], column[there], first, triangle[pixel, rank].astype(np.int64) - 1, place, area, weight
+        )
 
     def _rays(
         self,
@@ -163,8 +181,7 @@ class SurfacePass:
             return np.zeros((0, sum(channels)), np.float32)
         shot, fours = draw.shot, -(-len(positions) // 4)
         every: dict[str, str | int | float] = {
-            "FOURS": fours, "EACH_FOUR(DO)": " ".join(f"DO({k})" for k in range(fours)), "RANKS": _RANKS,
-            "GROUPS": GROUPS,
+            "FOURS": fours, "EACH_FOUR(DO)": " ".join(f"DO({k})" for k in range(fours)), "GROUPS": GROUPS,
             "LAST": f"vec4({', '.join('1.0' if 4 * fours - 4 + k < len(positions) else '0.0' for k in range(4))})",
             "FACET_COLUMNS": FACET_COLUMNS, "PLANE_TOLERANCE": PLANE_TOLERANCE, "PIXEL_FILTER": PIXEL_FILTER,
         }  # fmt: skip

@@ -39,5 +39,8 @@ class LightSource(Protocol):
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
         """Return the caustic factor (n, 3), a mean over footprints (n,) [m]; 1 for light that waves do not refract."""
 
-    def visibility(self, start: Floats) -> Floats:
-        """Return the fraction (n,) of the source that bodies leave visible from points (n, 3)."""
+    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
+        """Return the fraction (n,) of the source that bodies leave visible from points (n, 3).
+
+        sides: (n, 2, 3) [m] of parallelograms about the points, for the means over them; None for the points alone.
+        """

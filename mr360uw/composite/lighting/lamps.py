@@ -12,10 +12,11 @@ the visible fraction of the luminous ball. On the device: lamps.glsl.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.shadow import basis, disc_offsets
+from mr360uw.composite.lighting.shadow import basis, disc_offsets, visible_fraction
 from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
@@ -82,24 +83,21 @@ class LampSource:
         """Return 1: waves do not refract this light."""
         return np.ones((len(point), 3))
 
-    def visibility(self, start: Floats) -> Floats:
+    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the ball, taken as a disc that faces each point."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
-        offsets = self._lamp.radius_m * disc_offsets(self._samples)
-        away = self._place - start
-        axes = _axes(away)
-        seen = np.zeros(len(start))
-        for across, along in offsets:
-            to = away + across * axes[:, 0] + along * axes[:, 1]
-            length = np.linalg.norm(to, axis=-1)
-            reach = np.maximum(length - nearest_m(self._lamp), 0.0)
-            seen += ~self._blockers.block(start, to / np.maximum(length, 1e-9)[:, None], reach)
-        return seen / len(offsets)
+        count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
+        offsets = self._lamp.radius_m * disc_offsets(count)
+        axes = _axes(self._place - start)
+        blockers, place, least = self._blockers, self._place, nearest_m(self._lamp)
 
-    @property
-    def _samples(self) -> int:
-        return REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples if self._lamp.radius_m > 0.0 else 1
+        def blocked(k: int, begin: Floats, of: NDArray[np.int64]) -> NDArray[np.bool_]:
+            to = place - begin + offsets[k] @ axes[of]
+            length = np.linalg.norm(to, axis=-1)
+            return blockers.block(begin, to / np.maximum(length, 1e-9)[:, None], np.maximum(length - least, 0.0))
+
+        return visible_fraction(blocked, start, sides, count)
 
 
 def _axes(away: Floats) -> Floats:

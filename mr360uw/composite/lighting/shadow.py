@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Directions over a light's disc, for the fraction of it that bodies leave visible.
 
-Visibility is the mean over directions that fill the disc. Light that the water has scattered forwards comes from a
-wider disc: a Gaussian spread of standard deviation sigma is taken as a disc of the same second moment, radius^2 =
-half_angle^2 + 4 sigma^2. The device traces the same directions through filtered columns (gl/shaders/shadow.glsl).
+Visibility is the mean over directions that fill the disc, each from a place of its own in the footprint (footprint.py).
+Light that the water has scattered forwards comes from a wider disc: a Gaussian spread of standard deviation sigma is
+taken as a disc of the same second moment, radius^2 = half_angle^2 + 4 sigma^2. The device traces the same rays through
+filtered columns (gl/shaders/shadow.glsl).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.composite.lighting.footprint import moved
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
@@ -20,6 +24,18 @@ _PIECES = 2.7
 """Points in the innermost ring."""
 _TURN = np.pi * (3.0 - np.sqrt(5.0))
 """Rotation from ring to ring, the golden angle [rad], so that pieces do not line up."""
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+_STRIDE = 0.24
+"""Step through the lattice of places, as a fraction of its points: of those tried, the one of least error at straight
+edges whose penumbra is as wide as a pixel, 0.015 by 24 rays. Neighbours in the lattice (1/n) have twice that error."""
+
+
+_ROUNDS = 4
+"""Places for each direction at the edge of a shadow. RMS error at straight edges: 0.006 of the
+light; with one place 0.014."""
+_TURN_OF_PLACES = np.array([0.7549, 0.5698])
+"""Shift of the places from round to round: the additive sequence in two dimensions of least discrepancy (1/g and 1/g^2,
+g^3 = g + 1)."""
 
 
 def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Floats:
@@ -50,6 +66,54 @@ def disc_offsets(count: int) -> Floats:
         angle = 2.0 * np.pi * (np.arange(last - first) + 0.5) / max(last - first, 1) + ring * _TURN
         points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     return np.concatenate(points)
+
+
+def pixel_offsets(count: int) -> Floats:
+    """Return places (count, 2) in [-0.5, 0.5]^2, one for each of `disc_offsets`, that fill a footprint evenly.
+
+    A Fibonacci lattice, in an order in which every ring of the disc meets places all over the footprint: rays of
+    direction k from place k sample the disc and the footprint at once.
+    """
+    step = next(n for n in range(max(round(_STRIDE * count), 1), 2 * count + 2) if math.gcd(n, count) == 1)
+    k = np.arange(count) * step % count
+    return np.stack([(k + 0.5) / count, np.remainder(0.5 + k * _GOLDEN, 1.0)], axis=-1) - 0.5
+
+
+Blocked = Callable[[int, Floats, NDArray[np.int64]], NDArray[np.bool_]]
+"""Whether rays in direction k from starts (m, 3), moved points of the given indices (m,), are blocked, (m,)."""
+
+
+def visible_fraction(blocked: Blocked, start: Floats, sides: Floats | None, count: int) -> Floats:
+    """Return the fraction (n,) of rays in `count` directions that are free, each from its own place of the footprint.
+
+    start: (n, 3) middles, sides: (n, 2, 3) of the footprints; None for points. At the edge of a shadow,
+    every direction is taken from `_ROUNDS` places.
+    """
+    seen, every = np.zeros(len(start)), np.arange(len(start))
+    places = pixel_offsets(count)
+    for k, place in enumerate(places):
+        seen += ~blocked(k, moved(start, sides, place), every)
+    if sides is None:
+        return seen / count
+    partly = (seen > 0.0) & (seen < count)
+    fine = np.flatnonzero(partly | _reaches_edge(blocked, start, sides, seen, count))
+    for turn in range(1, _ROUNDS):
+        for k, place in enumerate(np.remainder(places + 0.5 + turn * _TURN_OF_PLACES, 1.0) - 0.5):
+            seen[fine] += ~blocked(k, moved(start[fine], sides[fine], place), fine)
+    seen[fine] /= _ROUNDS
+    return seen / count
+
+
+def _reaches_edge(blocked: Blocked, start: Floats, sides: Floats, seen: Floats, count: int) -> NDArray[np.bool_]:
+    """Return where (n,) all rays were free, or all blocked, but one from a corner of the footprint is not."""
+    other = np.zeros(len(start), np.bool_)
+    same = np.flatnonzero((seen == 0.0) | (seen == count))
+    outermost = count - 1 - np.arange(4) * max(count // 13, 1)
+    for corner in np.array([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]):
+        for k in outermost:
+            free = ~blocked(int(k), moved(start[same], sides[same], corner), same)
+            other[same] |= free != (seen[same] > 0.0)
+    return other
 
 
 def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle
+from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle, visible_fraction
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.types import Floats, Sun
@@ -89,20 +89,20 @@ class SunSource:
     def _levels(self) -> list[Floats]:
         return mip_levels(self._shot.caustics.ratio)
 
-    def visibility(self, start: Floats) -> Floats:
+    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
-        seen, scattered = self._disc_seen(start, self._sun.half_angle_rad), scattered_share(self._shot, start)
+        seen, scattered = self._disc_seen(start, sides, self._sun.half_angle_rad), scattered_share(self._shot, start)
         if np.any(scattered):
-            seen = seen + scattered * (self._disc_seen(start, widest_half_angle(self._shot)) - seen)
+            seen = seen + scattered * (self._disc_seen(start, sides, widest_half_angle(self._shot)) - seen)
         return seen
 
-    def _disc_seen(self, start: Floats, half_angle_rad: float) -> Floats:
-        assert self._blockers is not None
-        seen = np.zeros(len(start))
+    def _disc_seen(self, start: Floats, sides: Floats | None, half_angle_rad: float) -> Floats:
+        blockers = self._blockers
+        assert blockers is not None
         count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
         directions = disc_directions(self._sun.direction, half_angle_rad, count)
-        for direction in directions:
-            seen += ~self._blockers.block(start, np.broadcast_to(direction, start.shape))
-        return seen / len(directions)
+        return visible_fraction(
+            lambda k, begin, _: blockers.block(begin, np.broadcast_to(directions[k], begin.shape)), start, sides, count
+        )

@@ -133,7 +133,8 @@ def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> 
     n_dot_l = np.sum(hits.normal * arrival.direction, -1)
     lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * arrival.direction, -1) > 0.0))
     seen = np.zeros(len(n_dot_l))
-    seen[lit] = source.visibility(hits.point[lit] + bias_m[lit, None] * hits.geometric_normal[lit])
+    area = hits.footprint.some(lit)
+    seen[lit] = source.visibility(area.middle + bias_m[lit, None] * hits.geometric_normal[lit], area.sides)
     waves = source.pattern(hits.point, hits.footprint_m)
     irradiance = arrival.irradiance * seen[:, None] * waves
     n_dot_l = np.maximum(n_dot_l, 0.0)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_level, texture_lookup
 from mr360uw.composite.raycast.rays import barycentric
@@ -91,8 +92,9 @@ class Hits:
 
     triangle, object: indices. weights: (n, 3) barycentric. behind: hit from the back. point: (n, 3) [m] from the
     camera. distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second is
-    interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of a pixel at that
-    distance. normal_change: (n, 2, 3) of the interpolated normal over a pixel, along its columns and rows.
+    interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of the textures'
+    filter at that distance. normal_change: (n, 2, 3) of the interpolated normal over a pixel, along its columns and
+    rows. footprint: the area over which shadows are averaged.
     """
 
     triangle: NDArray[np.int64]
@@ -113,6 +115,7 @@ class Hits:
     refractive_index: Floats
     footprint_m: Floats
     normal_change: Floats
+    footprint: Footprint
 
 
 def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
@@ -159,8 +162,13 @@ def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours
     return change * np.minimum(1.0, LARGEST_CHANGE / np.maximum(size, 1e-12))
 
 
-def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, pixel: float) -> Hits:
-    """Return the surfaces at frame coordinates (n,) on given triangles; pixel: filter width of textures [pixels]."""
+def surface(
+    shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, area: Floats, pixel: float
+) -> Hits:
+    """Return the surfaces at frame coordinates (n,) on given triangles.
+
+    area: (n, 5) of the frame that each represents (`sampling.frame_areas`). pixel: filter width of textures [pixels].
+    """
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
     corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]
@@ -172,6 +180,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
     flat = np.cross(e1, e2)
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
     side = -np.sign(np.sum(flat * direction, -1, keepdims=True))
+    point = distance[:, None] * direction
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
@@ -199,7 +208,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
         object=geometry.object[triangle],
         weights=weights,
         behind=side[:, 0] < 0.0,
-        point=distance[:, None] * direction,
+        point=point,
         distance_m=distance,
         direction=direction,
         geometric_normal=flat * side,
@@ -213,6 +222,7 @@ def surface(shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floa
         refractive_index=index,
         footprint_m=distance * np.pi / shot.view.height * pixel,
         normal_change=turning * side[..., None],
+        footprint=footprint(point, pixel_steps(point, flat, neighbours, pixel), area),
     )
 
 

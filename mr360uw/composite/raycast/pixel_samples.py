@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.raycast.geometry import Geometry, Hits, base_color, surface, uv_change
 from mr360uw.composite.raycast.rays import RayScene, barycentric
-from mr360uw.composite.sampling import BLEND_LAYERS, GROUPS, PIXEL_FILTER, PLANE_TOLERANCE, Pattern, filter_width
+from mr360uw.composite.sampling import (
+    BLEND_LAYERS,
+    GROUPS,
+    PIXEL_FILTER,
+    PLANE_TOLERANCE,
+    Pattern,
+    filter_width,
+    frame_areas,
+    nearest_to_mean,
+)
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
@@ -109,12 +118,20 @@ def group_samples(
             )
         member[np.arange(len(pixel)), chosen] = True
         left[pixel] &= ~member
-        middle = _nearest_to_mean(samples, member)
+        middle = nearest_to_mean(samples, member)
         at = samples.positions[middle]
         yield (
             pixel,
             member.mean(axis=1),
-            surface(shot, geometry, triangle[pixel, middle], x[pixel] + at[:, 0], y[pixel] + at[:, 1], width),
+            surface(
+                shot,
+                geometry,
+                triangle[pixel, middle],
+                x[pixel] + at[:, 0],
+                y[pixel] + at[:, 1],
+                frame_areas(samples, member, middle),
+                width,
+            ),
         )
 
 
@@ -140,10 +157,3 @@ def _near_plane(
     tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
     same = geometry.patch[triangle] == geometry.patch[first][:, None]
     return same & (np.abs(off) <= tolerance[:, None])
-
-
-def _nearest_to_mean(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the index (n,) of the member nearest to the mean of members (n, s), in integers: ties are exact."""
-    count = member.sum(axis=1)
-    away = count[:, None, None] * samples.cells - (member @ samples.cells)[:, None]
-    return np.argmin(np.where(member, np.sum(away**2, axis=-1), np.iinfo(np.int64).max), axis=1)

@@ -45,16 +45,25 @@ def _plate_light(shot: Shot, sources: Sequence[LightSource], point: Floats, norm
 
 
 def added_light(
-    shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats, *, shadows: bool = True
+    shot: Shot,
+    sources: Sequence[LightSource],
+    point: Floats,
+    normal: Floats,
+    sides: Floats | None = None,
+    *,
+    shadows: bool = True,
 ) -> Floats:
-    """Return the irradiance (n, 3) of sources that are not in the plate, over that of the plate."""
+    """Return the irradiance (n, 3) of sources that are not in the plate, over that of the plate.
+
+    sides: (n, 2, 3) [m] of footprints, over which shadows are averaged; None for points.
+    """
     added = np.zeros((len(point), 3))
     for source in sources:
         if source.in_plate:
             continue
         arrival = source.arrival(point)
         cosine = np.maximum(np.sum(normal * arrival.direction, -1), 0.0)
-        seen = source.visibility(point) if shadows else np.ones(len(point))
+        seen = source.visibility(point, sides) if shadows else np.ones(len(point))
         added = added + arrival.irradiance * (cosine * seen)[:, None]
     if np.any(added):
         ambient, beam = _plate_light(shot, sources, point, normal)
@@ -70,11 +79,13 @@ def receiver_ratio(
     normal: Floats,
     distance_m: Floats,
     plate: tuple[Floats, Floats, Floats] | None = None,
+    sides: Floats | None = None,
 ) -> Floats:
     """Return E_with/E_without (n, 3) at points of the receiver, 1 where it ends.
 
     free: (n, 3) fraction of the ambient light that bodies leave there, with what they send. plate: its light, its calm
-    light and its veil there, each (n, 3), where it has a pattern (see pattern.py).
+    light and its veil there, each (n, 3), where it has a pattern (see pattern.py). sides: (n, 2, 3) [m] of the pixels
+    on the receiver, over which shadows are averaged; None for points.
     """
     receiver = shot.receiver
     assert receiver is not None
@@ -82,12 +93,12 @@ def receiver_ratio(
     waves: Floats = np.ones((len(point), 3))
     for source in sources:
         if source.in_plate:
-            seen = source.visibility(point) if receiver.shadow else seen
+            seen = source.visibility(point, sides) if receiver.shadow else seen
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
     r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
     ratio = share * free + (r - share) * seen[:, None] * waves
-    ratio = (ratio + added_light(shot, sources, point, normal)) / r
+    ratio = (ratio + added_light(shot, sources, point, normal, sides)) / r
     return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
 
 

@@ -3,7 +3,7 @@
 // distance to the nearest such body [m]. Held to composite/lighting/sun.py.
 #include "composite/gl/shaders/sun.glsl"
 uniform sampler2D places, beam, sun_map, casters;
-uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
 uniform View view;
 uniform Sun sun;
 uniform Shadows shadows;
@@ -24,8 +24,9 @@ void main() {
     int of_disc = bodies_between(sun_map, casters, sun.casters, shadows.slot_size, p, place.w,
                                  tan(sun.half_angle) + length(sun.slope), disc_gap, disc_umbra);
     if (kept == 2.0 && (of_disc == 0 || disc_umbra)) kept = 1.0;
-    halo = disc_seen(sun, shadows, sun_map, casters, slopes, p, sun.halo_angle, 1, true);
+    halo = disc_seen(sun, shadows, sun_map, casters, rays, p, POINT, sun.halo_angle, 1, true);
 #endif
-    float free = visibility(sun, shadows, view, medium, beam, sun_map, casters, slopes, place.xyz, halo, 1, true);
+    Footprint area = Footprint(place.xyz, POINT);
+    float free = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, halo, 1, true);
     seen = vec4(free, halo, kept, gap);
 }

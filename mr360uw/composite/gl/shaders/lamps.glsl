@@ -4,6 +4,7 @@
 // bodies through the projective map (x, y, z) -> (x m/z, y m/z, m^2/z), z the distance along its axis and m its middle
 // distance. Lines through the lamp become parallel, straight lines stay straight, and lengths at the middle distance
 // stay metres, so shadow.glsl traces it like a slot of the sun.
+#include "composite/gl/shaders/footprint.glsl"
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"
 
@@ -63,31 +64,35 @@ vec3 in_slot(sampler2D casters, int slot, vec3 point, out float middle) {
     return vec3(p.xy * middle, middle * middle) / p.z;
 }
 
-// visible fraction of a lamp from a point; undefined unless `wanted`
+// visible fraction of a lamp, a mean over a footprint; undefined unless `wanted`. A point lamp has one ray
 float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D casters,
-                      vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, bool wanted) {
+                      vec4 rays[MAXIMUM_SUN_SAMPLES], Footprint area, bool wanted) {
     int between = 0, number = 0;
-    float middle;
+    float middle, radius = footprint_radius(area.sides);
     while (number < lamp.slots) {
-        vec3 p = in_slot(casters, lamp.first_slot + number, point, middle);
+        vec3 p = in_slot(casters, lamp.first_slot + number, area.middle, middle);
         Caster caster = fetch_caster(casters, lamp.first_slot + number);
         vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        float above = caster.reach.y - p.z;
-        if (p.z > 0.0 && above > 0.0 && max(across.x, across.y) <= lamp.radius / middle * above) between |= 1 << number;
+        float scale = p.z / middle, above = caster.reach.y - p.z + radius * scale * scale;
+        bool beside = max(across.x, across.y) > lamp.radius / middle * above + 2.0 * radius * scale;
+        if (p.z > 0.0 && above > 0.0 && !beside) between |= 1 << number;
         ++number;
     }
     int count = lamp.radius > 0.0 ? shadows.samples : 1;
     int k = !wanted || between == 0 ? count : 0;
+    vec3 facing = cross(area.sides[0], area.sides[1]);
+    float grain = ray_grain(count) * sqrt(abs(dot(facing, normalize(lamp.place - area.middle))));
+    mat2x3 sides = area.sides * ray_places(count);
     float blocked = 0.0;
     while (k < count) {
         int left = between;
         float most = 0.0;
         while (left != 0 && most < 1.0) {
             int lowest = left & -left, slot = lamp.first_slot + int(log2(float(lowest)) + 0.5);
-            vec3 p = in_slot(casters, slot, point, middle);
+            vec3 p = in_slot(casters, slot, area.middle + sides * rays[k].zw, middle);
             float spread = lamp.radius / middle;
-            most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p,
-                                         spread * slopes[k], spread * sqrt(PI / float(count))));
+            most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p, spread * rays[k].xy,
+                                         grain * p.z / middle, spread * sqrt(PI / float(count))));
             left &= ~lowest;
         }
         blocked += most;

@@ -11,7 +11,7 @@ uniform vec2 frame_size;
 uniform int count;
 uniform float filter_width;
 uniform bool blended;
-uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
 uniform float glossy_roughness[MAXIMUM_GLOSSY_LEVELS];
 uniform View view;
 uniform Sun sun;
@@ -44,16 +44,16 @@ float glossy_level(float roughness) {
     return level;
 }
 
-Parts light_surface(Surface s, Among among, float bias_m) {
+Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
     Coat coat = make_coat(s, outside_index);
     vec3 scale = ambient_factor(view, medium, diffuse, s.point);
     Parts parts = ambient_light(coat, s, among, ambient, glossy, glossy_level(s.roughness), scale);
-    vec3 start = s.point + shadows.bias_scale * bias_m * s.geometric_normal;
+    area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
     bool faces = dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
     float free = 1.0;
 #if defined(SHADOW)
-    free = visibility(sun, shadows, view, medium, beam, sun_map, casters, slopes, start, -1.0, HALO_EVERY, faces);
+    free = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, -1.0, HALO_EVERY, faces);
 #endif
     vec3 waves = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     vec3 irradiance = beam_at(sun, view, medium, beam, s.point) * waves * (faces ? free : 0.0);
@@ -67,7 +67,7 @@ Parts light_surface(Surface s, Among among, float bias_m) {
         LampLight light = lamp_light(lamp, medium, diffuse, attenuation, s.point);
         bool lit = dot(s.normal, light.towards) > 0.0 && dot(s.geometric_normal, light.towards) > 0.0
                 && light.irradiance != vec3(0.0);
-        float free = lamp_visibility(lamp, shadows, sun_map, casters, slopes, start, lit);
+        float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);
         parts.lamps += reflected_light(coat, s, light.towards, lit ? free * light.irradiance : vec3(0.0), light.half_angle);
     }
 #endif
@@ -76,22 +76,28 @@ Parts light_surface(Surface s, Among among, float bias_m) {
 
 void main() {
     int number = lane_number(ivec2(gl_FragCoord.xy));
-    vec4 fragment = texelFetch(fragments, list_place(min(number, count - 1)), 0);
-    int body = 4 * int(fragment.w);
+    int entry = 3 * min(number, count - 1);
+    vec3 fragment = texelFetch(fragments, list_place(entry), 0).xyz;
+    vec3 more = texelFetch(fragments, list_place(entry + 1), 0).xyz;  // body, offset of the footprint's middle
+    vec3 matrix = texelFetch(fragments, list_place(entry + 2), 0).xyz;
+    int body = 4 * int(more.x);
     mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
                                  texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
     vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first knot value, knots of the front if two-sided
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
-    Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place),
-                        world_direction(place + vec2(filter_width, 0.0)), world_direction(place + vec2(0.0, filter_width)),
+    vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));
+    Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place), right, below,
                         PI / frame_size.y * filter_width);
+    mat2x3 steps = mat2x3(pixel_step(s.point, s.geometric_normal, right, filter_width),
+                          pixel_step(s.point, s.geometric_normal, below, filter_width));
+    Footprint area = footprint_of(s.point, steps, more.yz, matrix);
     Among among = Among(vec3(1.0), vec3(1.0), vec3(0.0));
 #if defined(AMONG_BODIES)
     int first_value = int(numbers.y) + (s.behind ? 3 * int(numbers.z) : 0);
     among = among_bodies(bodies, first_value, listed(triangles, triangle.first + 10), s.weights);
 #endif
-    Parts p = light_surface(s, among, numbers.x);
+    Parts p = light_surface(s, among, area, numbers.x);
     vec3 through = vec3(1.0), haze = vec3(0.0);
 #if defined(MEDIUM)
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);

@@ -8,7 +8,7 @@ uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
-uniform vec2 slopes[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
 uniform View view;
 uniform Sun sun;
 uniform Shadows shadows;
@@ -39,15 +39,25 @@ void main() {
     float distance_m = ground.w;
 #endif
     vec3 point = distance_m * direction;
+#if defined(SHADOW) || defined(LAMPS)
+#if defined(PLANE)
+    vec3 normal = vec3(0.0, 1.0, 0.0);
+#else
+    vec3 normal = ground.xyz;
+#endif
+    vec3 right = world_from_camera * direction_from_frame(place + vec2(1.0, 0.0), frame_size);
+    vec3 below = world_from_camera * direction_from_frame(place + vec2(0.0, 1.0), frame_size);
+    Footprint area = Footprint(point, mat2x3(pixel_step(point, normal, right, 1.0), pixel_step(point, normal, below, 1.0)));
+#endif
     float seen = 1.0;
 #if defined(SHADOW)
     float halo = -1.0;
 #if defined(HALO)
     vec4 corners = texelFetch(halos, block, 0);  // at the block's corners; negative: found for each pixel
-    vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), below = mix(corners.xz, corners.yw, at.x);
-    if (corners.x >= 0.0) halo = mix(below.x, below.y, at.y);
+    vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), ends = mix(corners.xz, corners.yw, at.x);
+    if (corners.x >= 0.0) halo = mix(ends.x, ends.y, at.y);
 #endif
-    seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, slopes, point, halo, 1, true);
+    seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, halo, 1, true);
 #endif
 #if defined(CAUSTICS) || defined(ROUGH)
     falls = vec4(waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, point,
@@ -72,7 +82,7 @@ void main() {
         LampLight light = lamp_light(lamp, medium, diffuse, attenuation, point);
         float cosine = max(dot(ground.xyz, light.towards), 0.0);
         bool lit = cosine > 0.0 && distance_m > 0.0 && light.irradiance != vec3(0.0);
-        float free = lamp_visibility(lamp, shadows, sun_map, casters, slopes, point, lit);
+        float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);
         if (lit) added.rgb += cosine * free * light.irradiance;
     }
     added.rgb = min(added.rgb / max(around + direct, DARK), BRIGHTEST);

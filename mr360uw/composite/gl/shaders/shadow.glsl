@@ -7,6 +7,7 @@ const float RAMP = 1.33;      // texels over which a filtered column rises from 
 const float SHARPEST = 0.2;   // least width of a sharpened edge, as a fraction of RAMP
 const float SMALLEST = 4.0;   // texels across the last level of a slot
 const int MAXIMUM_STEPS = 16;
+const mat2x3 POINT = mat2x3(0.0);  // sides of the footprint of a point
 
 // for all directed lights: texels across a slot of the atlas; directions over a light's disc; factor on the offset of
 // shadow rays from the surface
@@ -68,22 +69,38 @@ float blocked_between(vec3 a, vec3 b, float height_a, float height_b, float marg
 }
 
 // blocked fraction of the ray from p, `slope` metres across for a metre along the light. It represents a cone of
-// directions that widens by `widening` metres for a metre
-float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, float widening) {
+// directions that is `grain` metres wide at p and widens by `widening` metres for a metre
+float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec2 slope, float grain, float widening) {
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     vec2 range = max(caster.reach - p.z, 0.0);
     float across = max(length(slope), 1e-6), blocked = 0.0, h = range.x;
-    vec3 here = sun_column(sun_map, caster, slot_size, p.xy + slope * h, widening * h);
+    vec3 here = sun_column(sun_map, caster, slot_size, p.xy + slope * h, grain + widening * h);
     int k = 1;
     do {
-        float next = k < MAXIMUM_STEPS ? min(h + max(widening * h, 0.5 * texel) / across, range.y) : range.y;
-        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * next, widening * next);
+        float next = k < MAXIMUM_STEPS ? min(h + max(grain + widening * h, 0.5 * texel) / across, range.y) : range.y;
+        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * next, grain + widening * next);
         blocked = max(blocked, blocked_between(here, there, p.z + h, p.z + next, 0.01 * texel));
         here = there;
         h = next;
         ++k;
     } while (h < range.y && blocked < 1.0);
     return blocked;
+}
+
+// radius of a ball about the middle of a footprint that contains it
+float footprint_radius(mat2x3 sides) {
+    return 0.5 * (length(sides[0]) + length(sides[1]));
+}
+
+// width of a ray, over the footprint's: that of the part that it represents
+float ray_grain(int count) {
+    return inversesqrt(float(count));
+}
+
+// factor on the places of rays of that width, such that they have the second moments of the footprint together
+float ray_places(int count) {
+    float grain = ray_grain(count);
+    return sqrt(max(1.0 - grain * grain, 0.0));
 }
 
 // bits of the bodies that may occlude part of the light's disc from part of a ball about p. gap: distance [m] to the
@@ -120,23 +137,27 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
     return between;
 }
 
-// visible fraction of the sun's disc from p in the map's axes (two across, one along); undefined unless `wanted`, and
-// free where a whole block of pixels does not want it. middle: slope of the disc's centre. slopes: of directions over a
-// unit disc, of which each `every`-th is taken. spread: tangent of the disc's radius
-float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p,
-                     vec2 middle, vec2 slopes[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
-    float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count));
+// visible fraction of the sun's disc, a mean over a footprint about p, in the map's axes (two across, one along);
+// undefined unless `wanted`, and free where a whole block of pixels does not want it. middle: slope of the disc's centre.
+// rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
+// tangent of the disc's radius
+float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, mat2x3 sides,
+                     vec2 middle, vec4 rays[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
+    float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count)), places = ray_places(count);
+    float grain = ray_grain(count) * sqrt(abs(determinant(mat2(sides[0].xy, sides[1].xy))));
     bool umbra;
-    int between = bodies_between(sun_map, casters, caster_count, slot_size, p, 0.0, spread + length(middle), gap, umbra);
+    int between = bodies_between(sun_map, casters, caster_count, slot_size, p, footprint_radius(sides),
+                                 spread + length(middle), gap, umbra);
     int k = !wanted || between == 0 || umbra ? count : 0;
     do {
         int left = between;
         float most = 0.0;
+        vec4 ray = rays[every * min(k, count - 1)];
+        vec3 start = p + sides * (places * ray.zw);
         do {
             int lowest = left & -left;
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
-            vec2 slope = middle + spread * slopes[every * min(k, count - 1)];
-            float one = sun_blocked(sun_map, caster, slot_size, p, slope, widening);
+            float one = sun_blocked(sun_map, caster, slot_size, start, middle + spread * ray.xy, grain, widening);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;
         } while (left != 0 && most < 1.0);

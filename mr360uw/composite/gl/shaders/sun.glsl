@@ -1,5 +1,6 @@
 // Light of the sun at a place: attenuated beam, caustic factor, and visibility behind bodies.
 // Held to composite/lighting/sun.py.
+#include "composite/gl/shaders/footprint.glsl"
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"
 #include "caustics/lookup.glsl"
@@ -61,22 +62,24 @@ vec3 in_sun_axes(Sun sun, View view, vec3 point) {
     return sun.axes * (point + view.position);
 }
 
-// visible fraction of a disc about the sun from p, in the sun's axes, over each `every`-th of its directions
-float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 p,
-                float half_angle, int every, bool wanted) {
-    return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sun.slope, slopes,
+// visible fraction of a disc about the sun, a mean over a footprint about p, in the sun's axes, over each `every`-th ray
+float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec4 rays[MAXIMUM_SUN_SAMPLES], vec3 p,
+                mat2x3 sides, float half_angle, int every, bool wanted) {
+    return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sides, sun.slope, rays,
                           (shadows.samples + every - 1) / every, every, tan(half_angle), wanted);
 }
 
-// visible fraction of the beam from a point. halo: visible fraction of the halo if known, else -1: then it is computed
-// over each `every`-th direction
+// visible fraction of the beam, a mean over a footprint. halo: visible fraction of the halo if known, else -1: then it
+// is computed over each `every`-th ray
 float visibility(Sun sun, Shadows shadows, View view, MediumTable medium, sampler2D beam, sampler2D sun_map,
-                 sampler2D casters, vec2 slopes[MAXIMUM_SUN_SAMPLES], vec3 point, float halo, int every, bool wanted) {
-    vec3 p = in_sun_axes(sun, view, point);
-    float seen = disc_seen(sun, shadows, sun_map, casters, slopes, p, sun.half_angle, 1, wanted);
+                 sampler2D casters, vec4 rays[MAXIMUM_SUN_SAMPLES], Footprint area, float halo, int every,
+                 bool wanted) {
+    vec3 p = in_sun_axes(sun, view, area.middle);
+    mat2x3 sides = sun.axes * area.sides;
+    float seen = disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.half_angle, 1, wanted);
 #if defined(HALO)
-    float found = disc_seen(sun, shadows, sun_map, casters, slopes, p, sun.halo_angle, every, wanted && halo < 0.0);
-    seen = mix(seen, halo < 0.0 ? found : halo, scattered_at(sun, view, medium, beam, point));
+    float found = disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.halo_angle, every, wanted && halo < 0.0);
+    seen = mix(seen, halo < 0.0 ? found : halo, scattered_at(sun, view, medium, beam, area.middle));
 #endif
     return seen;
 }

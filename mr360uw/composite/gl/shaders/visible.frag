@@ -2,7 +2,8 @@
 // composite/raycast/pixel_samples.py. It writes
 //   WHOLE: triangle + 1 at the centre if one smooth piece fills the pixel, 0 if nothing is hit, -1 otherwise
 //   BY_SAMPLE: triangle + 1 of every ray
-//   neither: groups of rays on one smooth piece, (triangle + 1, RANKS * rays + the representative ray) each
+//   neither: groups of rays on one smooth piece, (triangle + 1 at the representative ray, bits of the rays in WORDS
+//   numbers of WORD_BITS) each
 #include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/geometry.glsl"
 #include "sphere.glsl"
@@ -28,7 +29,8 @@ out float shown;
 layout(location = 0) out vec4 shown[FOURS];
 #else
 uniform vec2 cells[4 * FOURS];
-layout(location = 0) out vec4 shown[GROUPS / 2];
+const int ENTRY = 1 + WORDS;
+layout(location = 0) out vec4 shown[GROUPS * ENTRY / 4];
 #endif
 
 // EACH_FOUR writes a line for every four rays: arrays with constant indices stay in registers
@@ -230,6 +232,8 @@ void find_seed(Four four, inout Group group, int first) {
     }
 }
 
+float of_group[WORDS];  // bits of its rays
+
 // adds rays to a group; until it is complete they are marked by a negative nearness
 void gather(inout Four four, inout Group group, int first) {
     vec4 off = abs(products(four, group.plane) / four.nearness - 1.0);
@@ -237,6 +241,7 @@ void gather(inout Four four, inout Group group, int first) {
         bool near = four.piece[k] == group.piece && off[k] <= group.slack;
         bool taken = four.nearness[k] > 0.0 && (near || group.last || first + k == group.rank);
         group.rays += taken ? 1.0 : 0.0;
+        of_group[(first + k) / WORD_BITS] += taken ? float(1 << (first + k) % WORD_BITS) : 0.0;
         group.sum += taken ? cells[first + k] : vec2(0.0);
         four.nearness[k] = taken ? -1.0 : four.nearness[k];
     }
@@ -262,8 +267,8 @@ const Group NONE = Group(0.0, 0.0, 0.0, -1, vec3(0.0), 0.0, false, 0.0, vec2(0.0
 
 void write_result() {
     fours[FOURS - 1].nearness *= LAST;
-    vec4 found[GROUPS / 2];
-    for (int k = 0; k < GROUPS / 2; ++k) found[k] = vec4(0.0);
+    float found[GROUPS * ENTRY];
+    for (int k = 0; k < GROUPS * ENTRY; ++k) found[k] = 0.0;
     int number = 0;
     Group group = NONE;
     EACH_FOUR(SEED)
@@ -272,18 +277,20 @@ void write_result() {
         group.plane = plane_of(fetch_facet(int(group.triangle) - 1, piece, nearest));
         group.slack = tolerance(group.plane, group.nearness);
         group.last = number == GROUPS - 1;
+        for (int w = 0; w < WORDS; ++w) of_group[w] = 0.0;
         EACH_FOUR(GATHER)
         EACH_FOUR(REPRESENT)
-        vec2 entry = vec2(group.triangle, float(RANKS) * group.rays + float(group.rank));
-        for (int k = 0; k < GROUPS / 2; ++k) {
-            if (number == 2 * k) found[k].xy = entry;
-            if (number == 2 * k + 1) found[k].zw = entry;
+        for (int k = 0; k < GROUPS; ++k) {
+            if (number != k) continue;
+            found[ENTRY * k] = group.triangle;
+            for (int w = 0; w < WORDS; ++w) found[ENTRY * k + 1 + w] = of_group[w];
         }
         ++number;
         group = NONE;
         EACH_FOUR(SEED)
     } while (group.rank >= 0);
-    for (int k = 0; k < GROUPS / 2; ++k) shown[k] = found[k];
+    for (int k = 0; k < GROUPS * ENTRY / 4; ++k)
+        shown[k] = vec4(found[4 * k], found[4 * k + 1], found[4 * k + 2], found[4 * k + 3]);
 }
 #endif
 
