@@ -135,7 +135,7 @@ class SurfacePass:
         pixel, group = np.nonzero(shown[..., 0])
         entries = shown[pixel, group].astype(np.int32)
         bits = entries[:, 1:, None] >> np.arange(_WORD_BITS, dtype=np.int32) & 1
-        member = bits.reshape(len(pixel), -1)[:, : samples.count].astype(np.bool_)
+        member = bits.reshape(len(pixel), words * _WORD_BITS)[:, : samples.count].astype(np.bool_)
         rank = nearest_to_mean(samples, member)
         there, first = np.unique(pixel, return_index=True)
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
