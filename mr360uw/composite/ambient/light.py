@@ -35,7 +35,10 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
     if not shot.objects or not (shot.draw.ambient_occlusion or (receiver is not None and receiver.occlusion)):
         return None
     layout = ambient_layout(shot, cache)
-    if all(view.nothing for view in layout.views) and not layout.ground_bodies:
+    if (
+        all(view.nothing(body) for body, view in zip(layout.bodies, layout.views, strict=True))
+        and not layout.ground_bodies
+    ):
         return None
     return Solver(shot, layout, cache).solve()
 
