@@ -55,11 +55,6 @@ class Layout:
         free = all(view.nothing(body) for body, view in zip(self.bodies, self.views, strict=True))
         return free and not self.ground_bodies
 
-    def around_nodes(self, number: int) -> Floats:
-        """Return four places (NODES^2, 4, 3) about each of a body's nodes."""
-        fine = _nodes(self.bodies[number], 2 * NODES).reshape(NODES, 2, NODES, 2, 3)
-        return fine.transpose(0, 2, 1, 3, 4).reshape(-1, 4, 3)
-
     def sweep(self, points: Floats) -> Swept:
         """Return what bodies block at places (n, 3) of the world, as `ground_kernel.gather` takes it."""
         places = np.ascontiguousarray(points, np.float64)

@@ -50,9 +50,8 @@ class Sunlight:
         node = self._layout.nodes[number]
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
-        corners = self._layout.around_nodes(number)
-        shaded = self._shaded(("nodes", number), corners.reshape(-1, 3)).reshape(corners.shape[:2])
-        return self._beam(node) * max(float(self._sun.direction[1]), 0.0), shaded.mean(axis=1)
+        beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
+        return beam, self._shaded(("nodes", number), node).astype(np.float64)
 
     def _beam(self, points: Floats) -> Floats:
         """Return the sun's irradiance (n, 3) across its beam."""
