@@ -45,16 +45,16 @@ def ratios(along_m: Floats) -> Floats:
 
 
 def test_a_body_that_swims_away_fades() -> None:
-    light = ratios(np.linspace(6.0, 9.0, 61))
+    light = ratios(np.linspace(6.0, 9.0, 31))
     assert np.abs(np.diff(light.mean(axis=1))).max() < tol.SWIMMING_BY
-    assert light[0].min() < 1.0
-    np.testing.assert_array_equal(light[-1], 1.0)
+    assert light[0].min() < light[-1].min() - tol.SWIMMING_BY
+    np.testing.assert_array_equal(light[-1], light[-2])
 
 
 def test_a_body_that_passes_changes_light_in_small_steps() -> None:
-    light = ratios(np.linspace(1.5, 1.75, 11))
+    light = ratios(np.linspace(3.0, 3.25, 11))
     assert np.abs(np.diff(light, axis=0)).max() < tol.ONE_STEP
-    assert light[0].min() < light[-1].min() - tol.ONE_STEP
+    assert light.min() < 1.0 - tol.ONE_STEP
 
 
 def reef(shift: tuple[float, float, float], turn_deg: float = 0.0, swim_m: float = 0.0) -> Shot:

@@ -24,9 +24,9 @@ _MOST = 600
 _TURN = 4.0
 """A normal that turns by one radian counts as so many spacings of distance."""
 _NEIGHBOURS = 8
-_SHARP = 0.1
+_SHARP = 0.2
 """Part of the distance between neighbours within which a site takes the value of a lookout itself."""
-_STRAIGHT = 0.05
+_STRAIGHT = 1e-4
 """Weight of the slope's penalty: lookouts in a row do not fix the slope across it."""
 
 
@@ -92,8 +92,8 @@ def _least_squares(lattice: Lattice, neighbours: NDArray[np.int64], distance: Fl
     off = (lattice.position[neighbours] - lattice.position[:, None]) / reach[..., None]
     terms = np.stack([np.ones_like(distance), np.sum(off * u[:, None], -1), np.sum(off * v[:, None], -1)], axis=-1)
     relative = distance / reach
-    near = np.maximum(1.0 - relative, 1e-3) ** 2 / (relative**2 + _SHARP**2 / 4.0) ** 2
+    near = np.maximum(1.0 - relative, 1e-3) ** 2 / (relative**2 + _SHARP**2) ** 2
     moments = np.einsum("sn,sni,snj->sij", near, terms, terms)
-    moments[:, [1, 2], [1, 2]] += _STRAIGHT * 0.1 * near.sum(axis=1)[:, None]
+    moments[:, [1, 2], [1, 2]] += _STRAIGHT * near.sum(axis=1)[:, None]
     first = np.linalg.solve(moments, np.broadcast_to(np.eye(3)[:, :1], (len(near), 3, 1)))[..., 0]
     return np.asarray(near * np.einsum("sni,si->sn", terms, first))
