@@ -12,10 +12,10 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.ground_kernel import gather
 from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.ambient.on_ground.ground_kernel import gather
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.ambient.store import cache_folder
 from mr360uw.composite.gl.layer_renderer import LayerRenderer

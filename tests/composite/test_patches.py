@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.body_bound import most_blocked
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
-from mr360uw.composite.ambient.light_table import glow_table
-from mr360uw.composite.ambient.patch_kernel import SMOOTH_PATCH
-from mr360uw.composite.ambient.patches import camera_place, make_patches
-from mr360uw.composite.ambient.sky_weights import sky_weights
+from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
+from mr360uw.composite.ambient.on_ground.light_table import glow_table
+from mr360uw.composite.ambient.on_ground.patch_kernel import SMOOTH_PATCH
+from mr360uw.composite.ambient.on_ground.patches import camera_place, make_patches
+from mr360uw.composite.ambient.on_ground.sky_weights import sky_weights
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol

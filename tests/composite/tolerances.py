@@ -59,6 +59,14 @@ BALLS = 0.025
 """512 directions of which a ball's edge cuts some, and sites a twelfth of a ball apart."""
 TURNED = 0.01
 """A quarter turn of all: directions stay with the body, the environment's blocks of 2 x 2 pixels turn by whole ones."""
+SWIMMING_BY = 2e-4
+"""Steps of a ball's mean light while another fades from view in thirty steps: whole, it takes .0015 of it."""
+ONE_STEP = 0.016
+"""Steps of a ball's light anywhere on it while another moves by a twentieth of a radius five radii away: two of 512
+directions, each .0078 of the light, pass the other's edge at once."""
+LOOKOUT_PLANE = 0.02
+"""A unit ball's normals interpolated from lookouts that are nowhere farther than .18: half of the square of that, .016, is
+what a sphere leaves its tangent plane by."""
 COSINE_SUM = 0.005
 """Sum over 512 directions of a cosine that is cut off at the horizon."""
 KNOT_PLACE = 0.01

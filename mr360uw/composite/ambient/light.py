@@ -9,10 +9,10 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
-from mr360uw.composite.ambient.ground_height import ground_heights
-from mr360uw.composite.ambient.ground_kernel import shown
-from mr360uw.composite.ambient.light_table import level_table
-from mr360uw.composite.ambient.patches import Patches, camera_place, make_patches
+from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
+from mr360uw.composite.ambient.on_ground.ground_kernel import shown
+from mr360uw.composite.ambient.on_ground.light_table import level_table
+from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
 from mr360uw.composite.ambient.solver import AmbientLight, Solver
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
@@ -39,7 +39,10 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
     if not shot.objects or not (shot.draw.ambient_occlusion or (receiver is not None and receiver.occlusion)):
         return None
     layout = ambient_layout(shot, cache)
-    if all(view.nothing for view in layout.views) and not layout.ground_bodies:
+    if (
+        all(view.nothing(body) for body, view in zip(layout.bodies, layout.views, strict=True))
+        and not layout.ground_bodies
+    ):
         return None
     return Solver(shot, layout, cache).solve()
 

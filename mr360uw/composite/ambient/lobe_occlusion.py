@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Occlusion of glossy reflection: other bodies and shaded ground within the lobe of a site towards the camera.
 
-    kept = 1 - (sum_b w_k L_k - sum_g w_k L_k c_g)/sum_k w_k L_k        instead = sum_b w_k B_b/sum_k w_k
+    kept = 1 - (sum_b p w_k L_k - sum_g p w_k L_k c_g)/sum_k w_k L_k        instead = sum_b p w_k B_b/sum_k w_k
     w    = D(n.h) V(n.v, n.l) n.l
 
-with k the directions of `directions.py`, b those that meet a site, g those that meet a node of the ground, L the
-environment, B the radiance that sites send, c the relative change of the light on the ground, D and V those of
-`shading.py`. The prefiltered environment times kept plus instead is the reflected light: white bodies in white light
-stay white, and nothing changes where nothing is met.
+with k the directions of `directions.py`, b those that meet a lookout, g those that meet a node of the ground, p the
+part of the direction that they fill, L the environment, B the radiance that lookouts send, c the relative change of the
+light on the ground, D and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected
+light: white bodies in white light stay white, and nothing changes where nothing is met.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_view import Body, BodyView
+from mr360uw.composite.ambient.body_view import Body, Met, Outlook
 from mr360uw.composite.ambient.directions import directions
 from mr360uw.types import Floats
 
@@ -28,14 +29,32 @@ smoother surfaces are blurred as much. Twice as wide, a ball of roughness .35 on
 _LEAST_COSINE = 1e-3
 
 
-def reflected_among(
-    body: Body, view: BodyView, camera: Floats, radiance: Floats, sent: Floats, change: Floats
-) -> Floats:
+def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int) -> Met:
+    """Return what all sites of a body meet: others and the ground as in their outlook, then the body itself.
+
+    cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
+    none. begin: where the body's lookouts begin among all.
+    """
+    others = np.repeat(np.arange(len(cosine)), np.diff(look.sites.indptr))
+    parts = [(others, look.way, look.sites.indices + 1, look.sites.data / cosine[others, look.way])]
+    if node is not None:
+        site, way = np.nonzero((node >= 0) & (cosine > look.lost))
+        parts.append((site, way, -node[site, way] - 1, 1.0 - look.lost[site, way] / cosine[site, way]))
+    if body.own.lost is not None:
+        own = body.transfer.own
+        parts.append((own.site, own.direction, body.transfer.lookouts.of[own.hit] + begin + 1, np.ones(len(own.hit))))
+    site, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(site, kind="stable")
+    first = np.searchsorted(site[order], np.arange(len(cosine) + 1))
+    return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
+
+
+def reflected_among(body: Body, met: Met, camera: Floats, radiance: Floats, sent: Floats, change: Floats) -> Floats:
     """Return (S, 6) for the sites of a body: the ratio of the environment's glossy light that is kept, and the radiance
     that is seen instead.
 
     camera: (3,) place in the world. radiance: (COUNT, 3) of the environment in the body's directions. sent: (all
-    sites, 3) radiance of what is met. change: (NODES^2, 3) of the light on the ground at the body's nodes, from -1 on.
+    lookouts, 3) radiance of what is met. change: (NODES^2, 3) of the light at the body's nodes, from -1 on.
     """
     lattice = body.transfer.lattice
     towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation
@@ -43,9 +62,8 @@ def reflected_among(
     alpha = np.maximum(body.transfer.roughness**2, LEAST_ALPHA)
     out = np.zeros((len(towards), 6))
     out[:, :3] = 1.0
-    met = view.met
     single = [np.ascontiguousarray(a, np.float32) for a in (lattice.normal, towards, alpha, directions().T, radiance.T)]
-    _reflect(*single, met.indptr, met.indices, met.data, sent, change, out)
+    _reflect(*single, met.begin, met.direction, met.target, met.part, sent, change, out)
     return out
 
 
@@ -77,7 +95,7 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def _reflect(
     normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any,
-    first: Any, direction: Any, met: Any, sent: Any, change: Any, out: Any,
+    first: Any, direction: Any, target: Any, part: Any, sent: Any, change: Any, out: Any,
 ) -> None:  # fmt: skip
     weight = np.empty(d.shape[1], np.float32)
     for s in range(len(normal)):
@@ -91,13 +109,13 @@ def _reflect(
             green += weight[k] * radiance[1, k]
             blue += weight[k] * radiance[2, k]
         for p in range(first[s], first[s + 1]):
-            k, number = direction[p], met[p]
+            k, number = direction[p], target[p]
             for c in range(3):
                 total = red if c == 0 else green if c == 1 else blue
-                lost = weight[k] * radiance[c, k] / total
+                lost = part[p] * weight[k] * radiance[c, k] / total
                 if number > 0:
                     out[s, c] -= lost
-                    out[s, 3 + c] += weight[k] * sent[number - 1, c] / whole
+                    out[s, 3 + c] += part[p] * weight[k] * sent[number - 1, c] / whole
                 else:
                     out[s, c] += lost * change[-number - 1, c]
         for c in range(3):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice, stand_ins
+from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
 from mr360uw.composite.ambient.store import kept_on_disk
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
@@ -40,21 +41,34 @@ class Pairs:
     direction: NDArray[np.int64]
     hit: NDArray[np.int64]
 
-    def of(self, which: NDArray[Any]) -> Pairs:
-        """Return some of the pairs."""
-        return Pairs(self.site[which], self.direction[which], self.hit[which])
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnView:
+    """What a mesh does to its own light. lost: (S, COUNT) float32, irradiance [sr] that its own surface keeps off in
+    each direction, None if nothing; sites: (S, C) sparse, what its lookouts add instead; open: (S, COUNT) directions
+    that are left. plain, direct: (C, COUNT) irradiance that each direction adds at the lookouts, were nothing in the
+    way, and with the mesh itself.
+    """
+
+    lost: NDArray[np.float32] | None
+    sites: Any
+    open: NDArray[np.bool_]
+    plain: NDArray[np.float32]
+    direct: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transfer:
     """What a mesh is to ambient light, in its own axes.
 
-    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum. own:
-    pairs that the mesh blocks itself. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic,
-    roughness, index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
+    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
+    lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
+    (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
+    triangles for rays, and their numbers. tree: k-d tree of the sites.
     """
 
     lattice: Lattice
+    lookouts: Lookouts
     cosine: NDArray[np.float32]
     own: Pairs
     base: Floats
@@ -66,6 +80,22 @@ class Transfer:
     scene: RayScene
     solid: NDArray[np.int64]
     mesh: Mesh
+    tree: Any
+
+    def own_view(self, shadow: bool) -> OwnView:
+        """Return what the mesh does to its own light if it casts a `shadow`."""
+        from scipy.sparse import csr_matrix
+
+        own, open_ = self.own, self.cosine > 0.0
+        plain = self.cosine[self.lookouts.site]
+        shape = (len(self.cosine), len(self.lookouts.site))
+        if not shadow or len(own.site) == 0:
+            return OwnView(None, csr_matrix(shape, dtype=np.float32), open_, plain, plain)
+        open_[own.site, own.direction] = False
+        weight = self.cosine[own.site, own.direction]
+        sites = csr_matrix((weight, (own.site, self.lookouts.of[own.hit])), shape=shape)
+        lost = np.where(open_, np.float32(0.0), self.cosine)
+        return OwnView(lost, sites, open_, plain, plain - lost[self.lookouts.site])
 
     def reflected(self, medium_index: float) -> Floats:
         """Return the fraction (S, 3) of ambient light that sites send back, the coat's part taken as diffuse."""
@@ -74,15 +104,11 @@ class Transfer:
         coat = reflectance(f0, split)
         return np.where(self.metallic[:, None] > 0.5, self.base, self.base + (1.0 - self.base) * coat)
 
-    def sites_at(self, triangle: NDArray[np.int64], weights: Floats, behind: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return the nearest site (n,) to places on opaque triangles; behind: those met from the back."""
-        knots, shares = knots_at(self.lattice.places[self.solid[triangle]], weights)
-        knot = knots[np.arange(len(knots)), np.argmax(shares, axis=1)]
-        return self.lattice.knot_site[knot + (self.lattice.knots * behind if self.lattice.two_sided else 0)]
-
 
 def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its rays are shot once, and kept on the disk."""
+    from scipy.spatial import cKDTree
+
     lattice = make_lattice(mesh)
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
@@ -90,44 +116,50 @@ def make_transfer(mesh: Mesh) -> Transfer:
     # their sum is that of the integral, so that uniform light stays uniform
     cosine = (cosine * (np.pi / cosine.sum(axis=1, keepdims=True))).astype(np.float32)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
-    bare = Transfer(lattice, cosine, Pairs(*np.zeros((3, 0), np.int64)), base, emission, metallic, roughness, index,
-                    cosine.sum(axis=1), scene, solid, mesh)  # fmt: skip
     own = kept_on_disk(
         (mesh.positions, mesh.normals, solid, np.array([COUNT, _VERSION])), ("site", "direction", "hit", "behind"),
-        (len(cosine), COUNT, len(cosine), 2), lambda: _blocked_by_itself(bare),
+        (len(cosine), COUNT, len(cosine), 2), lambda: _blocked_by_itself(lattice, cosine, scene, solid),
     )  # fmt: skip
-    return _without_buried_sites(replace(bare, own=Pairs(*own[:3])), own[3])
+    lattice, pairs, seen = _without_buried_sites(lattice, cosine, *own)
+    lookouts = make_lookouts(lattice, float(np.max(mesh.extent_m)), seen)
+    return Transfer(lattice, lookouts, cosine, pairs, base, emission, metallic, roughness, index, cosine.sum(axis=1),
+                    scene, solid, mesh, cKDTree(lattice.position))  # fmt: skip
 
 
-def _without_buried_sites(transfer: Transfer, behind: NDArray[np.int64]) -> Transfer:
-    """Return a transfer in which sites inside another part of the mesh, which see its surface from behind, take the
-    values of those about them: what is interpolated from them is seen.
+def _without_buried_sites(
+    lattice: Lattice,
+    cosine: NDArray[np.float32],
+    site: NDArray[np.int64],
+    direction: NDArray[np.int64],
+    hit: NDArray[np.int64],
+    behind: NDArray[np.int64],
+) -> tuple[Lattice, Pairs, NDArray[np.bool_]]:
+    """Return lattice and own pairs in which sites inside another part of the mesh, which see its surface from behind,
+    take the values of those about them: what is interpolated from them is seen. Last, which sites (S,) are not inside.
     """
-    own, lattice = transfer.own, transfer.lattice
-    count = len(transfer.cosine)
-    inside = np.bincount(own.site, behind, count)
-    buried = inside > _BURIED * np.count_nonzero(transfer.cosine, axis=1)
+    count = len(cosine)
+    inside = np.bincount(site, behind, count)
+    buried = inside > _BURIED * np.count_nonzero(cosine, axis=1)
     if lattice.two_sided or not np.any(buried) or np.all(buried):
-        return transfer
+        return lattice, Pairs(site, direction, hit), np.ones(count, np.bool_)
     stand_in, mixed = stand_ins(lattice, buried)
-    kept = ~buried[own.site]
-    return replace(
-        transfer,
-        own=Pairs(own.site[kept], own.direction[kept], stand_in[own.hit[kept]]),
-        lattice=replace(lattice, knot_site=stand_in[lattice.knot_site], from_sites=lattice.from_sites @ mixed),
-    )
+    kept = ~buried[site]
+    lattice = replace(lattice, knot_site=stand_in[lattice.knot_site], from_sites=lattice.from_sites @ mixed)
+    return lattice, Pairs(site[kept], direction[kept], stand_in[hit[kept]]), ~buried
 
 
-def _blocked_by_itself(transfer: Transfer) -> tuple[NDArray[np.int64], ...]:
-    lattice, d = transfer.lattice, directions()
-    site, direction = np.nonzero(transfer.cosine > 0.0)
+def _blocked_by_itself(
+    lattice: Lattice, cosine: NDArray[np.float32], scene: RayScene, solid: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], ...]:
+    d = directions()
+    site, direction = np.nonzero(cosine > 0.0)
     found = [np.zeros((4, 0), np.int64)]
     for start in range(0, len(site), _RAYS_AT_ONCE):
         s, k = site[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
-        triangle = transfer.scene.first_hit(lattice.position[s], d[k])
+        triangle = scene.first_hit(lattice.position[s], d[k])
         hit = np.flatnonzero(triangle >= 0)
         s, k, triangle = s[hit], k[hit], triangle[hit]
-        met, _, behind = met_sites(transfer, lattice.position[s], d[k], triangle)
+        met, _, behind = _met(lattice, scene, solid, lattice.position[s], d[k], triangle)
         found.append(np.stack([s, k, met, behind]))
     return tuple(np.concatenate(found, axis=1))
 
@@ -136,11 +168,24 @@ def met_sites(
     transfer: Transfer, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
     """Return the nearest site (n,) to where rays meet opaque triangles, the distance, and which meet the back (n,)."""
-    corners = transfer.scene.triangles[triangle]
+    return _met(transfer.lattice, transfer.scene, transfer.solid, origin, direction, triangle)
+
+
+def _met(
+    lattice: Lattice,
+    scene: RayScene,
+    solid: NDArray[np.int64],
+    origin: Floats,
+    direction: Floats,
+    triangle: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    corners = scene.triangles[triangle]
     weights, distance = barycentric(corners - origin[:, None], direction)
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     behind = np.sum(flat * direction, axis=-1) > 0.0
-    return transfer.sites_at(triangle, weights, behind), distance, behind
+    knots, shares = knots_at(lattice.places[solid[triangle]], weights)
+    knot = knots[np.arange(len(knots)), np.argmax(shares, axis=1)]
+    return lattice.knot_site[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind
 
 
 def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:

@@ -11,6 +11,7 @@ white box.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,27 +20,27 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.body_view import NODES
+from mr360uw.composite.ambient.body_view import Body, Outlook
 from mr360uw.composite.ambient.directions import blurred, radiance_towards
-from mr360uw.composite.ambient.ground_kernel import gather, shown
 from mr360uw.composite.ambient.knot_values import CHANNELS
-from mr360uw.composite.ambient.light_table import light_table
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
-from mr360uw.composite.lighting.sun import sun_of, sun_up
+from mr360uw.composite.ambient.on_ground.ground_kernel import gather, shown
+from mr360uw.composite.ambient.on_ground.ground_view import NODES, from_coarse
+from mr360uw.composite.ambient.on_ground.light_table import light_table
+from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio
 from mr360uw.types import Floats
 
 BOUNCES = 8
-"""Steps of the solution: what the first guess is off by shrinks by the reflectance times what is hidden in each, to
-less than half a percent inside a crate of reflectance .8."""
+"""Steps of the solution at most: what the first guess is off by shrinks by the reflectance times what is hidden in each
+step, to less than half a percent inside a crate of reflectance .8."""
+_SETTLED = 5e-4
+"""A step that changes the light by less than this part of its largest value is the last: a tenth of a code value."""
+_ROWS_AT_ONCE = 256
+"""Rows of a product of matrices that is too small for BLAS to wake other threads, which cost more than they save."""
 _BRIGHTEST = 16.0
 """Most that neighbours multiply the ambient light of a place by."""
-_STEPS = 64.0
-"""The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
-_FEW = 0.002
-"""Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,16 +76,23 @@ def light_lost(
     """Return the irradiance (n, 3) that bodies take from places of the ground less what they send there, and the
     fraction (n,) of uniform light that they block. The arguments are those of `AmbientLight` and `AmbientLight.free`.
     """
-    blocked = np.zeros((len(sent), len(normal), 4))
+    blocked = blocked_light(table, normal, swept)
+    lost = blocked[..., :3].sum(axis=0)
+    for k, radiance, of in zip(layout.ground_bodies, sent, blocked, strict=True):
+        if np.any(of[:, 3]):
+            lost -= of[:, 3:] * layout.at_nodes(k, radiance, point)
+    return lost, blocked[..., 3].sum(axis=0) / np.pi
+
+
+def blocked_light(table: NDArray[np.float64], normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
+    """Return what each body blocks (bodies, n, 4) of light and of a radiance of 1; the arguments are `light_lost`'s."""
+    blocked = np.zeros((len(swept[0]), len(normal), 4))
     normal = np.ascontiguousarray(normal, np.float64)
     weights = normal
     if len(normal) and np.all(normal == normal[0]):
         table, weights = np.tensordot(table, normal[0], axes=(2, 0))[:, :, None], np.ones((len(normal), 1))
     gather(normal, weights, *swept, table, blocked)
-    lost = blocked[..., :3].sum(axis=0)
-    for k, radiance, of in zip(layout.ground_bodies, sent, blocked, strict=True):
-        lost -= of[:, 3:] * layout.at_nodes(k, radiance, point)
-    return lost, blocked[..., 3].sum(axis=0) / np.pi
+    return blocked
 
 
 class Solver:
@@ -92,148 +100,149 @@ class Solver:
 
     def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
         self._shot, self._layout, self._cache = shot, layout, cache
-        map_ = blurred(shot.environment)
-        self._radiance = [radiance_towards(map_, body.rotation) for body in layout.bodies]
-        self._plain = [
-            b.transfer.cosine @ r.astype(np.float32) for b, r in zip(layout.bodies, self._radiance, strict=True)
-        ]
-        self._reflected = np.concatenate([b.transfer.reflected(shot.refractive_index) for b in layout.bodies])
-        self._emitted = np.concatenate([b.transfer.emission / self._scale(b.center[None]) for b in layout.bodies])
-        self._sun = np.concatenate([self._sunlight(k) for k in range(len(layout.bodies))])
+        self._sunlight = Sunlight(shot, layout, cache)
+        map_, bodies = blurred(shot.environment), layout.bodies
+        towards = {body.rotation.tobytes(): body.rotation for body in bodies}
+        light = {key: radiance_towards(map_, rotation).astype(np.float32) for key, rotation in towards.items()}
+        self._radiance = [light[body.rotation.tobytes()] for body in bodies]
+        materials = [self._material(body) for body in bodies]
+        self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
+        self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
+        self._sun = np.concatenate([self._sunlight.at_lookouts(k) for k in range(len(bodies))])
         self._table = light_table(shot.environment)
 
     def solve(self) -> AmbientLight:
-        """Return the light after `BOUNCES` steps; the ground's shade is found from the first."""
-        layout = self._layout
-        views = layout.views
-        irradiance = np.concatenate(self._plain) * self._first_guess()
-        direct = [
-            plain - view.lost @ radiance
-            for plain, view, radiance in zip(self._plain, views, self._radiance, strict=True)
-        ]
-        shade: list[Floats] = [np.zeros((len(plain), 3)) for plain in direct]
+        """Return the light after the last step; the ground's shade is found from the first."""
+        layout, radiance = self._layout, self._radiance
+        bodies, views = layout.bodies, layout.views
+        plain = [body.own.plain @ of for body, of in zip(bodies, radiance, strict=True)]
+        direct = np.concatenate([
+            (known if body.own.lost is None else body.own.direct @ of) - view.lookouts.lost @ of
+            for known, body, view, of in zip(plain, bodies, views, radiance, strict=True)
+        ])  # fmt: skip
+        irradiance = np.concatenate(plain) * self._first_guess()
+        shade = np.zeros_like(direct)
         sent = self._sent(irradiance)
-        steps = BOUNCES if any(view.sites.nnz or view.ground.nnz for view in views) else 0
+        steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) else 0
         for step in range(steps):
             if step == 1:
-                down = self._down(sent)
-                shade = [view.ground @ (self._floor(k) * self._ground_change(k, down)) for k, view in enumerate(views)]
-            found = [d + view.sites @ sent + s for d, view, s in zip(direct, views, shade, strict=True)]
-            irradiance = np.concatenate(found)
+                added = self._added(self._change(sent))
+                shade = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, added, strict=True)])
+            before, irradiance = irradiance, direct + layout.sites @ sent + shade
             sent = self._sent(irradiance)
-        values = self._values(np.maximum(irradiance, 0.0), sent) if self._shot.draw.ambient_occlusion else None
-        none: tuple[None, ...] = (None,) * len(self._shot.objects)
-        down = self._down(sent)
-        ambient = self._shot.environment.ambient
-        return AmbientLight(layout, none if values is None else values, self._table, down, ambient)
+            if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
+                break
+        values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
+        if self._shot.draw.ambient_occlusion:
+            change = self._change(sent)
+            added = self._added(change)
+            values = tuple(self._values(k, plain[k], sent, change[k], added[k]) for k in range(len(bodies)))
+        down = tuple(self._sent_down(k, sent) for k in layout.ground_bodies)
+        return AmbientLight(layout, values, self._table, down, self._shot.environment.ambient)
+
+    def _material(self, body: Body) -> tuple[Floats, Floats]:
+        """Return the fraction (C, 3) of light that the surface about a body's lookouts sends back, and its emission
+        over the ambient light's fall with depth.
+        """
+        transfer, index = body.transfer, self._shot.refractive_index
+        lookouts = transfer.lookouts
+        reflected, emission = self._cache.get(
+            "ambient material", (transfer.mesh, index),
+            lambda: (lookouts.mean(transfer.reflected(index)), lookouts.mean(transfer.emission)), keep=64,
+        )  # fmt: skip
+        return reflected, emission / self._sunlight.ambient(body.center[None])
 
     def _first_guess(self) -> Floats:
         """Return the ratio (sites, 3) of irradiance were every site in a hollow of its own openness v and reflectance:
         v/(1 - rho (1 - v)); 1 in a white or an open one.
         """
-        seen = np.concatenate([view.visible[:, None] for view in self._layout.views])
+        seen = np.concatenate([view.openness for view in self._layout.views])
         return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
-        """Return the radiance (sites, 3) that sites send to all sides, over the ambient light's fall with depth."""
-        return self._reflected * (irradiance + self._sun) / np.pi + self._emitted
+        """Return the radiance (all, 3) that lookouts send to all sides, over the ambient light's fall with depth."""
+        return (self._reflected * (irradiance + self._sun) / np.pi + self._emitted).astype(np.float32)
 
-    def _scale(self, points: Floats) -> Floats:
-        """Return the ambient light (n, 3) at the depth of points (n, 3) of the world over that at the camera."""
-        shot = self._shot
-        if shot.medium is None:
-            return np.ones((len(points), 3))
-        return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
-
-    def _beam(self, points: Floats) -> Floats:
-        """Return the sun's irradiance (n, 3) across its beam over the ambient light's fall with depth."""
-        shot, sun = self._shot, sun_of(self._shot)
-        if sun is None:
-            return np.zeros((len(points), 3))
-        beam = np.broadcast_to(sun.irradiance, (len(points), 3))
-        if shot.medium is not None:
-            beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
-        return beam / np.maximum(self._scale(points), 1e-9)
-
-    def _sunlight(self, number: int) -> Floats:
-        """Return the irradiance (S, 3) of the sun on the sites of a body."""
-        body, sun = self._layout.bodies[number], sun_of(self._shot)
-        if sun is None:
-            return np.zeros((len(body.transfer.cosine), 3))
-        place = body.placed.to_world(body.transfer.lattice.position)
-        cosine = np.maximum(body.transfer.lattice.normal @ body.rotation.T @ sun.direction, 0.0)
-        return self._beam(place) * (cosine * ~self._shaded(("sites", number), place))[:, None]
-
-    def _shaded(self, what: object, place: Floats) -> NDArray[np.bool_]:
-        sun = sun_of(self._shot)
-        assert sun is not None
-        towards = np.round(_STEPS * np.asarray(sun.direction))
-        towards = towards / np.linalg.norm(towards)
-        key = (self._layout, what, towards.tobytes())
-        return self._cache.get("ambient sun", key, lambda: self._layout.shaded(place, towards), keep=256)
-
-    def _down(self, sent: Floats) -> tuple[Floats, ...]:
-        """Return `AmbientLight.sent`."""
-        return tuple(self._sent_down(k, sent) for k in self._layout.ground_bodies)
-
-    def _ground_change(self, number: int, down: tuple[Floats, ...]) -> Floats:
-        """Return the relative change (NODES^2, 3) of the light on the ground at the nodes of a body, from -1 on."""
-        node, layout = self._layout.views[number].node, self._layout
-        if len(node) == 0:
-            return np.zeros((0, 3))
-        sun, up = sun_of(self._shot), np.array([0.0, 1.0, 0.0])
-        swept = self._cache.get("ambient nodes", (layout, number), lambda: layout.sweep(node), keep=64)
-        lost, _ = light_lost(layout, self._table, down, node, np.tile(up, (len(node), 1)), swept)
-        before = np.maximum(environment_lookup(self._shot.environment.ambient, up[None]), 1e-9)
-        change = -lost
-        if sun is not None:
-            beam = self._beam(node) * max(float(sun.direction[1]), 0.0)
-            change = change - beam * self._shaded(("nodes", number), node)[:, None]
-            before = before + beam
-        return np.maximum(change / before, -1.0)
-
-    def _floor(self, number: int) -> Floats:
-        """Return the radiance (NODES^2, 3) of the ground without bodies at the nodes of a body."""
-        away = self._layout.views[number].node - self._layout.bodies[number].center
-        towards = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-        return environment_lookup(self._shot.environment.residual, towards)
-
-    def _values(self, irradiance: Floats, sent: Floats) -> tuple[NDArray[np.float32] | None, ...]:
-        layout = self._layout
-        values: list[NDArray[np.float32] | None] = []
-        for k, (body, view) in enumerate(zip(layout.bodies, layout.views, strict=True)):
-            if view.nothing:
-                values.append(None)
+    def _change(self, sent: Floats) -> list[Floats]:
+        """Return the relative change (nodes, 3) of the light on the ground at the nodes of every body, from -1 on."""
+        layout, environment = self._layout, self._shot.environment
+        down = tuple(self._sent_down(k, sent).reshape(-1, 3) for k in layout.ground_bodies)
+        up = np.array([[0.0, 1.0, 0.0]])
+        whole = np.maximum(environment_lookup(environment.ambient, up), 1e-9)
+        changes: list[Floats] = []
+        for number, (node, coarse) in enumerate(zip(layout.nodes, layout.coarse_nodes, strict=True)):
+            if len(node) == 0:
+                changes.append(np.zeros((0, 3), np.float32))
                 continue
-            plain, part = self._plain[k], slice(layout.first[k], layout.first[k + 1])
-            of_sites = np.zeros((len(plain), CHANNELS))
-            least = 1e-3 * plain.max() + 1e-9
-            of_sites[:, :3] = np.minimum((irradiance[part] + least) / (plain + least), _BRIGHTEST)
-            of_sites[:, 4:7] = of_sites[:, :3]
-            if len(self._shot.environment.glossy) and body.placed.mesh.glossy:
-                camera = self._shot.view.position
-                change = self._ground_change(k, self._down(sent))
-                mirrored = reflected_among(body, view, camera, self._radiance[k], sent, change)
-                of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
-            values.append((body.transfer.lattice.from_sites @ of_sites).astype(np.float32))
-        return tuple(values)
+            make = functools.partial(layout.at_coarse_nodes, number, self._cache)
+            swept, between = self._cache.get("ambient swept", (layout, number), make, keep=64)
+            blocked = blocked_light(self._table, np.repeat(up, len(coarse), axis=0), swept)
+            lost = blocked[..., :3].sum(axis=0)
+            for matrix, radiance, of in zip(between, down, blocked, strict=True):
+                lost -= of[:, 3:] * (matrix @ radiance)
+            beam, shaded = self._sunlight.at_nodes(number)
+            taken = (from_coarse() @ lost + beam * shaded[:, None]) / (whole + beam)
+            changes.append(-np.minimum(taken, 1.0).astype(np.float32))
+        return changes
+
+    def _added(self, change: list[Floats]) -> list[Floats]:
+        """Return the radiance (nodes, 3) that the nodes of every body send beyond what they would without bodies."""
+        residual, layout = self._shot.environment.residual, self._layout
+        found: list[Floats] = []
+        for node, body, of in zip(layout.nodes, layout.bodies, change, strict=True):
+            away = node - body.center
+            away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+            found.append((environment_lookup(residual, away) * of).astype(np.float32))
+        return found
+
+    def _values(
+        self, number: int, at_lookouts: Floats, sent: Floats, change: Floats, added: Floats
+    ) -> NDArray[np.float32] | None:
+        """Return the values (K, CHANNELS) of a body's knots, None where nothing is in its way. at_lookouts: (C, 3)
+        irradiance were nothing in the way. sent: radiance of all lookouts; change, added: of the nodes.
+        """
+        body, view, light = self._layout.bodies[number], self._layout.views[number], self._radiance[number]
+        if view.nothing(body):
+            return None
+        transfer, own = body.transfer, body.own
+        others = [self._from_others(look, light, sent, added) for look in (view.lookouts, view.near)]
+        if own.lost is None:
+            near = transfer.cosine[view.near_site] @ light
+            both = view.spread(
+                body, *(np.append(a, b, axis=1) for a, b in zip(others, (at_lookouts, near), strict=True))
+            )
+            plain = both[:, 3:]
+            irradiance = plain + both[:, :3]
+        else:
+            plain, first = _product(transfer.cosine, light), self._layout.first[number]
+            inside = own.sites @ sent[first : first + len(at_lookouts)]
+            irradiance = plain - _product(own.lost, light) + inside + view.spread(body, *others)
+        least = 1e-3 * plain.max() + 1e-9
+        of_sites = np.zeros((len(plain), CHANNELS), np.float32)
+        of_sites[:, :3] = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
+        of_sites[:, 4:7] = of_sites[:, :3]
+        if view.met is not None and len(self._shot.environment.glossy):
+            mirrored = reflected_among(body, view.met, self._shot.view.position, light, sent, change)
+            of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
+        return np.asarray(transfer.lattice.from_sites @ of_sites, np.float32)
+
+    @staticmethod
+    def _from_others(look: Outlook, light: Floats, sent: Floats, added: Floats) -> Floats:
+        """Return at r sites (r, 3) how other bodies and the ground change the irradiance. light: (COUNT, 3) radiance;
+        the others are those of `_values`.
+        """
+        return np.asarray(look.sites @ sent + look.ground @ added - look.lost @ light)
 
     def _sent_down(self, number: int, sent: Floats) -> Floats:
         """Return the mean radiance (NODES, NODES, 3) of what the nodes of a body see of it, spread to all of them."""
         view, layout = self._layout.views[number], self._layout
-        if len(view.node) == 0:
+        if len(view.down) == 0:
             return np.zeros((NODES, NODES, 3))
-        down = view.back @ sent[layout.first[number] : layout.first[number + 1]]
-        seen = np.asarray(view.back.sum(axis=1)).reshape(NODES, NODES, 1)
-        return spread_from(down.reshape(NODES, NODES, 3), seen)
+        mean = view.down @ sent[layout.first[number] : layout.first[number + 1]]
+        return mean.reshape(NODES, NODES, 3).astype(np.float64)
 
 
-def spread_from(total: Floats, weight: Floats) -> Floats:
-    """Return means (n, n, c) of a grid of sums and weights; where there is no weight, those of coarser cells."""
-    if len(total) == 1:
-        return total / np.maximum(weight, 1e-12)
-    rows = len(total) // 2
-    coarse = spread_from(*(a.reshape(rows, 2, rows, 2, -1).sum(axis=(1, 3)) for a in (total, weight)))
-    around = coarse.repeat(2, axis=0).repeat(2, axis=1)
-    few = _FEW * np.pi
-    return (total + few * around) / (weight + few)
+def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the product of matrices (n, k) and (k, 3)."""
+    parts = [matrix[k : k + _ROWS_AT_ONCE] @ light for k in range(0, len(matrix), _ROWS_AT_ONCE)]
+    return np.concatenate(parts)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.height_sweep import STEP
 from mr360uw.composite.ambient.mesh_transfer import Transfer
+from mr360uw.composite.ambient.on_ground.height_sweep import STEP
 from mr360uw.types import Floats
 
 CELLS = 32

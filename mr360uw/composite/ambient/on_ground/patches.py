@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.ground_kernel import UNNOTICED, shown
-from mr360uw.composite.ambient.light_table import glow_table
-from mr360uw.composite.ambient.patch_kernel import (
+from mr360uw.composite.ambient.on_ground.ground_kernel import UNNOTICED, shown
+from mr360uw.composite.ambient.on_ground.light_table import glow_table
+from mr360uw.composite.ambient.on_ground.patch_kernel import (
     JUMP_PATCH,
     NOTHING,
     SMOOTH_PATCH,
@@ -26,7 +26,7 @@ from mr360uw.composite.ambient.patch_kernel import (
     set_hanging,
     survey,
 )
-from mr360uw.composite.ambient.sky_weights import SkyWeights, sky_weights
+from mr360uw.composite.ambient.on_ground.sky_weights import SkyWeights, sky_weights
 from mr360uw.types import Floats
 
 TOLERANCE = 0.004

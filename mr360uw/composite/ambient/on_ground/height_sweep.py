@@ -10,7 +10,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from mr360uw.composite.ambient.body_bound import most_blocked
+from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
 
 AZIMUTHS, _FROM_OUTSIDE = 32, 24
 """Azimuths all around a place within the outline of a body, and over its width from outside. With 24 within, light

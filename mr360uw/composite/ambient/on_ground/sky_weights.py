@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.ground_kernel import PIECES, cut
+from mr360uw.composite.ambient.on_ground.ground_kernel import PIECES, cut
 from mr360uw.types import Floats
 
 _AT_ONCE = 1 << 16

@@ -12,7 +12,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from mr360uw.composite.ambient.body_bound import most_blocked
+from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
 
 _compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 _inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sun's light on bodies and on the ground below them, over the ambient light's fall with depth."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.lighting.sun import sun_of, sun_up
+from mr360uw.composite.shot import Shot
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.types import Floats
+
+_STEPS = 64.0
+"""The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
+_KEPT = 256
+
+
+class Sunlight:
+    """Irradiance of one shot's sun; its shadow rays are kept in `cache`."""
+
+    def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
+        self._shot, self._layout, self._cache = shot, layout, cache
+        self._sun = sun_of(shot)
+
+    def ambient(self, points: Floats) -> Floats:
+        """Return the ambient light (n, 3) at the depth of points (n, 3) of the world over that at the camera."""
+        shot = self._shot
+        if shot.medium is None:
+            return np.ones((len(points), 3))
+        return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
+
+    def at_lookouts(self, number: int) -> Floats:
+        """Return the irradiance (C, 3) on the lookouts of a body."""
+        body = self._layout.bodies[number]
+        lattice, site = body.transfer.lattice, body.transfer.lookouts.site
+        if self._sun is None:
+            return np.zeros((len(site), 3))
+        place = body.placed.to_world(lattice.position[site])
+        cosine = np.maximum(lattice.normal[site] @ (self._sun.direction @ body.rotation), 0.0)
+        lit = 1.0 - self._shaded(("lookouts", number), place)
+        return self._beam(place) * (cosine * lit)[:, None]
+
+    def at_nodes(self, number: int) -> tuple[Floats, Floats]:
+        """Return the irradiance on the nodes of a body without bodies (n, 3), and what part (n,) of it bodies block."""
+        node = self._layout.nodes[number]
+        if self._sun is None:
+            return np.zeros((len(node), 3)), np.zeros(len(node))
+        beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
+        return beam, self._shaded(("nodes", number), node).astype(np.float64)
+
+    def _beam(self, points: Floats) -> Floats:
+        """Return the sun's irradiance (n, 3) across its beam."""
+        shot, sun = self._shot, self._sun
+        assert sun is not None
+        beam = np.broadcast_to(sun.irradiance, (len(points), 3))
+        if shot.medium is not None:
+            beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
+        return np.asarray(beam / np.maximum(self.ambient(points), 1e-9))
+
+    def _shaded(self, what: object, place: Floats) -> NDArray[np.bool_]:
+        assert self._sun is not None
+        towards = np.round(_STEPS * np.asarray(self._sun.direction))
+        towards = towards / np.linalg.norm(towards)
+        make = functools.partial(self._layout.shaded, place, towards, self._cache)
+        return self._cache.get("ambient shade", (self._layout, what, towards.tobytes()), make, keep=_KEPT)

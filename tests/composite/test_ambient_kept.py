@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What bodies see of each other while they move: continuous, the same anew as from a cache, kept where they rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.light import ambient_layout, ambient_light
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.types import Floats
+from tests.composite import tolerances as tol
+from tests.composite.scenes import box, environment, placed, shot, sphere
+
+GREY = Material(base_color=(0.6, 0.5, 0.4, 1.0), roughness=1.0)
+BALL, OTHER, BOX = (
+    sphere(16, GREY),
+    sphere(24, replace(GREY, base_color=(0.0, 0.0, 0.0, 1.0))),
+    box((0.5, 0.4, 0.6), GREY),
+)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+def ratios(along_m: Floats) -> Floats:
+    """Return the light of a ball (places, knots) over that in the open, with another at places along a line."""
+    cache, found, knots = Cache(), [], make_transfer(BALL).lattice.knots
+    for x in along_m:
+        scene = shot(
+            placed(BALL, (0.0, 0.0, -2.0)), placed(OTHER, (x, 0.1, -2.0)), environment=environment(0.5), sun=None
+        )
+        light = ambient_light(scene, cache)
+        known = None if light is None else light.values[0]
+        found.append(np.ones(knots) if known is None else known[:, :3].mean(axis=-1))
+    return np.array(found)
+
+
+def test_a_body_that_swims_away_fades() -> None:
+    light = ratios(np.linspace(6.0, 9.0, 31))
+    assert np.abs(np.diff(light.mean(axis=1))).max() < tol.SWIMMING_BY
+    assert light[0].min() < light[-1].min() - tol.SWIMMING_BY
+    np.testing.assert_array_equal(light[-1], light[-2])
+
+
+def test_a_body_that_passes_changes_light_in_small_steps() -> None:
+    light = ratios(np.linspace(3.0, 3.25, 11))
+    assert np.abs(np.diff(light, axis=0)).max() < tol.ONE_STEP
+    assert light.min() < 1.0 - tol.ONE_STEP
+
+
+def reef(shift: tuple[float, float, float], turn_deg: float = 0.0, swim_m: float = 0.0) -> Shot:
+    """Return a ball, a box and a small ball that swims over them, all shifted; turn_deg: of the box."""
+    x, y, z = shift
+    things: list[PlacedObject] = [
+        placed(BALL, (x - 0.5, y - 0.4, z - 2.0)),
+        placed(BOX, (x + 0.4, y - 0.7, z - 2.1), (turn_deg, 0.0, 0.0)),
+        placed(OTHER, (x - 0.8 + swim_m, y + 0.3, z - 2.0), scale=0.4),
+    ]
+    return shot(*things, receiver=Receiver(plane_y=-1.0 + y))
+
+
+def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
+    used = Cache()
+    for k in range(4):
+        scene = reef((0.01 * k, 0.0, 0.0), 5.0 * (k // 2), 0.1 * k)
+        one, other = ambient_light(scene, used), ambient_light(scene, Cache())
+        assert one is not None
+        assert other is not None
+        for kept, fresh in zip((*one.values, *one.sent), (*other.values, *other.sent), strict=True):
+            np.testing.assert_array_equal(kept, fresh)
+
+
+def test_bodies_that_move_together_keep_what_they_see() -> None:
+    cache = Cache()
+    first = ambient_layout(reef((0.0, 0.0, 0.0)), cache)
+    moved = ambient_layout(reef((0.37, 0.0, -0.21)), cache)
+    assert all(a is b for a, b in zip(first.views, moved.views, strict=True))
+    swum = ambient_layout(reef((0.37, 0.0, -0.21), 0.0, 0.1), cache)
+    pairs = [(a is b) for a, b in zip(first.views, swum.views, strict=True)]
+    assert not any(pairs)
+
+
+def test_lookouts_interpolate_a_ball() -> None:
+    transfer = make_transfer(OTHER)
+    lattice, spread = transfer.lattice, transfer.lookouts.spread
+    assert len(transfer.lookouts.site) < len(lattice.position)
+    np.testing.assert_allclose(spread.sum(axis=1), 1.0, atol=tol.FLOAT32_LOOKUP)
+    between = spread @ lattice.normal[transfer.lookouts.site]
+    assert np.abs(between - lattice.normal).max() < tol.LOOKOUT_PLANE
