@@ -42,7 +42,6 @@ from benchmarks.peers.scenes import (  # noqa: E402
     lights,
     torus,
 )
-from benchmarks.peers.shaded_dives import CLIPS, FRAMES, ShadedDive, remains  # noqa: E402
 from mr360uw.composite import PlacedObject, Receiver, Shot, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
@@ -292,6 +291,8 @@ def caustics(*waters: str) -> None:
     red, green, blue. texture: correlation of the sand's albedo with that in the umbra. clip: ten seconds, cut: two,
     still: one frame, all lit by the dive's own light; measured: ten seconds, lit by what is measured in the plate.
     """
+    from benchmarks.peers.shaded_dives import CLIPS, FRAMES, ShadedDive, remains
+
     render = renderers()["gl"]
     print("water m deg floor  shown     plate  left (keep)   mean                 texture (keep)")
     for (water, depth_m, up_deg), contrast in itertools.product(DIVES, (1.0, 0.0)):
