@@ -21,7 +21,7 @@ from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.blob import CLIPPED
-from mr360uw.ibl.sun.detect import find_disc, half_angle, is_display_referred, split_disc, split_given
+from mr360uw.ibl.sun.detect import ends_at_white, find_disc, split_disc, split_given, split_known
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import Split, close, with_sun
 from mr360uw.shapes import exactly
@@ -83,9 +83,9 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
     if sun is None:
         return None
     if isinstance(sun, Sun):
-        return Split(split_given(plate, sun.direction, sun.half_angle_rad, sun.confidence).residual, sun)
-    split = split_given(plate, unit(exactly("sun", sun, (3,))), half_angle(underwater, plate.refractive_index), 1.0)
-    clipped = settings.operator == "closure" and is_display_referred(plate)
+        return split_known(plate, sun)
+    split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
+    clipped = settings.operator == "closure" and ends_at_white(plate)
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 
 
@@ -94,7 +94,7 @@ def _detected(plate: Plate, settings: LightSettings, underwater: bool) -> Split 
     if disc is None or disc.confidence < settings.minimum_confidence:
         return None
     split = split_disc(plate, disc, underwater=underwater)
-    clipped = settings.operator == "closure" and is_display_referred(plate) and disc.blob.peak >= CLIPPED
+    clipped = settings.operator == "closure" and ends_at_white(plate) and disc.blob.peak >= CLIPPED
     return close(split, settings.direct_to_diffuse, plate.up) if clipped else split
 
 

@@ -11,7 +11,11 @@ import numpy as np
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
+from mr360uw.ibl.expansion import checked_plate
+from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.given import given_direction
+from mr360uw.ibl.sun.words import sun_in_words
+from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
@@ -72,6 +76,16 @@ class LightReader:
         if isinstance(plate, YuvImage):
             return environment_from_yuv(plate, self._settings, sun=chosen, **options)
         return environment(plate, self._settings, sun=chosen, **options)
+
+    def sun_in_words(self, plate: Floats | YuvImage, time_s: float) -> str:
+        """Return one line on the sun that is detected in a plate's frame, or on the candidate that comes nearest."""
+        world_from_camera, settings = self.world_from_camera(time_s), self._settings
+        options: Any = {"up": world_from_camera[1], "refractive_index": self._refractive_index}
+        if isinstance(plate, YuvImage):
+            seen: Plate = plate_of_yuv(plate, settings, **options)
+        else:
+            seen = LinearPlate.of(checked_plate(plate), settings, **options)
+        return sun_in_words(seen, world_from_camera, settings.minimum_confidence, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""

@@ -65,3 +65,11 @@ ACCELEROMETER = 3e-4
 WINDOW_EDGE = 3e-2
 """Ratio of two solid angles of Snell's window with a sharp edge in 256 rows: half a row, 0.35 degrees, is up to 1.5 % of
 each."""
+WIDE_SUN_DEG = 0.02
+"""Direction of an unclipped disc of any size: the centroid of covered pixels, of 0.7 degrees at most."""
+WIDE_SUN_ENERGY = 5e-3
+"""Irradiance of the same above an even sky: the sky's own gradient under the disc."""
+WIDE_SUN_RADIUS = 0.2
+"""Radius of the same in pixels of the plate: what its covered rim pixels leave, and one below a pixel has its diagonal."""
+GLOW_DEG = 2.5
+"""Direction of a sun behind clipped clouds by the sky's glow: steps of 0.6 degrees, clouds over a third of the sky."""

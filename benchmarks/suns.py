@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well suns are found and given their strength: python benchmarks/suns.py [section] [count]
+
+Sections: discs (drawn here; count = largest width, default 4096), photographs; default: all.
+The photographs are those of ../shared/data/footage; without them only discs runs.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from light import FOOTAGE, angle, picture, table
+
+import mr360uw.ibl as ibl
+from mr360uw.color import luminance
+from mr360uw.ibl.plate import LinearPlate
+from mr360uw.ibl.sun.detect import find_disc
+from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit
+
+RADII_DEG = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.0)
+EXPOSURES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+PLACES = (unit([0.3, 0.8, 0.2]), unit([-0.7, 0.25, 0.6]))
+TINT = np.array([1.1, 1.0, 0.8])
+
+
+def disc(width: int, radius_deg: float, radiance: float, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a map with a disc whose rim pixels are covered in part, and the disc's irradiance (3,)."""
+    fine, height = 16, width // 2
+    d = directions(width, height)
+    sky = np.where(d[..., 1] > 0.0, 0.2 + 0.15 * d[..., 1], 0.08)
+    row, column = np.nonzero(d @ place > np.cos(np.radians(radius_deg + 1.5)))
+    part = (np.arange(fine) + 0.5) / fine
+    covered = np.zeros_like(sky)
+    for k in range(0, len(row), 20_000):
+        j, i = row[k : k + 20_000], column[k : k + 20_000]
+        longitude = 2.0 * np.pi * ((i[:, None, None] + part) / width - 0.5)
+        latitude = np.pi * (0.5 - (j[:, None, None] + part[:, None]) / height)
+        flat = np.sin(longitude) * place[0] - np.cos(longitude) * place[2]
+        inside = np.cos(latitude) * flat + np.sin(latitude) * place[1] > np.cos(np.radians(radius_deg))
+        covered[j, i] = inside.mean(axis=(1, 2))
+    put = (covered * row_solid_angle(width, height)[:, None]).sum() * radiance * TINT
+    return (sky[..., None] + radiance * covered[..., None] * TINT).astype(np.float32), put
+
+
+def discs(widest: int = 4096) -> None:
+    """Print how discs of every size are judged and measured."""
+    print("Discs of 0.25 to 5 degrees of radius: unclipped at five exposures, and clipped to white")
+    print("(targets: one decision at every radius, exposure and width; direction 0.1 degrees, irradiance 2 %)")
+    print("A disc inside one pixel has no place in it: 0.25 degrees in 512 columns may be off by 0.15.")
+    for radiance, name in ((3000.0, "10^4 times the sky"), (3.0, "10 times the sky: no sun while unclipped")):
+        rows = []
+        for width in (w for w in (512, 1024, 2048, 4096) if w <= widest):
+            for place in PLACES:
+                open_sure, white_sure, off, energy, size = [], [], [], [], []
+                for radius_deg in RADII_DEG:
+                    image, put = disc(width, radius_deg, radiance, place)
+                    for exposure in EXPOSURES:
+                        sun = ibl.detect_sun(image * np.float32(exposure)) if radiance > 3.0 or exposure < 0.3 else None
+                        open_sure.append(sun is not None and sun.confidence >= 0.5)
+                        if sun is not None and open_sure[-1]:
+                            off.append(angle(sun.direction, place))
+                            energy.append(abs(float(luminance(sun.irradiance) / luminance(put * exposure)) - 1.0))
+                            size.append(abs(np.degrees(sun.half_angle_rad) - radius_deg) / 360.0 * width)
+                    white = ibl.detect_sun(np.minimum(image, 1.0))
+                    white_sure.append(white is not None and white.confidence >= 0.5)
+                worst = [max(values, default=0.0) for values in (off, energy, size)]
+                share = [f"{sum(sure)} of {len(sure)}" for sure in (open_sure, white_sure)]
+                elevation = float(np.degrees(np.arcsin(place[1])))
+                rows.append((width, elevation, *share, worst[0], 100.0 * worst[1], worst[2]))
+        print(f"  {name}")
+        head = (
+            "width",
+            "elevation",
+            "unclipped: suns",
+            "clipped: suns",
+            "worst deg",
+            "worst irradiance %",
+            "radius px",
+        )
+        table(head, rows)
+
+
+def photographs() -> None:
+    """Print the sun of each sunny photograph, or its best candidate and the reason."""
+    print("Sunny photographs (tolerance 20 pixels of the width)")
+    truths = json.loads((FOOTAGE / "360" / "sun_truth_ldr.json").read_text("utf-8"))["images"]
+    rows = []
+    for name in (*truths, "360/chichen-itza.jpg"):
+        found = find_disc(LinearPlate.of(picture(name)))
+        if found is None:
+            continue
+        # the last by eye: the middle of the grey disc, greyer than the clouds about it
+        entry = truths.get(name, {"x": 352, "y": 90, "width": 2048, "height": 1024, "tol_px": 20})
+        place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
+        off = angle(found.blob.direction, place) / 360.0 * entry["width"]
+        rows.append((name, off, entry["tol_px"], found.confidence, found.reason))
+    table(("picture", "error px", "tolerance", "confidence", "what speaks against it"), rows)
+
+
+SECTIONS: dict[str, Callable[..., None]] = {"discs": discs, "photographs": photographs}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the sections named by the arguments."""
+    wanted = arguments[:1] or list(SECTIONS)
+    if wanted[0] not in SECTIONS:
+        print(f"section - unknown (got {wanted[0]!r}) - take one of {', '.join(SECTIONS)}")
+        return 2
+    for name in wanted:
+        if name == "photographs" and not FOOTAGE.is_dir():
+            print(f"{name}: needs the pictures in {FOOTAGE.name}, which are not beside this checkout; left out\n")
+            continue
+        SECTIONS[name](*(int(a) for a in arguments[1:2]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
