@@ -73,3 +73,9 @@ WIDE_SUN_RADIUS = 0.2
 """Radius of the same in pixels of the plate: what its covered rim pixels leave, and one below a pixel has its diagonal."""
 GLOW_DEG = 2.5
 """Direction of a sun behind clipped clouds by the sky's glow: steps of 0.6 degrees, clouds over a third of the sky."""
+STEADY_DEG = 0.7
+"""One sun from two seconds of waves of 1.2 degrees: the longest of them, of 3 s, does not average out."""
+STEADY_PATH_DEG = 0.8
+"""The path of a turning camera through the same waves: those of 3 s are slower than what is smoothed away."""
+GLITTER_DEG = 0.3
+"""The middle of a clipped glow: the share of it that Snell's window and the patch cut off, half a pixel of 0.7 degrees."""

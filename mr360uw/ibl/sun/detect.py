@@ -26,6 +26,7 @@ from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
+from mr360uw.ibl.sun.glitter import glitter_middle
 from mr360uw.ibl.sun.glow import find_glow
 from mr360uw.ibl.sun.judge import edged, falling, judge, sized, verdict, whitened
 from mr360uw.ibl.sun.split import Split, split_sun
@@ -90,6 +91,8 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
             best = Disc(blob, found.confidence, found.reason)
         if best.confidence > 0.5:
             break
+    if underwater and best is not None and best.blob.clipped:
+        best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
     sure = best is not None and best.confidence > 0.5
     return best if sure or underwater or not white else _by_glow(plate, best)
 
