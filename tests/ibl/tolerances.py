@@ -79,3 +79,6 @@ STEADY_PATH_DEG = 0.8
 """The path of a turning camera through the same waves: those of 3 s are slower than what is smoothed away."""
 GLITTER_DEG = 0.3
 """The middle of a clipped glow: the share of it that Snell's window and the patch cut off, half a pixel of 0.7 degrees."""
+RATIO_EXPOSURE = 1.5
+"""Ratio of direct to diffuse light told from one sky exposed ten times as long: half a stop, as what clips leaves the sky
+darker against the ground."""

@@ -37,6 +37,8 @@ _LARGEST_DISC_RAD = np.radians(0.8)
 """Radius [rad] above which a plateau is a clipped one: three times the sun's 0.27 degrees."""
 _UNCLIPPED_HALO = 0.3
 """Halo of an unclipped spot up to which it is a disc, not the maximum of a bright sky."""
+_CUT_OFF = 0.1
+"""Solid angle of the top of a spot over that above half-way down, from which it is cut off; 0.02 of a Gaussian's."""
 _SHARP_RIM, _DARK_HALO = 1.08, 0.5
 """Radius half-way down a clipped disc's rim over that of its top, and halo, up to which it is the disc itself that is
 seen: glare that falls with the third power of the angle has a rim of 1.13, of the second power 1.22."""
@@ -58,7 +60,8 @@ class Blob:
 
     direction: (3,) unit. radius_rad: of the disc of the same solid angle. peak: its largest value. level: the value
     that bounds it. extent_rad: the same of everything nearly as bright. halo: median value about two extents out,
-    over the peak. clipped: a plateau. sharp: a disc, not the maximum of a sky nor the glare about a smaller disc.
+    over the peak. clipped: a plateau. sharp: a disc, not the maximum of a sky nor the glare about a smaller disc. flat:
+    its top is cut off, as by clipping.
     """
 
     direction: Floats
@@ -69,6 +72,7 @@ class Blob:
     halo: float
     clipped: bool
     sharp: bool
+    flat: bool
 
 
 def brightness(linear: Floats) -> Floats:
@@ -111,8 +115,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
     half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
     # at display white the peak says nothing of how far the sun stands above its aureole, however small the disc
-    flat = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
-    clipped = white and (flat or peak >= CLIPPED)
+    plateau = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
+    clipped = white and (plateau or peak >= CLIPPED)
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:
@@ -130,12 +134,13 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     ring = value[(along < np.cos(1.5 * beyond)) & (along > np.cos(2.5 * beyond)) & (value > 0.0)]
     halo = float(np.median(ring)) / peak if ring.size else 1.0
     sharp = halo <= _UNCLIPPED_HALO
+    flat = top > _CUT_OFF * step**2 * np.count_nonzero(_opened(value >= 0.5 * (1.0 + halo) * peak))
     if clipped:
         rim = _disc_radius(_opened(value >= 0.5 * (1.0 + halo) * peak)) / max(_disc_radius(mask), 1e-9)
         sharp = rim <= _SHARP_RIM and halo <= _DARK_HALO
     else:
         blob_radius = step * _held_radius(value, mask, halo * peak)
-    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped), bool(sharp))
+    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped), bool(sharp), bool(flat))
 
 
 def _held_radius(value: Floats, mask: Mask, floor: float) -> float:

@@ -16,7 +16,7 @@ radius, and so has a clipped one whose rim is that of a disc; any other clipped 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,8 +27,8 @@ from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.glitter import glitter_middle
-from mr360uw.ibl.sun.glow import find_glow
-from mr360uw.ibl.sun.judge import edged, falling, judge, sized, verdict, whitened
+from mr360uw.ibl.sun.hidden import by_evidence, by_glow
+from mr360uw.ibl.sun.judge import Disc, judge
 from mr360uw.ibl.sun.split import Split, split_sun
 from mr360uw.types import Floats, Sun
 
@@ -46,19 +46,6 @@ _WIDEST_GLARE_RAD = np.radians(15.0)
 
 _WIDE_RAD = np.radians(0.8)
 """Radius [rad] up to which a clipped disc may be the sun itself, widened by lens and pixels: three times its own."""
-_NO_SUN = 0.1
-"""Confidence up to which a spot is so little of a sun that the glow names the better candidate."""
-_EXPLAINED = (0.45, 0.32)
-"""Share of the sky's variation that the sun's glow explains where it surely is one, and where it is none."""
-
-
-@dataclass(frozen=True, slots=True)
-class Disc:
-    """A candidate for the sun, the confidence in it, 0 to 1, and what speaks against it most ("" for nothing)."""
-
-    blob: Blob
-    confidence: float
-    reason: str = ""
 
 
 def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
@@ -94,24 +81,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     if underwater and best is not None and best.blob.clipped:
         best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
     sure = best is not None and best.confidence > 0.5
-    return best if sure or underwater or not white else _by_glow(plate, best)
-
-
-def _by_glow(plate: Plate, best: Disc | None) -> Disc | None:
-    """Return the spot to which the glow of the sky points, or the best one so far if that is more of a sun."""
-    glow = find_glow(plate)
-    blob = None if glow is None else examine(plate, glow.direction, 0.0)
-    if glow is None or blob is None:
-        return best
-    found = verdict(
-        sized(blob),
-        whitened(blob),
-        edged(blob),
-        (falling(glow.explained, *_EXPLAINED), f"the sky's glow explains {100.0 * glow.explained:.0f} % of its shades"),
-    )
-    if best is not None and best.confidence > max(found.confidence, _NO_SUN):
-        return best
-    return Disc(replace(blob, direction=glow.direction, clipped=True, sharp=False), found.confidence, found.reason)
+    return best if sure or underwater or not white else by_evidence(plate, by_glow(plate, best))
 
 
 def _seeds(weight: Floats) -> Iterator[Floats]:
@@ -180,6 +150,17 @@ def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
     size = shown_half_angle(plate, blob, underwater)
     centred, local = not blob.clipped, _local(blob)
     return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=centred, local=local)
+
+
+def lost_light(plate: Plate, direction: Floats, blob: Blob | None = None) -> bool:
+    """Return whether a display-referred plate does not show how bright the sun towards `direction` (3,) is.
+
+    blob: its spot, if it is known; a sun that a plate shows unclipped, or that has no flat top, lost nothing.
+    """
+    if float(plate.brightest.max()) > DISPLAY_WHITE:
+        return False
+    spot = spot_towards(plate, direction) if blob is None else blob
+    return spot is None or (spot.flat and spot.peak >= CLIPPED if blob is not None else not _local(spot))
 
 
 def _local(blob: Blob | None) -> bool:

@@ -30,6 +30,15 @@ _REFRACTED = 1.5
 
 
 @dataclass(frozen=True, slots=True)
+class Disc:
+    """A candidate for the sun, the confidence in it, 0 to 1, and what speaks against it most ("" for nothing)."""
+
+    blob: Blob
+    confidence: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """How surely a spot is a sun, 0 to 1, and what speaks against it most, in words; "" where nothing does."""
 

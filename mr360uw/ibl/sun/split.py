@@ -5,13 +5,12 @@
 
 (Iorns 2016, with mean and deviation weighted by solid angle.) A wide sun would raise that threshold by itself, so the
 light of an unclipped disc is told by the sky right about it instead. Where the sun is clipped its light cannot be
-measured. The closure solves for it from an assumed ratio of direct to diffuse horizontal irradiance, which depends on
-sky, depth and water:  E_sun sin(elevation) = ratio x E_sky.
+measured: `closure` solves for it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +40,6 @@ _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
 """Limits of the reach [rad]."""
 _RING_QUANTILE = 0.9
 """Quantile of the sky right outside the reach that is still the sky's within it."""
-_LOWEST_SINE = 0.05
-"""Least sine of the elevation in the closure, 3 degrees: dividing by less would make the beam arbitrarily strong."""
-
-MIDDLE_RATIO = 1.0
-"""Direct to diffuse horizontal irradiance by default: between haze (0.2) and a clear sky (5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,13 +171,3 @@ def sky_irradiance(residual: Floats, up: Array = LEVEL) -> Floats:
     """Return the irradiance (3,) of a horizontal plane by the half of a coarse map that is above it."""
     weight = np.maximum(elevation_sine(coarse_directions(), up), 0.0) * coarse_solid_angle()
     return np.tensordot(weight, residual, ([0, 1], [0, 1]))
-
-
-def close(split: Split, direct_to_diffuse: float | None, up: Array = LEVEL) -> Split:
-    """Return the split with the sun's irradiance solved from the ratio of direct to diffuse horizontal irradiance."""
-    ratio = MIDDLE_RATIO if direct_to_diffuse is None else direct_to_diffuse
-    sine = max(float(elevation_sine(split.sun.direction, up)), _LOWEST_SINE)
-    wanted = ratio * float(luminance(sky_irradiance(split.residual, up))) / sine
-    measured = float(luminance(split.sun.irradiance))
-    colour = split.sun.irradiance / measured if measured > 0.0 else np.ones(3)
-    return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))
