@@ -5,11 +5,13 @@
 
 The ratio is given or by the plate's own evidence (`evidence`), and turned into that at the camera by the water above:
 
-    s = R / (1 + R),   ratio = s b / (w - s b)     b, w: fractions of the beam and of all light that reach the camera
+    s = 1 - c / (1 + R)                share of the sun at the surface, c the colour of a clear sky
+    ratio = s b / (w - s b)            b, w: fractions of the beam and of all light that reach the camera
 
-so that thin water, b = w = 1, leaves it as it is. Colour: in air that of sunlight through Rayleigh's and Angstrom's
-scattering (Hansen 1974, equation 2.30; Angstrom 1964) along the air mass of Kasten 1989, against a white balance for a
-sun half-way up; under water that of the sky's own light times the ratio in each channel, as far as it is the water's.
+in each channel, so that thin water, b = w = 1, leaves it as it is. Colour: in air that of sunlight through the
+scattering of Rayleigh (Hansen 1974, equation 2.30) and of haze (Angstrom 1964), along the air mass of Kasten 1989,
+against a white balance for a sun half-way up. Under water that of the solved beam, s b, and that of the plate's own sky
+times the ratio, the geometric mean of the two: the second has the camera's white balance, but misses what clipped.
 """
 
 from __future__ import annotations
@@ -35,6 +37,8 @@ _THIN_POWER = 20.0
 loss of 3.5 %; the glitter under more water is no glow of the sky. The water's colour counts for the rest."""
 _LEAST, _MOST = 0.05, 4.0
 """Limits of the ratio at the camera under water."""
+_LEAST_SHARE = 0.01
+"""Least share of the sun in a channel, where hardly any of the light is its."""
 _BANDS_UM = np.array([0.61, 0.55, 0.465])
 """Middle wavelengths [um] of red, green and blue."""
 _HAZE, _HAZE_POWER = 0.05, 1.3
@@ -67,21 +71,39 @@ def close(split: Split, plate: Plate, ratio: float | None, water: WaterLight | N
     if water is not None:
         clear = float(np.clip(luminance(water.whole), 0.0, 1.0)) ** _THIN_POWER
         above = here if ratio is not None else here**clear * _CLEAR_RATIO ** (1.0 - clear)
-        share = above / (1.0 + above)
+        share = np.maximum(1.0 - skylight() / (1.0 + above), _LEAST_SHARE)
         each = share * water.beam / np.maximum(water.whole - share * water.beam, 1e-6)
-        colour = clear * colour + (1.0 - clear) * each * sky / max(float(luminance(each * sky)), 1e-12)
+        mixed = np.sqrt(_tinted(share * water.beam) * _tinted(each * sky))
+        colour = clear * colour + (1.0 - clear) * _tinted(mixed)
         if ratio is None and grey > 0.0:
-            here = float(np.clip(luminance(each * sky) / grey, _LEAST, max(_MOST, above)))
+            deep = float(np.clip(luminance(each * sky) / grey, _LEAST, _MOST))
+            here = above**clear * deep ** (1.0 - clear)
     wanted = here * grey / sine
     return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))
 
 
+def _tinted(light: Floats) -> Floats:
+    """Return light (3,) scaled to luminance 1, white where there is none."""
+    value = float(luminance(light))
+    return np.asarray(light / value) if value > 0.0 else np.ones(3)
+
+
 def sunlight(sine: float) -> Floats:
     """Return the colour (3,) of the sun at a sine of its elevation, of luminance 1; white at 45 degrees."""
+    colour = np.exp(-_optical_depth() * (_air_mass(sine) - _air_mass(_BALANCED_SINE)))
+    return _tinted(colour)
+
+
+def skylight() -> Floats:
+    """Return the colour (3,) of a clear sky under a sun at 45 degrees, of luminance 1: what sunlight lost."""
+    colour = 1.0 - np.exp(-_optical_depth() * _air_mass(_BALANCED_SINE))
+    return _tinted(colour)
+
+
+def _optical_depth() -> Floats:
+    """Return the optical depth (3,) of clear air to the zenith."""
     air = 0.008569 * _BANDS_UM**-4 * (1.0 + 0.0113 * _BANDS_UM**-2 + 0.00013 * _BANDS_UM**-4)
-    depth = air + _HAZE * _BANDS_UM**-_HAZE_POWER
-    colour = np.exp(-depth * (_air_mass(sine) - _air_mass(_BALANCED_SINE)))
-    return np.asarray(colour / float(luminance(colour)))
+    return np.asarray(air + _HAZE * _BANDS_UM**-_HAZE_POWER)
 
 
 def _air_mass(sine: float) -> float:
