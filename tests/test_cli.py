@@ -82,6 +82,7 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     code, out, _ = run("check", scene, "--set", 'water.type="none"')
     assert code == 0
     assert "caustics     skipped  needs a sun and water" in out
+    assert "light     first frame: sun at azimuth" in out or "no sun; best candidate at azimuth" in out
 
 
 def test_the_schema_has_units_and_help(run: Run) -> None:

@@ -197,6 +197,7 @@ def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -
 
     page, table, sheet = analyse_video(dive.scene, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")
+    assert "sun at azimuth" in page.read_text("utf-8")
     assert "https://" not in page.read_text("utf-8").replace("https://www.w3.org", "")
     track = load_track(table)
     assert len(track) == 8

@@ -37,11 +37,12 @@ table { border-collapse: collapse; } td, th { padding: .2em .9em .2em 0; text-al
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """One frame to show. plate_linear: (H, W, 3), made small beforehand."""
+    """One frame to show. plate_linear: (H, W, 3), made small beforehand. sun_in_words: on its sun, or ""."""
 
     time_s: float
     plate_linear: Floats
     environment: Environment
+    sun_in_words: str = ""
 
 
 def light_report(
@@ -182,7 +183,7 @@ def _frame(snapshot: Snapshot) -> str:
     reach = max(float(np.percentile(light.radiance, 99.0)), 1e-6)
     radiance = np.repeat(np.repeat(light.radiance, 8, axis=0), 8, axis=1)
     sun = light.sun
-    words = "no sun" if sun is None else f"sun marked, confidence {sun.confidence:.2f}"
+    words = snapshot.sun_in_words or ("no sun" if sun is None else f"sun marked, confidence {sun.confidence:.2f}")
     return "".join(
         [
             picture(marked(encode(np.clip(snapshot.plate_linear, 0, 1), "srgb"), sun), f"Plate ({words})"),

@@ -47,7 +47,7 @@ class LightSettings(Parameters):
         0.85, "luminance of diffuse white, above which the piecewise curve is steep", unit="1", low=0.01, high=0.99
     )
     direct_to_diffuse: float | None = parameter(
-        None, "sun's horizontal irradiance over the sky's, for the closure; none = 1, under water a clear sky's",
+        None, "sun's horizontal irradiance over the sky's, for the closure; none = as the plate's sky and ground tell",
         unit="1", low=0.0, high=100.0,
     )  # fmt: skip
     sun: SunSource = parameter("detect", "where the sun's direction comes from")

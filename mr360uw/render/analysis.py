@@ -65,7 +65,8 @@ def analyse_video(
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
             light = reader.of(frame.pixels, time_s=frame.time_s)
-            snapshots.append(Snapshot(frame.time_s, _small(frame), light))
+            words = reader.sun_in_words(frame.pixels, frame.time_s)
+            snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     sections = []
     if scene.water.type != "none":

@@ -12,6 +12,7 @@ from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import LevelTrack, keyed_level, level_from_gpmf
+from mr360uw.ibl.sun.steady import Camera
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
@@ -78,6 +79,13 @@ class CameraPath:
         """Whether the camera moves or turns."""
         turns = self.tilt is not None and len(self.tilt.time_s) > 1
         return self.sinks or turns or (self.track is not None and self.track.moves)
+
+    @property
+    def rotation_known(self) -> Camera:
+        """What is known of the camera's rotation: all of it, its tilt over time, or no more than that it may stand."""
+        if self.track is not None:
+            return "tracked"
+        return "levelled" if self.tilt is not None and len(self.tilt.time_s) > 1 else "unknown"
 
     @property
     def highest_m(self) -> float:

@@ -131,4 +131,7 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
         clip = None if placed.playback is None else placed.playback.clip
         plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"
         lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m{plays}")
+    if loaded.plan.sun.runs and loaded.scene.light.sun == "detect":
+        frame = next(iter(video.frames(0, 1)))
+        lines.append(f"light     first frame: {loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)}")
     return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -97,7 +97,7 @@ def first_pass(
                 progress(frame.index + 1, video.frame_count)
     confidence = surroundings.scene.light.minimum_confidence
     return ClipFacts(
-        track_suns(suns, minimum_confidence=confidence) if suns else track,
+        track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else track,
         maps.gain(float(video.frame_rate)) if medium is not None else None,
         calm.result() if calm is not None else None,
     )

@@ -9,20 +9,20 @@ from typing import Any, Literal
 import numpy as np
 
 from mr360uw.caustics import refract_to_water
-from mr360uw.color import luminance
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
+from mr360uw.ibl.expansion import checked_plate
+from mr360uw.ibl.plate import LinearPlate, Plate
+from mr360uw.ibl.sun.closure import WaterLight
 from mr360uw.ibl.sun.given import given_direction
+from mr360uw.ibl.sun.words import sun_in_words
+from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
-_CLEAR_SKY_DIRECT = 0.75
-"""Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
-_LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
-"""Bounds of the ratio of direct to diffuse irradiance."""
 
 
 class LightReader:
@@ -35,8 +35,7 @@ class LightReader:
         self._underwater, self._camera = table is not None, camera
         self._refractive_index = scene.water.refractive_index
         settings = scene.light
-        if settings.direct_to_diffuse is None and table is not None:
-            settings = settings.model_copy(update={"direct_to_diffuse": direct_to_diffuse(table)})
+        self._water = None if table is None else water_light(table)
         self._settings: LightSettings = settings
         self._sun: Floats | Literal["detect"] | None = "detect"
         if settings.sun == "none":
@@ -67,11 +66,21 @@ class LightReader:
             chosen = chosen @ world_from_camera
         options: Any = {
             "underwater": self._underwater, "refractive_index": self._refractive_index, "glossy": glossy,
-            "up": world_from_camera[1],
+            "up": world_from_camera[1], "water": self._water,
         }  # fmt: skip
         if isinstance(plate, YuvImage):
             return environment_from_yuv(plate, self._settings, sun=chosen, **options)
         return environment(plate, self._settings, sun=chosen, **options)
+
+    def sun_in_words(self, plate: Floats | YuvImage, time_s: float) -> str:
+        """Return one line on the sun that is detected in a plate's frame, or on the candidate that comes nearest."""
+        world_from_camera, settings = self.world_from_camera(time_s), self._settings
+        options: Any = {"up": world_from_camera[1], "refractive_index": self._refractive_index}
+        if isinstance(plate, YuvImage):
+            seen: Plate = plate_of_yuv(plate, settings, **options)
+        else:
+            seen = LinearPlate.of(checked_plate(plate), settings, **options)
+        return sun_in_words(seen, world_from_camera, settings.minimum_confidence, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""
@@ -83,12 +92,9 @@ class LightReader:
         return None if sun is None else replace(sun, direction=self.world_from_camera(time_s) @ sun.direction)
 
 
-def direct_to_diffuse(table: MediumTable) -> float:
-    """Return the ratio of direct to diffuse horizontal irradiance at the camera, for a clear sky above this water.
+def water_light(table: MediumTable) -> WaterLight:
+    """Return the fractions of the beam and of all downward light at the surface that reach the camera.
 
-    The beam fades faster than the total irradiance; light scattered out of it forwards becomes diffuse.
+    The beam fades faster than the whole; light scattered out of it forwards becomes diffuse.
     """
-    beam = float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
-    whole = float(luminance(1.0 / ambient_ratio(table, 0.0)))
-    direct = _CLEAR_SKY_DIRECT * beam
-    return float(np.clip(direct / max(whole - direct, 1e-6), _LEAST_DIRECT, _MOST_DIRECT))
+    return WaterLight(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP), 1.0 / ambient_ratio(table, 0.0))

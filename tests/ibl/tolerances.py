@@ -65,3 +65,20 @@ ACCELEROMETER = 3e-4
 WINDOW_EDGE = 3e-2
 """Ratio of two solid angles of Snell's window with a sharp edge in 256 rows: half a row, 0.35 degrees, is up to 1.5 % of
 each."""
+WIDE_SUN_DEG = 0.02
+"""Direction of an unclipped disc of any size: the centroid of covered pixels, of 0.7 degrees at most."""
+WIDE_SUN_ENERGY = 5e-3
+"""Irradiance of the same above an even sky: the sky's own gradient under the disc."""
+WIDE_SUN_RADIUS = 0.2
+"""Radius of the same in pixels of the plate: what its covered rim pixels leave, and one below a pixel has its diagonal."""
+GLOW_DEG = 2.5
+"""Direction of a sun behind clipped clouds by the sky's glow: steps of 0.6 degrees, clouds over a third of the sky."""
+STEADY_DEG = 0.7
+"""One sun from two seconds of waves of 1.2 degrees: the longest of them, of 3 s, does not average out."""
+STEADY_PATH_DEG = 0.8
+"""The path of a turning camera through the same waves: those of 3 s are slower than what is smoothed away."""
+GLITTER_DEG = 0.3
+"""The middle of a clipped glow: the share of it that Snell's window and the patch cut off, half a pixel of 0.7 degrees."""
+RATIO_EXPOSURE = 1.5
+"""Ratio of direct to diffuse light told from one sky exposed ten times as long: half a stop, as what clips leaves the sky
+darker against the ground."""

@@ -4,7 +4,8 @@
 The spot is the set of pixels near the local maximum. Where the plate is clipped, the set is a plateau without
 structure whose outline also takes in cloud; its centre is that of the plateau *opened* by a disc of 0.7 of its
 inscribed radius, which drops everything that hangs on to the round part. Where it is not clipped the set is the upper
-half of the peak, weighted by its excess. Everything happens in a tangent patch, without seam and pole.
+half of the peak, weighted by its excess, and its radius that of the disc which, as bright as its middle, would hold as
+much light: pixels that the rim cuts count in part. Everything happens in a tangent patch, without seam and pole.
 """
 
 from __future__ import annotations
@@ -34,6 +35,13 @@ _UNCLIPPED_LEVEL = 0.5
 """Threshold of an unclipped spot over its peak: the half width of a blurred disc is that of the disc."""
 _LARGEST_DISC_RAD = np.radians(0.8)
 """Radius [rad] above which a plateau is a clipped one: three times the sun's 0.27 degrees."""
+_UNCLIPPED_HALO = 0.3
+"""Halo of an unclipped spot up to which it is a disc, not the maximum of a bright sky."""
+_CUT_OFF = 0.1
+"""Solid angle of the top of a spot over that above half-way down, from which it is cut off; 0.02 of a Gaussian's."""
+_SHARP_RIM, _DARK_HALO = 1.08, 0.5
+"""Radius half-way down a clipped disc's rim over that of its top, and halo, up to which it is the disc itself that is
+seen: glare that falls with the third power of the angle has a rim of 1.13, of the second power 1.22."""
 _SMALLEST_BLOB_RAD = np.radians(0.4)
 """Radius [rad] below which a plateau is taken for noise and the next threshold is tried."""
 _LOOKS = ((41, None), (41, 3.5), (73, 3.0))
@@ -52,7 +60,8 @@ class Blob:
 
     direction: (3,) unit. radius_rad: of the disc of the same solid angle. peak: its largest value. level: the value
     that bounds it. extent_rad: the same of everything nearly as bright. halo: median value about two extents out,
-    over the peak. clipped: a plateau.
+    over the peak. clipped: a plateau. sharp: a disc, not the maximum of a sky nor the glare about a smaller disc. flat:
+    its top is cut off, as by clipping.
     """
 
     direction: Floats
@@ -62,6 +71,8 @@ class Blob:
     level: float
     halo: float
     clipped: bool
+    sharp: bool
+    flat: bool
 
 
 def brightness(linear: Floats) -> Floats:
@@ -104,7 +115,8 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     top = step**2 * np.count_nonzero(value >= _CLIPPED_LEVELS[0] * peak)
     half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
     # at display white the peak says nothing of how far the sun stands above its aureole, however small the disc
-    clipped = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2 or (white and peak >= CLIPPED)
+    plateau = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
+    clipped = white and (plateau or peak >= CLIPPED)
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:
@@ -121,7 +133,26 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     beyond = max(extent, _NEAREST_RING_RAD)
     ring = value[(along < np.cos(1.5 * beyond)) & (along > np.cos(2.5 * beyond)) & (value > 0.0)]
     halo = float(np.median(ring)) / peak if ring.size else 1.0
-    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped))
+    sharp = halo <= _UNCLIPPED_HALO
+    flat = top > _CUT_OFF * step**2 * np.count_nonzero(_opened(value >= 0.5 * (1.0 + halo) * peak))
+    if clipped:
+        rim = _disc_radius(_opened(value >= 0.5 * (1.0 + halo) * peak)) / max(_disc_radius(mask), 1e-9)
+        sharp = rim <= _SHARP_RIM and halo <= _DARK_HALO
+    else:
+        blob_radius = step * _held_radius(value, mask, halo * peak)
+    return Blob(direction, blob_radius, extent, peak, level * peak, halo, bool(clipped), bool(sharp), bool(flat))
+
+
+def _held_radius(value: Floats, mask: Mask, floor: float) -> float:
+    """Return the radius [pixels] of a disc as bright as the middle of a spot that holds as much light above a floor."""
+    import cv2
+
+    middle = float(np.median(value[mask])) - floor
+    around = cv2.dilate(
+        mask.astype(np.uint8), np.ones((5, 5), np.uint8), iterations=max(int(_disc_radius(mask) / 8.0), 1)
+    )
+    held = np.clip((value - floor) / max(middle, 1e-12), 0.0, 1.0)
+    return float(np.sqrt(held[around > 0].sum() / np.pi))
 
 
 def _disc_radius(mask: Mask) -> float:

@@ -2,23 +2,21 @@
 """Detects the sun in a plate, clipped or not.
 
 The sun is light that stands out of the map (Iorns 2016). Candidates come from the coarse map; each is measured closely
-(`blob`) and judged by properties that clouds, sand, caustics and lamps lack:
-
-    small      an unclipped sun is half a degree wide; a clipped one grows with the exposure, but not over the sky
-    alone      most light of such brightness lies in the spot (a sky of clipped clouds is bright all over)
-    an edge    the surroundings are much darker, or the spot ends sharply; a bright sky has a smooth maximum
-    above      over the horizon, or inside Snell's window for a camera under water
+(`blob`) and judged by properties that clouds, sand, caustics and lamps lack (`judge`): strength, size, being alone, an
+edge. It stands over the horizon, or inside Snell's window for a camera under water. Where clipped clouds hide which of
+them the sun is, the glow of the clear sky tells (`glow`).
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
 
-The bright spot bounds the light that is taken out of the sky, not the size of the sun: exposure, haze and lens make a
-clipped spot up to ten times as wide as the disc that casts the shadows. A clipped sun gets the sun's true radius.
+The bright spot bounds the light that is taken out of the sky, not always the size of the sun: exposure, haze and lens
+make a clipped spot up to ten times as wide as the disc that casts the shadows. An unclipped sun has the measured
+radius, and so has a clipped one whose rim is that of a disc; any other clipped sun gets the sun's true radius.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +26,9 @@ from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
+from mr360uw.ibl.sun.glitter import glitter_middle
+from mr360uw.ibl.sun.hidden import by_evidence, by_glow
+from mr360uw.ibl.sun.judge import Disc, judge
 from mr360uw.ibl.sun.split import Split, split_sun
 from mr360uw.types import Floats, Sun
 
@@ -43,12 +44,8 @@ _WIDEST_GLARE_RAD = np.radians(15.0)
 """Radius [rad] above which a bright spot is a sky, not the glare of a sun; the detector's confidence is 0 there."""
 
 
-@dataclass(frozen=True, slots=True)
-class Disc:
-    """A candidate for the sun, and the confidence in it, 0 to 1."""
-
-    blob: Blob
-    confidence: float
+_WIDE_RAD = np.radians(0.8)
+"""Radius [rad] up to which a clipped disc may be the sun itself, widened by lens and pixels: three times its own."""
 
 
 def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
@@ -63,24 +60,28 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     bright = np.where(allowed, plate.brightest, 0.0)
     value = brightness(plate.coarse)
     peak = float(bright.max())
+    middle = float(np.median(value))
     if peak <= 1.05 * float(np.median(plate.brightest[allowed])):
         return None
-    hdr = not is_display_referred(plate)
-    weight = np.where(bright >= (0.3 if hdr else 0.9) * peak, value, 0.0) * coarse_solid_angle()
+    white = ends_at_white(plate)
+    weight = np.where(bright >= (0.9 if white else 0.3) * peak, value, 0.0) * coarse_solid_angle()
     best: Disc | None = None
     for seed in _seeds(weight):
-        blob = examine(plate, seed, floor, white=not hdr)
+        blob = examine(plate, seed, floor, white=white)
         if blob is None:
             continue
         near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, _LONE_ANGLE_RAD))
         lone = float(weight[near].sum() / weight.sum())
-        contrast = blob.peak / max(float(np.median(value)), 1e-6)
-        disc = Disc(blob, confidence(blob, lone, contrast, hdr=hdr, underwater=underwater))
-        if best is None or disc.confidence > best.confidence:
-            best = disc
+        contrast = blob.peak / max(middle, 1e-6 * blob.peak) if middle > 0.0 or peak > DISPLAY_WHITE else 0.0
+        found = judge(blob, lone, contrast, underwater=underwater, clipped=white)
+        if best is None or found.confidence > best.confidence:
+            best = Disc(blob, found.confidence, found.reason)
         if best.confidence > 0.5:
             break
-    return best
+    if underwater and best is not None and best.blob.clipped:
+        best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
+    sure = best is not None and best.confidence > 0.5
+    return best if sure or underwater or not white else by_evidence(plate, by_glow(plate, best))
 
 
 def _seeds(weight: Floats) -> Iterator[Floats]:
@@ -98,26 +99,6 @@ def _seeds(weight: Floats) -> Iterator[Floats]:
         gathered = np.where(d @ d[k] > np.cos(np.radians(15.0)), 0.0, gathered)
 
 
-def _falling(x: float, one: float, zero: float) -> float:
-    """Return 1 for x on the side of `one`, 0 on that of `zero`, a smooth step between."""
-    t = float(np.clip((x - zero) / (one - zero), 0.0, 1.0))
-    return t * t * (3.0 - 2.0 * t)
-
-
-def confidence(blob: Blob, lone: float, contrast: float, *, hdr: bool, underwater: bool) -> float:
-    """Return the confidence, 0 to 1, that a spot is a sun; above 0.5 it is taken for one.
-
-    lone: its share of all light as bright. contrast: peak over the median value of the map.
-    """
-    radius = float(np.degrees(blob.radius_rad)) / (1.5 if underwater else 1.0)
-    if hdr:
-        return _falling(radius, 0.5, 1.0) * _falling(np.log10(contrast), 3.6, 2.6) * _falling(lone, 0.7, 0.3)
-    size = _falling(radius, 5.0, 15.0) if blob.clipped else _falling(radius, 1.0, 3.0)
-    white = _falling(blob.peak, CLIPPED, CLIPPED - 0.1)
-    edge = max(_falling(blob.halo, 0.55, 0.8), _falling(blob.radius_rad / blob.extent_rad, 0.7, 0.4))
-    return size * white * _falling(lone, 0.5, 0.15) * edge
-
-
 def half_angle(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
     """Return the angular radius [rad] of the sun's disc, in air or as seen from the water through the surface.
 
@@ -127,33 +108,64 @@ def half_angle(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA)
     return SUN_HALF_ANGLE_RAD / refractive_index if underwater else SUN_HALF_ANGLE_RAD
 
 
-def is_display_referred(plate: Plate) -> bool:
-    """Return whether a plate ends at display white, so that a sun in it is clipped."""
-    return float(plate.brightest.max()) <= DISPLAY_WHITE
+def ends_at_white(plate: Plate) -> bool:
+    """Return whether a plate ends at display white, so that a sun in it is clipped; a darker plate lost nothing."""
+    return CLIPPED - 0.1 <= float(plate.brightest.max()) <= DISPLAY_WHITE
 
 
-def glare_radius(plate: Plate, direction: Floats) -> float:
-    """Return the radius [rad] of the bright spot that a sun towards `direction` (3,) makes; 0 where there is none."""
-    blob = examine(plate, direction, -1.0, white=is_display_referred(plate))
+def spot_towards(plate: Plate, direction: Floats) -> Blob | None:
+    """Return the bright spot that a sun towards `direction` (3,) makes; None where there is none."""
+    blob = examine(plate, direction, -1.0, white=ends_at_white(plate))
     if blob is None or blob.radius_rad > _WIDEST_GLARE_RAD:
-        return 0.0
-    return blob.radius_rad if float(blob.direction @ direction) > np.cos(blob.radius_rad) else 0.0
+        return None
+    return blob if float(blob.direction @ direction) > np.cos(blob.radius_rad) else None
 
 
-def split_given(plate: Plate, direction: Floats, half_angle_rad: float, confidence: float) -> Split:
-    """Return the plate's expanded map split into a sun given towards `direction` and the rest."""
-    return split_sun(plate, direction, max(glare_radius(plate, direction), half_angle_rad), half_angle_rad, confidence)
+def shown_half_angle(plate: Plate, blob: Blob | None, underwater: bool) -> float:
+    """Return the angular radius [rad] of a sun: that of its spot where the plate shows its disc, else the sun's own."""
+    if blob is not None and blob.sharp and (blob.radius_rad > _WIDE_RAD or not blob.clipped):
+        return blob.radius_rad
+    return half_angle(underwater, plate.refractive_index)
+
+
+def split_known(plate: Plate, sun: Sun) -> Split:
+    """Return the plate's expanded map split into this sun and the rest without the light of its spot."""
+    blob = spot_towards(plate, sun.direction)
+    radius = max(sun.half_angle_rad, 0.0 if blob is None else blob.radius_rad)
+    rest = split_sun(plate, sun.direction, radius, sun.half_angle_rad, sun.confidence, local=_local(blob))
+    return replace(rest, sun=sun)
+
+
+def split_given(plate: Plate, direction: Floats, *, underwater: bool = False) -> Split:
+    """Return the plate's expanded map split into the sun towards `direction` (3,) and the rest."""
+    blob = spot_towards(plate, direction)
+    size = shown_half_angle(plate, blob, underwater)
+    radius = max(size, 0.0 if blob is None else blob.radius_rad)
+    return split_sun(plate, direction, radius, size, 1.0, local=_local(blob))
 
 
 def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
-    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred.
-
-    Its half angle is the measured one, or where it is clipped that of the sun.
-    """
+    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
     blob = disc.blob
-    clipped = is_display_referred(plate) and (blob.clipped or blob.peak >= CLIPPED)
-    size = half_angle(underwater, plate.refractive_index) if clipped else blob.radius_rad
-    return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=not blob.clipped)
+    size = shown_half_angle(plate, blob, underwater)
+    centred, local = not blob.clipped, _local(blob)
+    return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=centred, local=local)
+
+
+def lost_light(plate: Plate, direction: Floats, blob: Blob | None = None) -> bool:
+    """Return whether a display-referred plate does not show how bright the sun towards `direction` (3,) is.
+
+    blob: its spot, if it is known; a sun that a plate shows unclipped, or that has no flat top, lost nothing.
+    """
+    if float(plate.brightest.max()) > DISPLAY_WHITE:
+        return False
+    spot = spot_towards(plate, direction) if blob is None else blob
+    return spot is None or (spot.flat and spot.peak >= CLIPPED if blob is not None else not _local(spot))
+
+
+def _local(blob: Blob | None) -> bool:
+    """Return whether a spot is told from the sky by what surrounds it: where it is a disc that is not clipped."""
+    return blob is not None and not blob.clipped and blob.sharp
 
 
 def detect_sun(

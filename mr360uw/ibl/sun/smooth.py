@@ -50,10 +50,16 @@ def _fit(z: Array, w: Array, strength: float, penalty: Array) -> tuple[Array, fl
     return cho_solve_banded((factor, False), w[:, None] * z), 2.0 * float(np.log(factor[-1]).sum())
 
 
-def smooth(values: Array, weight: Array) -> Array:
+def strength_of_period(samples: float) -> float:
+    """Return the strength that halves waves of this period: their frequency's power of twice the order, inverted."""
+    return float((max(samples, 1.0) / (2.0 * math.pi)) ** (2 * _ORDER))
+
+
+def smooth(values: Array, weight: Array, least_strength: float = 0.0) -> Array:
     """Return values (n, k) smoothed over n equidistant samples of weight (n,) >= 0, bridging those of weight 0.
 
-    With no more than three samples of some weight: their weighted mean throughout. NaN where no sample has any.
+    least_strength: the smoothing is at least so strong, whatever the data say (`strength_of_period`). With no more than
+    three samples of some weight: their weighted mean throughout. NaN where no sample has any.
     """
     values, weight = np.asarray(values, np.float64), np.asarray(weight, np.float64)
     count, channels = values.shape
@@ -67,9 +73,10 @@ def smooth(values: Array, weight: Array) -> Array:
     degrees = np.count_nonzero(seen) - _ORDER
     w = np.where(seen, weight / weight[seen].mean(), 0.0)
     trust = w
+    strengths = np.unique(np.clip(_LAMBDAS, min(least_strength, _LAMBDAS[-1]), None))
     for _ in range(_ROUNDS):
         best = (np.inf, z)
-        for strength in _LAMBDAS:
+        for strength in strengths:
             x, log_determinant = _fit(z, trust, strength, penalty)
             rough = np.diff(x, _ORDER, axis=0)
             loss = float((trust[:, None] * (z - x) ** 2).sum() + strength * (rough**2).sum())

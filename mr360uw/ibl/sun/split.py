@@ -3,14 +3,14 @@
 
     removed light of a pixel: H - H min(1, Yt/Y),   Yt = mean + 2 sigma of the map's luminance, at most half the peak
 
-(Iorns 2016, with mean and deviation weighted by solid angle.) Where the sun is clipped its light cannot be measured.
-The closure solves for it from an assumed ratio of direct to diffuse horizontal irradiance, which depends on sky, depth
-and water:  E_sun sin(elevation) = ratio x E_sky.
+(Iorns 2016, with mean and deviation weighted by solid angle.) A wide sun would raise that threshold by itself, so the
+light of an unclipped disc is told by the sky right about it instead. Where the sun is clipped its light cannot be
+measured: `closure` solves for it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,8 @@ _MARGIN_RAD = np.pi / COARSE_ROWS
 """Width [rad] of the rim that is sampled beyond the reach, so that coarse pixels on it are sampled as a whole."""
 _NARROWEST_RAD, _WIDEST_RAD = np.radians(1.5), 1.0
 """Limits of the reach [rad]."""
-_LOWEST_SINE = 0.05
-"""Least sine of the elevation in the closure, 3 degrees: dividing by less would make the beam arbitrarily strong."""
-
-MIDDLE_RATIO = 1.0
-"""Direct to diffuse horizontal irradiance by default: between haze (0.2) and a clear sky (5)."""
+_RING_QUANTILE = 0.9
+"""Quantile of the sky right outside the reach that is still the sky's within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,23 +66,31 @@ def split_sun(
     confidence: float,
     *,
     centred: bool = False,
+    local: bool = False,
 ) -> Split:
     """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
 
     radius_rad: of the bright spot in the plate, about which light is gathered. half_angle_rad: of the sun itself, which
-    is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light.
+    is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light. local: the
+    light above the sky right about it is the sun's, as that of an unclipped disc is, whatever the whole map holds.
     """
     reach = min(max(_REACH * radius_rad, _NARROWEST_RAD), _WIDEST_RAD)
     look = patch_directions(direction, reach + _MARGIN_RAD, _PATCH)
     colour = plate.look_expanded(look)
     value = np.maximum(luminance(colour), 1e-9)
     bound = min(threshold(plate.coarse), 0.5 * float(value.max()))
-    inside = look @ direction > np.cos(reach)
+    along = look @ direction
+    inside = along > np.cos(reach)
+    floor = None
+    if local:
+        ring = (along > np.cos(reach + _MARGIN_RAD)) & ~inside
+        floor = np.quantile(colour[ring], _RING_QUANTILE, axis=0)
+        bound = min(bound, float(luminance(floor)))
     share = np.maximum(1.0 - bound / value, 0.0) * inside
     span = _spans(patch_step(reach + _MARGIN_RAD, _PATCH))
     cell, (taken, seen) = _gather(COARSE_COLUMNS, COARSE_ROWS, look, colour * share[..., None], colour, span=span)
     # as a fraction of each coarse pixel, which samples of the patch cannot overdraw
-    residual, energy = _take_out(plate.coarse, cell, taken / np.maximum(seen, 1e-12), span)
+    residual, energy = _take_out(plate.coarse, cell, taken / np.maximum(seen, 1e-12), span, floor)
     if centred:
         direction = unit((value * share).ravel() @ look.reshape(-1, 3))
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), half_angle_rad, confidence)
@@ -104,16 +109,23 @@ def _spans(step: float) -> NDArray[np.int64]:
 
 
 def _take_out(
-    coarse: Floats, cell: tuple[NDArray[np.int64], ...], fraction: NDArray[np.float64], span: NDArray[np.int64]
+    coarse: Floats,
+    cell: tuple[NDArray[np.int64], ...],
+    fraction: NDArray[np.float64],
+    span: NDArray[np.int64],
+    floor: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Return a coarse map without a fraction (n, 3) of some pixels, evened out over each span, and the energy taken."""
+    """Return a coarse map without a fraction (n, 3) of some pixels, evened out over each span, and the energy taken.
+
+    floor: (3,) of the sky, or None; with it all that is above it goes, whatever the fraction, if that is not 0.
+    """
     row, column = cell
     number = span[row]
     first = np.cumsum(number) - number
     rows = np.repeat(row, number)
     columns = np.repeat(column - first, number) + np.arange(len(rows))
     light = np.add.reduceat(coarse[rows, columns], first, axis=0) / number[:, None]
-    removed = fraction * light
+    removed = fraction * light if floor is None else np.maximum(light - floor, 0.0) * (fraction > 0.0)
     residual = coarse.copy()
     changed = np.repeat(fraction.any(axis=1), number)
     residual[rows[changed], columns[changed]] = np.repeat(light - removed, number, axis=0)[changed]
@@ -159,13 +171,3 @@ def sky_irradiance(residual: Floats, up: Array = LEVEL) -> Floats:
     """Return the irradiance (3,) of a horizontal plane by the half of a coarse map that is above it."""
     weight = np.maximum(elevation_sine(coarse_directions(), up), 0.0) * coarse_solid_angle()
     return np.tensordot(weight, residual, ([0, 1], [0, 1]))
-
-
-def close(split: Split, direct_to_diffuse: float | None, up: Array = LEVEL) -> Split:
-    """Return the split with the sun's irradiance solved from the ratio of direct to diffuse horizontal irradiance."""
-    ratio = MIDDLE_RATIO if direct_to_diffuse is None else direct_to_diffuse
-    sine = max(float(elevation_sine(split.sun.direction, up)), _LOWEST_SINE)
-    wanted = ratio * float(luminance(sky_irradiance(split.residual, up))) / sine
-    measured = float(luminance(split.sun.irradiance))
-    colour = split.sun.irradiance / measured if measured > 0.0 else np.ones(3)
-    return Split(split.residual, replace(split.sun, irradiance=np.asarray(colour * wanted, np.float32)))

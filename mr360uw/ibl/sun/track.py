@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sun's track over a clip: measured frame by frame, cut into shots, smoothed, interpolated where it is hidden.
+"""The sun's track over a clip: measured frame by frame, cut into shots, made steady, interpolated where it is hidden.
+
+The sun does not move in seconds. Where the camera's rotation is known it is one direction in the world; where only its
+tilt is, one elevation at least. Otherwise the camera is taken to stand, unless the measurements wander by more than
+waves move them; then their path is followed slowly (`steady`).
 
 The track belongs to the whole clip. It is made once, kept beside the scene (`save_track`), may be edited there, and
 is looked up by frame, so that any frame range renders the same.
@@ -15,7 +19,8 @@ from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.sun.smooth import smooth
+from mr360uw.ibl.sun.smooth import smooth, strength_of_period
+from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, steady_directions
 from mr360uw.shapes import exactly
 from mr360uw.types import Environment, Floats, Sun
 
@@ -108,9 +113,12 @@ def track_suns(
     times_s: Sequence[float] | None = None,
     *,
     minimum_confidence: float = 0.5,
+    camera: Camera = "unknown",
 ) -> SunTrack:
     """Return the track of a whole clip from one measurement per frame, in order.
 
+    camera: what is known of its rotation, from which the measurements come in world axes: "tracked", all of it, in
+    one take without cuts; "levelled", its tilt but not its heading; "unknown", nothing.
     Suns or None may stand in for measurements; then `times_s` are their times (default: 30 frames a second) and cuts
     show only in the sun's direction. Frames below `minimum_confidence` are bridged.
     """
@@ -128,9 +136,9 @@ def track_suns(
             direction[k], irradiance[k] = frame.sun.direction, frame.sun.irradiance
             half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
     weight = np.where(confidence >= minimum_confidence, confidence, 0.0)
-    cuts = find_cuts(direction, weight, [f.thumbnail for f in frames])
+    cuts = () if camera == "tracked" else find_cuts(direction, weight, [f.thumbnail for f in frames])
     smoothed = [
-        _smooth_shot(direction[a:b], irradiance[a:b], half_angle[a:b], weight[a:b])
+        _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], weight[a:b], camera)
         for a, b in zip((0, *cuts), (*cuts, count), strict=True)
     ]
     smooth_direction, smooth_irradiance, smooth_angle, trust = (
@@ -151,17 +159,19 @@ def track_suns(
     )
 
 
-def _smooth_shot(direction: Array, irradiance: Array, half_angle: Array, weight: Array) -> tuple[Array, ...]:
+def _steady_shot(
+    times: Array, direction: Array, irradiance: Array, half_angle: Array, weight: Array, camera: Camera
+) -> tuple[Array, ...]:
     seen = weight > 0.0
-    chord = smooth(np.where(seen[:, None], direction, 0.0), weight)
-    length = np.linalg.norm(chord, axis=1, keepdims=True)
+    steady = steady_directions(times, direction, weight, camera)
     log_light = np.log(np.maximum(np.where(seen[:, None], irradiance, 1.0), 1e-9))
-    light = np.exp(smooth(log_light, weight))
+    step = float(np.median(np.diff(times))) if len(times) > 1 else WAVE_PERIOD_S
+    light = np.exp(smooth(log_light, weight, strength_of_period(WAVE_PERIOD_S / step)))
     angle = np.full(len(weight), np.median(half_angle[seen]) if seen.any() else np.nan)
     frame = np.arange(len(weight))
     gap = np.abs(frame[:, None] - frame[seen]).min(axis=1) if seen.any() else np.full(len(weight), np.inf)
     level = float(np.average(weight[seen], weights=weight[seen])) if seen.any() else 0.0
-    return chord / length, light, angle, level * np.exp(-gap / _FORGET_FRAMES)
+    return steady, light, angle, level * np.exp(-gap / _FORGET_FRAMES)
 
 
 def find_cuts(direction: Array, weight: Array, thumbnails: Sequence[Floats | None]) -> tuple[int, ...]:

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The light of clipped suns: as the plate's sky and ground tell, through water, and none where nothing was lost."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import mr360uw.ibl as ibl
+from mr360uw.color import luminance
+from mr360uw.ibl.plate import LinearPlate
+from mr360uw.ibl.settings import LightSettings
+from mr360uw.ibl.sun.closure import WaterLight, sunlight
+from mr360uw.ibl.sun.detect import find_disc
+from mr360uw.ibl.sun.evidence import shown_ratio
+from mr360uw.ibl.sun.split import sky_irradiance
+from mr360uw.sphere import direction_from_angles, directions
+from tests.ibl.plates import clipped
+from tests.ibl.tolerances import CLOSURE_RATIO, FLOAT32_TWIN, RATIO_EXPOSURE
+
+PLACE = direction_from_angles(0.6, 0.9)
+
+
+def day(glow: float, ground: float, *, exposure: float = 0.03) -> np.ndarray:
+    """Return a clipped sky of radiance 1 with a sun and a glow that falls with the angle, over ground."""
+    d = directions(1024, 512)
+    away = np.degrees(np.arccos(np.clip(d @ PLACE, -1.0, 1.0)))
+    sky = 1.0 + 4.0 * glow / np.maximum(away, 1.0) + 4e4 * (away < 0.27)
+    scene = np.where(d[..., 1] > 0.0, sky, ground)[..., None] * np.array([0.95, 1.0, 1.05])
+    return clipped(scene.astype(np.float32), exposure)
+
+
+def ratio_of(plate: np.ndarray) -> float:
+    seen = LinearPlate.of(plate)
+    return shown_ratio(seen, PLACE, sky_irradiance(seen.coarse))
+
+
+def test_the_ratio_grows_with_glow_and_sunlit_ground() -> None:
+    # the ground keeps its part of the light of the sky, which grows with the glow
+    by_glow = [ratio_of(day(glow, 0.5 + 0.2 * glow)) for glow in (2.0, 10.0, 20.0, 40.0)]
+    by_ground = [ratio_of(day(20.0, ground)) for ground in (0.5, 1.0, 2.0, 4.0)]
+    for ratios in (by_glow, by_ground):
+        assert ratios == sorted(ratios)
+        assert ratios[-1] > 5.0 * ratios[0]
+    assert by_glow[0] < 0.3
+
+
+def test_the_ratio_hardly_depends_on_the_exposure() -> None:
+    """More clips, and what is left of the glow is followed inwards."""
+    ratios = [ratio_of(day(20.0, 1.5, exposure=exposure)) for exposure in (0.02, 0.06, 0.2)]
+    assert max(ratios) < RATIO_EXPOSURE * min(ratios)
+
+
+def test_a_strong_sun_is_given_more_light_than_a_veiled_one() -> None:
+    strong, veiled = (ibl.environment(day(glow, ground)).sun for glow, ground in ((30.0, 2.5), (5.0, 0.6)))
+    assert strong is not None
+    assert veiled is not None
+    assert luminance(strong.irradiance) > 4.0 * luminance(veiled.irradiance)
+
+
+def test_where_nothing_was_lost_nothing_is_added() -> None:
+    """A spot that just reaches white without a flat top is measured, as by no operator at all."""
+    d = directions(1024, 512)
+    away = np.degrees(np.arccos(np.clip(d @ PLACE, -1.0, 1.0)))
+    scene = np.where(d[..., 1] > 0.0, 0.1, 0.05) + 0.87 * np.exp(-0.5 * (away / 1.5) ** 2)
+    plate = clipped(np.repeat(scene[..., None], 3, axis=2).astype(np.float32))
+    assert plate.max() < 1.0
+    closed, plain = (ibl.environment(plate, LightSettings(operator=name)) for name in ("closure", "none"))
+    assert closed.sun is not None
+    np.testing.assert_array_equal(closed.irradiance, plain.irradiance)
+
+
+@pytest.mark.parametrize("ratio", [None, 2.0])
+def test_no_water_is_the_limit_of_thin_water(ratio: float | None) -> None:
+    plate, settings = day(20.0, 1.5), LightSettings(direct_to_diffuse=ratio)
+    air = ibl.environment(plate, settings, sun=PLACE).sun
+    assert air is not None
+    last = np.inf
+    for fraction in (0.9, 0.99, 0.999, 1.0):
+        water = WaterLight(np.full(3, fraction**1.2), np.full(3, fraction))
+        sun = ibl.environment(plate, settings, sun=PLACE, underwater=True, water=water).sun
+        assert sun is not None
+        apart = float(np.abs(sun.irradiance / air.irradiance - 1.0).max())
+        assert apart <= last
+        last = apart
+    assert last < 10 * FLOAT32_TWIN
+
+
+def test_water_takes_from_the_beam_and_colours_it() -> None:
+    plate = day(20.0, 1.5)
+    whole = np.array([0.1, 0.5, 0.6])
+    for settings in (LightSettings(), LightSettings(direct_to_diffuse=1.5)):
+        light = [
+            ibl.environment(plate, settings, sun=PLACE, underwater=True, water=WaterLight(share * whole, whole))
+            for share in (0.8, np.array([0.3, 0.7, 0.8]))
+        ]
+        for found in light:
+            assert found.sun is not None
+        clear, red_lost = (found.sun.irradiance for found in light if found.sun is not None)
+        assert red_lost[0] / red_lost[1] < 0.6 * clear[0] / clear[1]
+        if settings.direct_to_diffuse is None:
+            assert luminance(red_lost) < luminance(clear)
+            continue
+        for found, beam in zip(light, (clear, red_lost), strict=True):
+            sky = sky_irradiance(np.repeat(np.repeat(found.residual, 4, 0), 4, 1))
+            assert luminance(beam) * PLACE[1] / luminance(sky) == pytest.approx(1.5, rel=CLOSURE_RATIO)
+
+
+def test_the_colour_of_sunlight_by_its_elevation() -> None:
+    np.testing.assert_allclose(sunlight(np.sin(np.radians(45.0))), 1.0, atol=FLOAT32_TWIN)
+    colours = [sunlight(np.sin(np.radians(e))) for e in (90.0, 45.0, 20.0, 8.0, 3.0)]
+    for higher, lower in itertools.pairwise(colours):
+        assert lower[0] / lower[2] > higher[0] / higher[2]
+        assert luminance(lower) == pytest.approx(1.0, abs=FLOAT32_TWIN)
+    assert 1.5 < colours[3][0] / colours[3][2] < 5.0
+
+
+def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
+    """The glow clips over a twentieth of the sphere; sunlit ground says that a sun is in it, shaded ground does not."""
+    sunlit, shaded = (find_disc(LinearPlate.of(day(40.0, ground, exposure=0.13))) for ground in (3.0, 1.0))
+    assert sunlit is not None
+    assert shaded is not None
+    assert sunlit.confidence >= 0.5 > shaded.confidence
+    assert np.degrees(np.arccos(sunlit.blob.direction @ PLACE)) < 10.0

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sun of a clip: one direction in the world, whatever frame is asked for and wherever a run begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.render.camera import CameraPath
+from mr360uw.render.first_pass import first_pass
+from mr360uw.render.surroundings import load_surroundings
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.sphere import direction_from_angles
+from mr360uw.types import Sun
+from tests.ibl.plates import clipped, sky
+from tests.scenes import scene_with
+from tests.tolerances import FLOAT64
+
+FRAMES, RATE = 10, 20
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip whose sun goes to and fro by two degrees, as waves make it."""
+    from mr360uw.video import write_exr
+
+    folder = tmp_path_factory.mktemp("clip")
+    for k in range(FRAMES):
+        place = direction_from_angles(0.5 + 0.04 * np.sin(1.9 * k), 1.0 + 0.03 * np.cos(2.3 * k))
+        write_exr(folder / f"plate_{k:04d}.exr", clipped(sky(place, width=256)))
+    return folder
+
+
+def scene_of(folder: Path, **camera: object) -> Scene:
+    plate = {"path": str(folder / "plate_%04d.exr"), "frame_rate": RATE}
+    return scene_with(folder, None, camera={"depth_m": 4.0, **camera}, object=[], plate=plate)
+
+
+def suns_of(scene: Scene) -> list[Sun]:
+    with open_plate(scene) as video:
+        facts = first_pass(load_surroundings(scene), video, gain=False)
+    suns = [facts.sun_at(k) for k in range(FRAMES)]
+    assert all(isinstance(sun, Sun) for sun in suns)
+    return [sun for sun in suns if isinstance(sun, Sun)]
+
+
+def test_a_standing_camera_has_one_sun_in_every_frame(folder: Path) -> None:
+    suns = suns_of(scene_of(folder))
+    assert all(np.array_equal(sun.direction, suns[0].direction) for sun in suns)
+    assert np.degrees(np.arccos(suns[0].direction @ direction_from_angles(0.5, 1.0))) < 1.0
+    again = suns_of(scene_of(folder))
+    assert all(np.array_equal(a.irradiance, b.irradiance) for a, b in zip(suns, again, strict=True))
+
+
+def test_frames_of_a_range_take_the_sun_of_the_whole_clip(folder: Path) -> None:
+    scene = scene_of(folder)
+    with open_plate(scene) as video:
+        whole = first_pass(load_surroundings(scene), video, gain=False)
+        for _ in video.frames(6, 8):  # a reader that has been used elsewhere
+            pass
+        later = first_pass(load_surroundings(scene), video, gain=False)
+    for k in (0, 6, 9):
+        a, b = whole.sun_at(k), later.sun_at(k)
+        assert isinstance(a, Sun)
+        assert isinstance(b, Sun)
+        np.testing.assert_array_equal(a.direction, b.direction)
+        np.testing.assert_array_equal(a.irradiance, b.irradiance)
+
+
+def test_a_tracked_camera_turns_under_one_sun(folder: Path, tmp_path: Path) -> None:
+    """The plate's sun stands still in the picture while the track says that the camera turns: the world decides."""
+    rows = ["time_s,x,y,z,qx,qy,qz,qw"]
+    for k in range(FRAMES):
+        half = 0.5 * np.radians(2.0 * k)
+        rows.append(f"{k / RATE},0,0,0,0,{np.sin(half)},0,{np.cos(half)}")
+    (tmp_path / "camera.csv").write_text("\n".join(rows) + "\n")
+    scene = scene_of(folder, track=str(tmp_path / "camera.csv"))
+    assert CameraPath.of(scene).rotation_known == "tracked"
+    suns = suns_of(scene)
+    assert all(np.array_equal(sun.direction, suns[0].direction) for sun in suns)
+
+
+def test_what_is_known_of_the_camera(folder: Path) -> None:
+    assert CameraPath.of(scene_of(folder)).rotation_known == "unknown"
+    assert CameraPath.of(scene_of(folder, roll_deg=3.0)).rotation_known == "unknown"
+    keys = [[0.0, 1.0, 2.0], [0.4, -1.0, 0.0]]
+    level = scene_of(folder, tilt_keys=keys)
+    assert CameraPath.of(level).rotation_known == "levelled"
+    suns = suns_of(level)
+    assert np.ptp([sun.direction[1] for sun in suns]) < FLOAT64
