@@ -37,7 +37,7 @@ class WaterSettings(Parameters):
     )
     inherent: Inherent = parameter("solonenko2015", "source of absorption and scattering of the Jerlov types")
     kd: Diffuse | Literal["auto"] = parameter("auto", "source of the diffuse attenuation of the Jerlov types")
-    phase: PhaseName = parameter("auto", "phase function; auto = the one that goes with the water")
+    phase: PhaseName = parameter("auto", "phase function of the particles; auto = the one that goes with the water")
     mean_cosine: float = parameter(MEAN_COSINE_SEA, "for phase hg: mean cosine g", unit="1", low=-0.95, high=0.99)
     particle_index: float = parameter(
         1.10, "for phase fournier-forand: relative refractive index", unit="1", low=1.01, high=1.35
