@@ -4,7 +4,8 @@
 closed-form, field, pictures: against reference values and path-traced pictures of the folder `shared` beside the
 checkout. models: the published formulas against exact transfer over all cameras. bands: error of n wavelengths by three
 rules. objects: coloured objects seen through effective transmittances. cost, tables: time and error of lookups. sheet:
-ten waters by seven depths. store-bands: makes mr360uw/medium/data/fitted_bands.json (minutes). Plots go to docs/.
+ten waters by seven depths. gain: of the veil, from synthetic dives. store-bands: makes
+mr360uw/medium/data/fitted_bands.json (minutes). Plots go to docs/.
 """
 
 from __future__ import annotations
@@ -447,6 +448,37 @@ def section_sheet() -> None:
     print(f"wrote {DOCS / 'medium-sheet.png'}")
 
 
+def section_gain() -> None:
+    """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water."""
+    from fractions import Fraction
+    from tempfile import TemporaryDirectory
+
+    from mr360uw.medium.fit.level import fit_level
+    from mr360uw.render.plate_map import level_view
+    from mr360uw.sample.dive_plate import DivePlate
+    from mr360uw.sample.dive_settings import DiveSettings
+    from mr360uw.sample.recording import record
+    from mr360uw.video import open_video
+
+    print("water  depth  sun   red     green   blue    code values of the level water   residual")
+    for name in ("IA", "IB", "II", "1C", "3C"):
+        for depth, sun in ((4.0, 57.3), (10.0, 35.0)):
+            settings = DiveSettings(depth, depth + 3.5, name, sun_elevation_rad=np.radians(sun))
+            plate = DivePlate(settings, 1024, 512)
+            with TemporaryDirectory() as folder:
+                record(Path(folder) / "dive.mp4", [plate.radiance(0.0)], Fraction(24), 1)
+                with open_video(Path(folder) / "dive.mp4") as video:
+                    frame = next(iter(video.frames(0, 1)))
+            medium = Medium(Water.jerlov(name), Sensor.cie1931(), camera_depth_m=depth)
+            gain, residual = fit_level(medium, level_view(frame.pixels))
+            ratio = gain * medium.level_radiance(np.array([0.0]))[0] / plate.level_radiance
+            codes = 255.0 * encode(plate.level_radiance, "srgb")
+            print(
+                f"{name:5s} {depth:5.0f} {sun:6.1f}" + "".join(f"{x:8.3f}" for x in ratio) + "     "
+                + "".join(f"{x:7.0f}" for x in codes) + f"         {residual:8.3f}"
+            )  # fmt: skip
+
+
 def section_store_bands() -> None:
     """Search the bands that ship with the package."""
     from mr360uw.medium.spectral.fitted import search
@@ -476,6 +508,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "cost": section_cost,
     "tables": section_tables,
     "sheet": section_sheet,
+    "gain": section_gain,
     "store-bands": section_store_bands,
 }
 

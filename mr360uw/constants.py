@@ -33,6 +33,10 @@ LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
 LONGEST_RAY_M = 1e9
 """Stands for an infinite ray through water, so that no infinity meets a zero."""
 
+BRIGHTEST_LOG = 40.0
+"""Greatest log ratio of the light at a depth to that at the camera (2e17), so that products stay finite in single
+precision. Light that is so much brighter than at the camera does not reach it."""
+
 GAMUT_THRESHOLD = 0.9
 GAMUT_POWER = 1.2
 """Where the compression of out-of-gamut colours sets in (distance from the largest channel), and how sharply."""

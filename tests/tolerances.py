@@ -18,6 +18,10 @@ PLANE_SLACK_M = 1e-5
 """How far something may reach beyond the planes that enclose it: less than a pixel of a map along the beam."""
 GAIN = 0.02
 """A gain found again in a plate with 15 % of noise in every pixel, by medians over a hundred or two of them."""
+GAIN_OF_DIVE = 0.03
+"""Level light of a dive's water read through 8-bit video: what the project asks."""
+HALF_A_CODE = 1.5e-4
+"""Half a code of the darkest light of 8-bit video, 1/255/12.92: red in deep water is two to eight codes."""
 GAIN_FLICKER = 0.05
 """Change of a clip's gain from frame to frame over that of gains fitted to each frame alone."""
 FLOAT32 = 2e-6

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mr360uw.medium import fit_gain
+from mr360uw.medium.fit.level import fit_level
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import MediumTable
@@ -16,8 +16,6 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
         return None
     if light.gain is not None:
         return medium.scaled(light.gain).table
-    if light.plate_map is None:
-        return medium.table
-    if surroundings.scene.water.mode == "plate":
+    if light.plate_map is not None:
         return medium.with_map(light.plate_map).table
-    return medium.scaled(fit_gain(medium, light.plate_map)[0]).table
+    return medium.table if light.level is None else medium.scaled(fit_level(medium, light.level)[0]).table

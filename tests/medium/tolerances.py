@@ -25,6 +25,8 @@ PICTURE_ISOTROPIC = 0.10
 rest that an endless ocean stands for one with a floor, and that scattering by small angles blurs nothing."""
 TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
 """Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
+TABLE_SHALLOW = 0.035
+"""The same where rays just above the level end after tens of metres, from 0.3 m: rows of the table 1 degree apart."""
 TABLE_BEAM = 5e-3
 """The sun's beam from a table over its path against sums over wavelength, down to a thousandth of it."""
 GREY_OF_OBSERVER = 0.17
