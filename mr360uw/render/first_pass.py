@@ -93,7 +93,8 @@ def first_pass(
                 suns.append(measure_sun(light, frame.time_s, world_from_camera))
             if medium is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
-                maps.add(here, *(of(frame.pixels, world_from_camera[1]) for of in (level_view, plate_map)))
+                up = world_from_camera[1]
+                maps.add(here, level_view(frame.pixels, up), plate_map(frame.pixels, up))
             if calm is not None:
                 calm.add(frame)
             if progress is not None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -53,16 +53,13 @@ def frame_stages(
     """
     plan, water, found, layers = loaded.plan, None, None, []
     light = plate_light(loaded, facts, plate) if plan.environment.runs else None
-    if light is not None:
-        sun = light.environment.sun
-        check_finite("light of the plate", plate.index, light.environment, *(() if sun is None else (sun,)))
+    check_finite("light of the plate", plate.index, light and light.environment)
     shot = None
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
         water = exposed_water(loaded.surroundings, light, plate.time_s)
-        if water is not None:
-            check_finite("water", plate.index, water)
+        check_finite("water", plate.index, water)
         for time_s in shutter_times(loaded, plate.time_s, shutter_s):
             shot = with_caustics(loaded, backend, shot_at(loaded, light, water, time_s, plate.index), time_s)
             layer, found = backend.layer(shot, variables=variables)
@@ -72,19 +69,20 @@ def frame_stages(
     yield  # from here on any thread, beside the next frame
 
     picture = plate.over(layer, over_tile, loaded.scene.draw.grain)
-    if picture.rgb is not None:
-        check_finite("composite", plate.index, picture)
+    check_finite("composite", plate.index, picture)
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
 
 
 def check_finite(stage: str, index: int, *results: Any) -> None:
     """Raise `RenderError` if an array of floats in a stage's results has a NaN or an infinity; distances may.
 
-    Sums are tested, not numbers: 10 ms for the layer of a frame of 3840 x 1920 that is covered everywhere.
+    results: dataclasses, which may hold others, or None. Sums are tested first: 13 ms for a layer over all of 3840 x 1920.
     """
-    for result in results:
+    for result in filter(is_dataclass, results):
         for field in fields(result):
             values = getattr(result, field.name)
+            if is_dataclass(values):
+                check_finite(stage, index, values)
             if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or field.name == "distance_m":
                 continue
             with np.errstate(all="ignore"):

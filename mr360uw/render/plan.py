@@ -94,7 +94,7 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
         sun=sun,
         track_sun=_track_sun(sun, light, clip),
-        medium=_stage(medium is not None, f"water {scene.water.type}", 'water is "none"'),
+        medium=_stage(medium is not None, scene.water.label, 'water is "none"'),
         gain=gain,
         track_gain=_stage(
             gain.runs and first_pass,

@@ -12,7 +12,7 @@ from mr360uw.ibl.level.upward import is_level, upward
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.medium.fit.level import BAND_RAD, SECTORS, LevelView
-from mr360uw.sphere import direction_from_angles, frame_from_direction
+from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.types import Floats, YuvImage
 
 _SAMPLES = (6, 12)
@@ -44,9 +44,9 @@ def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelVi
     reach = max(BAND_RAD, np.pi / height)
     rows, columns = _SAMPLES
     elevation = reach * (1.0 - (np.arange(2 * rows) + 0.5) / rows)
-    azimuth = 2.0 * np.pi * ((np.arange(SECTORS * columns) + 0.5) / (SECTORS * columns) - 0.5)
-    level = direction_from_angles(*np.broadcast_arrays(azimuth[None, :], elevation[:, None]))
-    seen = np.moveaxis(level, 0, -1) @ level_matrix(*map(float, roll_pitch(upward(up))))
+    turn = (np.arange(SECTORS * columns) + 0.5) / (SECTORS * columns)
+    level = direction_from_frame(turn[None, :], 0.5 - elevation[:, None] / np.pi, 1, 1)
+    seen = level @ level_matrix(*map(float, roll_pitch(upward(up))))
     x, y = frame_from_direction(seen, width, height)
     column, row = x.astype(np.int64) % width, np.clip(y.astype(np.int64), 0, height - 1)
     light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
