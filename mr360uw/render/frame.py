@@ -76,7 +76,8 @@ def frame_stages(
 def check_finite(stage: str, index: int, *results: Any) -> None:
     """Raise `RenderError` if an array of floats in a stage's results has a NaN or an infinity; distances may.
 
-    results: dataclasses, which may hold others, or None. Sums are tested first: 13 ms for a layer over all of 3840 x 1920.
+    results: dataclasses, which may hold others, or None. Sums are tested first: 13 ms for a layer that covers all of
+    3840 x 1920.
     """
     for result in filter(is_dataclass, results):
         for field in fields(result):

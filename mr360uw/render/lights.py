@@ -10,9 +10,11 @@ import numpy as np
 
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
+from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
+from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.sun.given import given_direction
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
@@ -21,6 +23,9 @@ _CLEAR_SKY_DIRECT = 0.75
 """Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
+_CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
+_SKY_UP = 0.83
+"""Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 """Bounds of the ratio of direct to diffuse irradiance."""
 
@@ -32,9 +37,11 @@ class LightReader:
     """
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
-        self._underwater, self._camera = table is not None, camera
+        self._underwater, self._camera, self._table = table is not None, camera, table
+        self._share = scene.water.sun_share or _CLEAR_SKY_DIRECT
         self._refractive_index = scene.water.refractive_index
         settings = scene.light
+        self._closed = settings.direct_to_diffuse is None and settings.operator == "closure"
         if settings.direct_to_diffuse is None and table is not None:
             settings = settings.model_copy(update={"direct_to_diffuse": direct_to_diffuse(table)})
         self._settings: LightSettings = settings
@@ -70,8 +77,35 @@ class LightReader:
             "up": world_from_camera[1],
         }  # fmt: skip
         if isinstance(plate, YuvImage):
-            return environment_from_yuv(plate, self._settings, sun=chosen, **options)
-        return environment(plate, self._settings, sun=chosen, **options)
+            found = environment_from_yuv(plate, self._settings, sun=chosen, **options)
+        else:
+            found = environment(plate, self._settings, sun=chosen, **options)
+        if found.sun is None or isinstance(chosen, Sun) or self._table is None:
+            return found
+        return replace(
+            found, sun=self._water_colored(found, found.sun, float(found.sun.direction @ world_from_camera[1]))
+        )
+
+    def _water_colored(self, found: Environment, sun: Sun, sun_up: float) -> Sun:
+        """Return the sun with the colour of its beam in the water; clipped pixels have none of their own.
+
+        Where its strength is the closure's, it too is that of the solved light: beam over the rest, in each channel.
+        """
+        assert self._table is not None
+        sun_up, depth, share = max(sun_up, MINIMUM_SUN_UP), self._table.camera_depth_m, self._share
+        direct = 1.0 - (1.0 - share) * _CLEAR_SKY
+        left = beam_fraction(self._table, depth, sun_up)
+        beam = direct * left
+        white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
+        # the rest is blue skylight, and what has left the yellow beam
+        of_sky = np.minimum((1.0 - share) * beam_fraction(self._table, depth, _SKY_UP), white)
+        rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
+        solved = found.ambient[0].mean(axis=0) * beam / np.maximum(rest, 1e-30) / sun_up
+        light = float(luminance(solved))
+        if light <= 0.0:
+            return sun
+        scale = 1.0 if self._closed else float(luminance(sun.irradiance)) / light
+        return replace(sun, irradiance=(scale * solved).astype(np.float32))
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""

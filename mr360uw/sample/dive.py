@@ -83,12 +83,12 @@ def sample_dive(
     if settings.speed_m_s:
         write_whole(folder / TRACK, _track(settings, frames, frame_rate))
     write_whole(dive.truth, json.dumps(_truth(settings, plate), indent=2) + "\n")
-    write_whole(dive.scene, scene_text(_scene(settings)))
+    write_whole(dive.scene, scene_text(dive_scene(settings)))
     return dive
 
 
-def _scene(settings: DiveSettings) -> dict[str, object]:
-    """Return the keys of a scene that differ from their defaults."""
+def dive_scene(settings: DiveSettings) -> dict[str, object]:
+    """Return the keys of the dive's scene that differ from their defaults."""
     sun_up = float(refract_to_water(settings.sun_in_air)[1])
     water = {"sun_share": SUN_SHARE, "sun_elevation_deg": round(float(np.degrees(np.arcsin(sun_up))), 3)}
     track: dict[str, object] = {"track": TRACK} if settings.speed_m_s else {}

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
-from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
 from mr360uw.types import Floats
 
-SENSOR = "CIE 1931"
-"""Sensor of the clip: its code values are colours, not raw camera values."""
+SENSOR = DEFAULT_SENSOR
+"""Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
 SUN_SHARE = 0.7
 """Fraction of the downwelling irradiance below the surface that is the sun's beam: a clear sky with the sun high."""
-SKY_COLOR = (1.0 - SUN_SHARE) * np.array([0.82, 1.03, 1.25])
+SKY_COLOR = (1.0 - SUN_SHARE) * np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 """Fraction (3,) of that irradiance from the sky, which is blue; the sun, slightly yellow, gives the rest."""
 
 
@@ -46,11 +47,10 @@ class DiveLight:
 
     def irradiance(self, depth_m: float) -> Floats:
         """Return the downwelling irradiance (3,) at a depth, all light, over that just below the surface."""
-        depths = np.array([depth_m, 0.0])
-        logs = [(color, medium.light.ambient_log(depths)) for color, medium in self._parts]
-        return sum((color * np.exp(log[0] - log[1]) for color, log in logs), np.zeros(3))
+        parts = ((color, medium.light.display(medium.model.irradiance(depth_m, 1.0))) for color, medium in self._parts)
+        return sum((color * light for color, light in parts), np.zeros(3))
 
     def patterned(self, depth_m: float) -> Floats:
         """Return the part (3,) of that irradiance that carries the waves' pattern: the sun's, not scattered."""
-        log = self._sun.light.beam_log(np.array(depth_m / self._sun_up), self._sun.model.attenuation)
-        return (1.0 - SKY_COLOR) * np.exp(log)
+        unscattered = np.exp(-self._sun.model.attenuation * depth_m / self._sun_up)
+        return (1.0 - SKY_COLOR) * self._sun.light.display(unscattered)

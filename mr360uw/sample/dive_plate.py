@@ -24,8 +24,9 @@ from mr360uw.types import Floats
 _GLOW_RAD = 0.035
 """Angular radius [rad] over which forward scattering spreads the sun's disc in a few metres of water. Twice as large,
 the glitter is a quarter as bright and clips less."""
-_LEVEL_BRIGHTNESS = 0.035
-"""Luminance of the water at the horizon after exposure, 1 = white: dark, so that Snell's window clips only in part."""
+_LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS = 0.035, 0.7
+"""Most light of the water at the horizon and of the sky overhead after exposure, 1 = white: in clear water a camera
+exposes for the sky, and only the sun's glitter clips."""
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _LEAST_SEA_SIZE = 512
 """Least number of normals across the sea's tile; larger frames use their number of rows, about one normal a pixel."""
@@ -40,6 +41,7 @@ class DivePlate:
 
     The camera is level, so the water between it and what it sees is the same all along a row. level_radiance: (3,) of
     the water at the horizon, after exposure. floor_irradiance: (3,) mean on the floor over that just below the surface.
+    albedo: (H/2, W, 3) of the sand in the lower half of the first frame.
     """
 
     def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
@@ -58,7 +60,10 @@ class DivePlate:
         distance = np.where(up > 0.0, camera, camera - floor) / up
         footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
         level = self._light.veil(np.array(1e6), np.array(0.0))
-        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(level))
+        straight_up = np.array(camera), np.array(1.0)
+        window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA)) * self._sky
+        zenith = self._light.veil(*straight_up) + self._light.transmittance(*straight_up) * window * _sky_shape(1.0)
+        self._exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
         self.level_radiance = self._exposure * level
         self.floor_irradiance, self._patterned = self._light.irradiance(floor), self._light.patterned(floor)
         self._veil = (self._exposure * self._light.veil(distance, up)).astype(np.float32)
@@ -77,7 +82,7 @@ class DivePlate:
         self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
         self._sand = [level[0].astype(np.float32) for level in mip_levels(sand_albedo(settings.seed)[None])]
         self._sand_at = np.stack([x[below], z[below]]) / SAND_TILE_M
-        self._albedo = _read(self._sand, self._sand_at, self._floor_footprint / SAND_TILE_M)
+        self.albedo = _read(self._sand, self._sand_at, self._floor_footprint / SAND_TILE_M)
         self._mirrored_up = np.linspace(-1.0, 0.0, _MIRRORED)
         self._mirrored = self._light.veil(np.full(_MIRRORED, 1e6), self._mirrored_up)
 
@@ -92,7 +97,7 @@ class DivePlate:
         levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
         at = self._caustics_at + offset / stack.tile_m
         pattern = _read(levels, at, self._floor_footprint / stack.tile_m)[..., None]
-        albedo = self._albedo
+        albedo = self.albedo
         if np.any(offset):
             albedo = _read(self._sand, self._sand_at + offset / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
         moving = self._patterned
@@ -127,9 +132,9 @@ class DivePlate:
         return image
 
 
-def _sky_shape(up: Floats) -> Floats:
+def _sky_shape(up: Floats | float) -> Floats:
     """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
-    return 3.0 + 4.0 * up
+    return np.asarray(3.0 + 4.0 * up)
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:

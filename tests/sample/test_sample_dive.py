@@ -15,11 +15,12 @@ from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.color import luminance
 from mr360uw.composite import read_camera_track
 from mr360uw.errors import ParameterError
-from mr360uw.medium import LightField, Sensor, Water, bands
+from mr360uw.medium import LightField, Water, bands
 from mr360uw.medium.jerlov import JerlovType
+from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.optics import refract_to_water
 from mr360uw.sample import sample_dive
-from mr360uw.sample.dive_light import SKY_COLOR, SUN_SHARE, DiveLight
+from mr360uw.sample.dive_light import SENSOR, SKY_COLOR, SUN_SHARE, DiveLight
 from mr360uw.sample.dive_plate import DivePlate
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sand import sand_albedo
@@ -63,7 +64,7 @@ def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:
 def test_the_floor_gets_all_of_the_solved_light(water: JerlovType) -> None:
     settings = CalmDive(water=water, camera_depth_m=4.0, floor_depth_m=9.0)
     sun_up = float(refract_to_water(settings.sun_in_air)[1])
-    of, observed = Water.jerlov(water), bands(61, Sensor.cie1931())
+    of, observed = Water.jerlov(water), bands(61, named_sensor(SENSOR))
     nm = observed.wavelength_nm
     sky, sun = (
         LightField(of.absorption(nm), of.scattering(nm), of.moments(nm, 65), sky=kind)
