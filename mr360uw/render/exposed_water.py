@@ -15,6 +15,7 @@ import numpy as np
 
 from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
 from mr360uw.constants import BRIGHTEST_LOG
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.fit.level import fit_level
 from mr360uw.medium.lookup import path_attenuation
 from mr360uw.medium.tabulate import STEP, lengths
@@ -31,8 +32,9 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     table = _veiled(surroundings, light, time_s)
     if table is None or light.environment.sun is None:
         return table
-    sun_up = max(float((light.environment.sun.direction @ surroundings.camera.at(time_s)[1].T)[1]), MINIMUM_SUN_UP)
-    return with_ambient(table, light.environment.ambient[0].mean(axis=0), light.environment.sun.irradiance, sun_up)
+    up, sun = surroundings.camera.at(time_s)[1][1], light.environment.sun
+    sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
+    return with_ambient(table, environment_lookup(light.environment.ambient, up), sun.irradiance, sun_up)
 
 
 def with_ambient(table: MediumTable, ambient: Floats, sun: Floats, sun_up: float) -> MediumTable:

@@ -13,6 +13,7 @@ from mr360uw.color import luminance
 from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.render.camera import CameraPath
@@ -82,17 +83,17 @@ class LightReader:
             found = environment(plate, self._settings, sun=chosen, **options)
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
-        return replace(
-            found, sun=self._water_colored(found, found.sun, float(found.sun.direction @ world_from_camera[1]))
-        )
+        return replace(found, sun=self._water_colored(found, found.sun, world_from_camera[1]))
 
-    def _water_colored(self, found: Environment, sun: Sun, sun_up: float) -> Sun:
+    def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its beam in the water; clipped pixels have none of their own.
 
         Where its strength is the closure's, it too is that of the solved light: beam over the rest, in each channel.
+        up: (3,) of the world, in the camera's axes.
         """
         assert self._table is not None
-        sun_up, depth, share = max(sun_up, MINIMUM_SUN_UP), self._table.camera_depth_m, self._share
+        sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
+        depth, share = self._table.camera_depth_m, self._share
         direct = 1.0 - (1.0 - share) * _CLEAR_SKY
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
@@ -100,7 +101,7 @@ class LightReader:
         # the rest is blue skylight, and what has left the yellow beam
         of_sky = np.minimum((1.0 - share) * beam_fraction(self._table, depth, _SKY_UP), white)
         rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
-        solved = found.ambient[0].mean(axis=0) * beam / np.maximum(rest, 1e-30) / sun_up
+        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, 1e-30) / sun_up
         light = float(luminance(solved))
         if light <= 0.0:
             return sun
