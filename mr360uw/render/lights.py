@@ -18,6 +18,7 @@ from mr360uw.ibl.sun.given import given_direction
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
+from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
 _CLEAR_SKY_DIRECT = 0.75
@@ -83,7 +84,10 @@ class LightReader:
             found = environment(plate, self._settings, sun=chosen, **options)
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
-        return replace(found, sun=self._water_colored(found, found.sun, world_from_camera[1]))
+        lit = self._water_colored(found, found.sun, world_from_camera[1])
+        cosine = np.maximum(directions(*found.ambient.shape[1::-1]) @ lit.direction, 0.0)[..., None]
+        whole = found.ambient + (cosine * lit.irradiance).astype(np.float32)
+        return replace(found, sun=lit, irradiance=whole)
 
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its beam in the water; clipped pixels have none of their own.
