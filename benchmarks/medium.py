@@ -4,7 +4,8 @@
 closed-form, field, pictures: against reference values and path-traced pictures of the folder `shared` beside the
 checkout. models: the published formulas against exact transfer over all cameras. bands: error of n wavelengths by three
 rules. objects: coloured objects seen through effective transmittances. cost, tables: time and error of lookups. sheet:
-ten waters by seven depths. store-bands: makes mr360uw/medium/data/fitted_bands.json (minutes). Plots go to docs/.
+ten waters by seven depths. gain, names: gain of the veil and type of the water, read
+from synthetic dives. store-bands: makes mr360uw/medium/data/fitted_bands.json (minutes). Plots go to docs/.
 """
 
 from __future__ import annotations
@@ -447,6 +448,64 @@ def section_sheet() -> None:
     print(f"wrote {DOCS / 'medium-sheet.png'}")
 
 
+def section_gain() -> None:
+    """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water."""
+    from fractions import Fraction
+    from tempfile import TemporaryDirectory
+
+    from mr360uw.medium.fit.level import fit_level
+    from mr360uw.render.plate_map import level_view
+    from mr360uw.sample.dive_plate import DivePlate
+    from mr360uw.sample.dive_settings import DiveSettings
+    from mr360uw.sample.recording import record
+    from mr360uw.video import open_video
+
+    print("water  depth  sun   red     green   blue    code values of the level water   residual")
+    for name in ("IA", "IB", "II", "1C", "3C"):
+        for depth, sun in ((4.0, 57.3), (10.0, 35.0)):
+            settings = DiveSettings(depth, depth + 3.5, name, sun_elevation_rad=np.radians(sun))
+            plate = DivePlate(settings, 1024, 512)
+            with TemporaryDirectory() as folder:
+                record(Path(folder) / "dive.mp4", [plate.radiance(0.0)], Fraction(24), 1)
+                with open_video(Path(folder) / "dive.mp4") as video:
+                    frame = next(iter(video.frames(0, 1)))
+            medium = Medium(Water.jerlov(name), camera_depth_m=depth)
+            gain, residual = fit_level(medium, level_view(frame.pixels))
+            ratio = gain * medium.level_radiance(np.array([0.0]))[0] / plate.level_radiance
+            codes = 255.0 * encode(plate.level_radiance, "srgb")
+            print(
+                f"{name:5s} {depth:5.0f} {sun:6.1f}" + "".join(f"{x:8.3f}" for x in ratio) + "     "
+                + "".join(f"{x:7.0f}" for x in codes) + f"         {residual:8.3f}"
+            )  # fmt: skip
+
+
+def section_names() -> None:
+    """Types that `fit_water` names in dives over sand, with the right white balance and one that is off by 12 %."""
+    from mr360uw.medium import fit_water
+    from mr360uw.medium.fit.waterfit import CONFIDENT
+    from mr360uw.render.plate_map import plate_map
+    from mr360uw.sample.dive_plate import DivePlate
+    from mr360uw.sample.dive_settings import DiveSettings
+
+    rng, found = np.random.default_rng(0), []
+    for name in JERLOV_TYPES:
+        cells = []
+        for depth, sun, above in ((3.0, 70.0, 4.0), (9.0, 35.0, 4.0), (6.0, 50.0, 15.0)):
+            settings = DiveSettings(depth, depth + above, name, sun_elevation_rad=np.radians(sun))
+            shown = plate_map(np.clip(DivePlate(settings, 256, 128).radiance(0.0), 0.0, 1.0))
+            for balance in (np.ones(3), np.exp(rng.normal(0.0, 0.12, 3))):
+                fit = fit_water(shown * balance, depth)
+                found.append((fit.confidence, fit.water_type == name))
+                cells.append(f"{fit.water_type:>4s} {fit.confidence:.2f}" + ("!" if fit.named else " "))
+        print(f"{name:4s}" + "  ".join(cells))
+    confidence, right = np.array(found).T
+    named = confidence >= CONFIDENT
+    print(
+        f"nearest type right: {right.mean():.0%} of {len(right)}; named (!): {named.sum()}, "
+        f"of them right {right[named].mean():.0%}"
+    )
+
+
 def section_store_bands() -> None:
     """Search the bands that ship with the package."""
     from mr360uw.medium.spectral.fitted import search
@@ -476,6 +535,8 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "cost": section_cost,
     "tables": section_tables,
     "sheet": section_sheet,
+    "gain": section_gain,
+    "names": section_names,
     "store-bands": section_store_bands,
 }
 

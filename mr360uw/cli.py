@@ -152,14 +152,22 @@ def sample(
     width: Annotated[int, typer.Option(help="frame width in pixels; the height is half of it")] = 1024,
     frames: Annotated[int, typer.Option(help="number of frames")] = 48,
     seed: Annotated[int, typer.Option(help="seed of sea and sand")] = 1,
+    water: Annotated[str, typer.Option(help="Jerlov type of the water")] = "IB",
+    depth: Annotated[float, typer.Option(help="depth of the camera in metres")] = 4.0,
+    floor: Annotated[float | None, typer.Option(help="depth of the sand in metres; default: 3.5 below")] = None,
+    sun_elevation: Annotated[float, typer.Option(help="of the sun above the surface, in degrees")] = 57.3,
+    sun_azimuth: Annotated[float, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = 34.4,
+    wind: Annotated[float, typer.Option(help="speed of the wind in m/s")] = 3.0,
+    speed: Annotated[float, typer.Option(help="speed in m/s at which the camera swims ahead")] = 0.0,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a synthetic 360 dive: plate with sound, whale, and a scene file that puts one into the other."""
     from mr360uw.progress import terminal_progress
-    from mr360uw.sample import sample_dive
+    from mr360uw.sample import DiveSettings, sample_dive
 
+    dive_of = DiveSettings.in_degrees(water, depth, floor, sun_elevation, sun_azimuth, wind, speed, seed)
     with terminal_progress() as progress:
-        dive = sample_dive(folder, width=width, frames=frames, seed=seed, overwrite=overwrite, progress=progress)
+        dive = sample_dive(folder, dive_of, width=width, frames=frames, overwrite=overwrite, progress=progress)
     typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}")
 
 
@@ -198,11 +206,10 @@ def caustics(
     from mr360uw.render.caustic_tiles import export_caustics
     from mr360uw.scene.model import load_scene
 
-    loaded = load_scene(scene, overrides or ())
     with terminal_progress() as progress:
         written = export_caustics(
-            loaded, folder, frames=frames, loop_s=loop_s, depth_m=depth_m, image_format=image_format.value,
-            backend=backend, overwrite=overwrite, progress=progress,
+            load_scene(scene, overrides or ()), folder, frames=frames, loop_s=loop_s, depth_m=depth_m,
+            image_format=image_format.value, backend=backend, overwrite=overwrite, progress=progress,
         )  # fmt: skip
     typer.echo(f"wrote {len(written)} files into {folder}")
 

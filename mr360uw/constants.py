@@ -30,8 +30,15 @@ MEAN_COSINE_SEA = 0.90
 LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
 """Luminance of linear Rec.709 primaries (ITU-R BT.709-6)."""
 
+CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B = 0.82, 1.03, 1.25
+"""Colour of a clear sky relative to sun and sky together, linear Rec.709: near CIE daylight of 9000 K over D65."""
+
 LONGEST_RAY_M = 1e9
 """Stands for an infinite ray through water, so that no infinity meets a zero."""
+
+BRIGHTEST_LOG = 40.0
+"""Greatest log ratio of the light at a depth to that at the camera (2e17), so that products stay finite in single
+precision. Light that is so much brighter than at the camera does not reach it."""
 
 GAMUT_THRESHOLD = 0.9
 GAMUT_POWER = 1.2

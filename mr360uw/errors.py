@@ -34,6 +34,10 @@ class GlError(Mr360uwError):
     """No OpenGL context, or a shader that does not compile."""
 
 
+class RenderError(Mr360uwError):
+    """A frame whose numbers are not finite; the message names the stage."""
+
+
 class ParameterError(Mr360uwError, ValueError):
     """An argument outside its physical domain."""
 

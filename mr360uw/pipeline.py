@@ -219,7 +219,7 @@ def composite_video(
                     sink.put(stages)
                     if progress is not None:
                         progress(count, stop - start)
-        notes = (*video.notes, *loaded.notes, *filter(None, [fallback]), *writer.notes)
+        notes = (*video.notes, *loaded.notes, *facts.notes, *filter(None, [fallback]), *writer.notes)
     return Report(
         out=out,
         frames=stop - start,

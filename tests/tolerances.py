@@ -18,6 +18,12 @@ PLANE_SLACK_M = 1e-5
 """How far something may reach beyond the planes that enclose it: less than a pixel of a map along the beam."""
 GAIN = 0.02
 """A gain found again in a plate with 15 % of noise in every pixel, by medians over a hundred or two of them."""
+GAIN_OF_DIVE = 0.03
+"""Level light of a dive's water read through 8-bit video: what the project asks."""
+GAIN_OF_CLEAR = 0.05
+"""The same in clear water, where waves mirror sunlit sand into the band: 4.5 % is found in the blue of type IB."""
+CHROMA_STEP = 1.1 / 255.0
+"""Half a step of Cb or Cr of 8-bit video as blue or red code (1.06 or 0.9): codecs leave no dither in even water."""
 GAIN_FLICKER = 0.05
 """Change of a clip's gain from frame to frame over that of gains fitted to each frame alone."""
 FLOAT32 = 2e-6
@@ -57,6 +63,14 @@ DIVE_SUN_SHARE = 0.01
 """The sun's part of the light in the picture: pixels of 0.7 degrees, and the water's own glow above the camera."""
 DIVE_WHITE = 0.03
 """Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""
+HELD = 0.05
+"""A card of the sand's albedo on the sand of a dive, mean in each channel: what the project asks."""
+WATER_ADDS_UP = 5e-3
+"""Ambient light and beam from tables over depth, linear between 256 nodes in single precision, against the solved sum."""
+DIVE_FLOOR = 5e-3
+"""Irradiance of the dive's floor against the field solved with twice its 16 streams, which are right to 2e-3."""
+DIVE_SAND = 0.08
+"""Sand in the lowest row, a metre across, against the mean of all sand: ripples are 10 % high and patches as wide."""
 YUV_NEAREST = 3.5e-4
 """Light of a table of 8192 steps read without interpolation: half a step times the steepest slope, 2.4, is 1.5e-4; the
 matrix between primaries, whose first row has absolute values of sum 2.3, makes it up to 3.4e-4."""

@@ -27,7 +27,9 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import plate_light
 from mr360uw.render.plate_pattern import calm_series
 from mr360uw.render.shots import shot_at
-from mr360uw.sample.dive_plate import SENSOR, DivePlate, DiveSettings, FloorShade
+from mr360uw.sample.dive_light import SENSOR
+from mr360uw.sample.dive_plate import DivePlate, FloorShade
+from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.scene.model import scene_from_dict
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Sun

@@ -28,6 +28,12 @@ def _check_times(times: Sequence[float]) -> None:
             raise ValueError(f"{what} (got time_s {one:g}, then {after:g}) - sort the keys")
 
 
+def _check_color(color: Vector) -> Vector:
+    if min(color) < 0.0:
+        raise ValueError(f"must be three numbers >= 0 (got {list(color)}) - light cannot be taken away")
+    return color
+
+
 class KeySettings(Parameters):
     """One instant of an object's motion; values that are not set are the object's own."""
 
@@ -77,6 +83,11 @@ class ObjectSettings(Parameters):
         "auto", "vertex colours as a tint; auto: where there is no base texture"
     )
     part: str = parameter("", "draw only the parts whose name contains this")
+
+    @field_validator("base_color")
+    @classmethod
+    def _not_negative(cls, color: Vector | None) -> Vector | None:
+        return None if color is None else _check_color(color)
 
     @field_validator("key")
     @classmethod
@@ -162,9 +173,7 @@ class LampSettings(Parameters):
     @field_validator("color")
     @classmethod
     def _not_negative(cls, color: Vector) -> Vector:
-        if min(color) < 0.0:
-            raise ValueError(f"must be three numbers >= 0 (got {list(color)}) - light cannot be taken away")
-        return color
+        return _check_color(color)
 
     @field_validator("key")
     @classmethod

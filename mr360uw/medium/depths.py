@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Medium tables for a camera whose depth changes.
 
-Tables are made at fixed depths, each 6 % deeper than the one before, and interpolated linearly between them. A frame's
-table depends on its depth alone and changes continuously from frame to frame.
+Tables are made at fixed depths, each 6 % deeper than the one before, and interpolated between them: linearly, the veil
+in its logarithm. A frame's table depends on its depth alone and changes continuously from frame to frame.
 """
 
 from __future__ import annotations
@@ -36,9 +36,11 @@ class MediumAtDepths:
         share = (depth_m - upper.camera_depth_m) / (lower.camera_depth_m - upper.camera_depth_m)
         mixed = {
             name: (1.0 - share) * getattr(upper, name) + share * getattr(lower, name)
-            for name in ("veil", "attenuation", "diffuse", "beam", "unscattered")
+            for name in ("attenuation", "diffuse", "beam", "unscattered")
         }
         floats = {name: values.astype(np.float32) for name, values in mixed.items()}
+        # light falls off as an exponential of depth: the veil's logarithm is mixed
+        floats["veil"] = upper.veil ** (1.0 - share) * lower.veil**share
         return self._medium.at_depth(depth_m, replace(upper, camera_depth_m=depth_m, **floats))
 
     def _made(self, step: int) -> MediumTable:

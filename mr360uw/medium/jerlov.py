@@ -2,13 +2,15 @@
 """Jerlov's ten water types: published absorption, scattering and diffuse attenuation over wavelength.
 
 I to III: open ocean, clear to turbid. 1C to 9C: coastal. Sources: Solonenko & Mobley 2015 (a, b and Kd of all ten),
-Williamson & Hollins 2022 (a and b of six), Jerlov 1976 and Austin & Petzold 1986 (Kd).
+Williamson & Hollins 2022 (a and b of six), Jerlov 1976 and Austin & Petzold 1986 (Kd), Zhang et al. 2009 (molecules).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Literal, TypedDict, get_args
+
+import numpy as np
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
@@ -26,6 +28,7 @@ _CITATION = {
     "jerlov1976": "Jerlov 1976, Marine Optics, Table XXVII",
     "austin_petzold1986": "Austin & Petzold 1986, Opt. Eng. 25, 471",
     "lee2005": "Lee et al. 2005, J. Geophys. Res. 110, C02016",
+    "zhang2009": "Zhang et al. 2009, Opt. Express 17, 5698",
 }
 
 
@@ -37,6 +40,7 @@ class WaterParts(TypedDict):
     b: Spectrum
     kd: Spectrum | None
     phase: Phase
+    molecular: Spectrum
     source: str
 
 
@@ -51,14 +55,26 @@ def jerlov_parts(
         raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")
     chosen = kd or ("solonenko2015" if inherent == "solonenko2015" else "lee2005")
     name = f"Jerlov {water_type}"
+    b = builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering")
     return WaterParts(
         name=name,
         a=builtin_spectrum(f"{inherent}_absorption.csv", water_type, f"{name}, absorption"),
-        b=builtin_spectrum(f"{inherent}_scattering.csv", water_type, f"{name}, scattering"),
+        b=b,
         kd=_kd_table(water_type, chosen),
         phase=phase or ("petzold" if inherent == "solonenko2015" else ("hg", MEAN_COSINE_SEA)),
-        source=f"a, b: {_CITATION[inherent]}; Kd: {_CITATION[chosen]}",
+        molecular=molecular_part(b),
+        source=f"a, b: {_CITATION[inherent]}; molecules: {_CITATION['zhang2009']}; Kd: {_CITATION[chosen]}",
     )
+
+
+def molecular_part(b: Spectrum) -> Spectrum:
+    """Return the molecular part [1/m] of a total scattering: that of pure sea water (Zhang et al. 2009), at most all.
+
+    The tables of the types give the total alone. Type I scatters no more than pure water: nothing is left of it for
+    particles below 550 nm.
+    """
+    pure = builtin_spectrum("pure_sea_water.csv", "scattering", "pure sea water, scattering")
+    return replace(b, name=f"{b.name} by molecules", value=np.minimum(pure(b.wavelength_nm), b.value))
 
 
 def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:

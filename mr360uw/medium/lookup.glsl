@@ -41,7 +41,8 @@ vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float dista
 // the tables over depth, (D, 3), are rows of textures: `diffuse` one; `beam` two, the beam and its unscattered part
 vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m) {
     float d = max(depth_m, 0.0);
-    return exp(-bilinear(diffuse, 0.0, table_coordinate(d, medium.length_m)) * (d - medium.camera_depth_m));
+    vec3 attenuation = bilinear(diffuse, 0.0, table_coordinate(d, medium.length_m));
+    return exp(min(-attenuation * (d - medium.camera_depth_m), vec3(BRIGHTEST_LOG)));
 }
 
 vec3 path_attenuation(MediumTable medium, sampler2D beam, float row, float depth_m, float sun_up) {
@@ -50,8 +51,8 @@ vec3 path_attenuation(MediumTable medium, sampler2D beam, float row, float depth
 }
 
 vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
-    return exp(path_attenuation(medium, beam, 0.0, medium.camera_depth_m, sun_up)
-             - path_attenuation(medium, beam, 0.0, depth_m, sun_up));
+    vec3 here = path_attenuation(medium, beam, 0.0, medium.camera_depth_m, sun_up);
+    return exp(min(here - path_attenuation(medium, beam, 0.0, depth_m, sun_up), vec3(BRIGHTEST_LOG)));
 }
 
 vec3 unscattered_share(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {

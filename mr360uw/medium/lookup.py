@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mr360uw.constants import BRIGHTEST_LOG
 from mr360uw.types import Floats, MediumTable
 
 
@@ -70,15 +71,18 @@ def ambient_ratio(table: MediumTable, depth_m: ArrayLike) -> Floats:
     """Return the ambient irradiance (..., 3) at a depth over that at the camera."""
     d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
     diffuse = linear(table.diffuse, table_coordinate(d, table.length_m))
-    return np.exp(-diffuse * (d - table.camera_depth_m)[..., None])
+    return np.exp(np.minimum(-diffuse * (d - table.camera_depth_m)[..., None], BRIGHTEST_LOG))
 
 
 def beam_ratio(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
     """Return the sun's beam (..., 3) at a depth over that at the camera; `sun_up` = y of its direction."""
-    return np.exp(
-        path_attenuation(table, table.beam, table.camera_depth_m, sun_up)
-        - path_attenuation(table, table.beam, depth_m, sun_up)
-    )
+    here = path_attenuation(table, table.beam, table.camera_depth_m, sun_up)
+    return np.exp(np.minimum(here - path_attenuation(table, table.beam, depth_m, sun_up), BRIGHTEST_LOG))
+
+
+def beam_fraction(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> Floats:
+    """Return the fraction (..., 3) of the sun's beam just below the surface that is left at a depth."""
+    return np.exp(-path_attenuation(table, table.beam, depth_m, sun_up))
 
 
 def path_attenuation(table: MediumTable, per_metre: Floats, depth_m: ArrayLike, sun_up: float) -> Floats:

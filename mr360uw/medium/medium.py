@@ -40,7 +40,7 @@ RGB_NM = (650.0, 550.0, 450.0)
 DEFAULT_BANDS = 61
 """Number of wavelengths: 5 nm apart over 400 to 700 nm. Twice as many cost nothing per pixel."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
-_TINY = 1e-30
+_TINY = 1e-300  # below the light of any depth
 
 
 class Medium:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
-from mr360uw.medium.phase import mean_cosine
 from mr360uw.medium.ray_field import RayField
 from mr360uw.medium.transfer import LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
@@ -84,13 +83,13 @@ class KdModel:
         return np.exp(-self.kd * y[..., None])
 
 
-def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: float) -> Array:
+def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: ArrayLike) -> Array:
     """Return scalar irradiance over downwelling irradiance deep down, Kd (1 - R)/a (Gershun's law).
 
     R = (1 - s)(1 - 0.139 s)/(1 + 1.17 s), s = sqrt(1 - w), w = b(1 - g)/(a + b(1 - g)): reflectance of a deep medium
     after similarity scaling (van de Hulst 1980 ch. 14).
     """
-    a, b, kd = (np.asarray(x, np.float64) for x in (a, b, kd))
+    a, b, kd, g = (np.asarray(x, np.float64) for x in (a, b, kd, g))
     s = np.sqrt(1.0 - b * (1.0 - g) / (a + b * (1.0 - g)))
     reflectance = (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)
     return kd * (1.0 - reflectance) / a
@@ -187,7 +186,7 @@ def spectral_model(
     if mode == "table":
         return _field_model(water, tuple(w.tolist()), surface, sky, refractive_index)
     a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
-    factor = gershun_factor(a, b, kd, mean_cosine(water.phase)) if mode == "kd+" else np.ones(len(w))
+    factor = gershun_factor(a, b, kd, water.moments(w, 2)[:, 1]) if mode == "kd+" else np.ones(len(w))
     return KdModel(b, a + b, kd, factor)
 
 

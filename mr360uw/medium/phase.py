@@ -4,8 +4,8 @@
 p(cos) [1/sr] integrates to 1 over the sphere; cos is taken between the directions of travel before and after, forward
 = +1. Their Legendre moments chi_l = 2 pi int p P_l dcos (chi_0 = 1, chi_1 = mean cosine) feed the transfer equation.
 
-Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999; average particle of Petzold 1972 by Mobley et al. 1993; Zhang
-et al. 2009 for molecules.
+Sources: Henyey & Greenstein 1941; Fournier & Jonasz 1999 and Mobley et al. 2002; average particle of Petzold 1972 by
+Mobley et al. 1993; Zhang et al. 2009 for molecules.
 """
 
 from __future__ import annotations
@@ -60,6 +60,27 @@ def fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
     first = nu * (1.0 - d) - (1.0 - dn) + (d * (1.0 - dn) - nu * (1.0 - d)) * scale / d
     second = (1.0 - d180**nu) / (4.0 * (d180 - 1.0) * d180**nu) * (3.0 * (1.0 - 2.0 * s2) ** 2 - 1.0)
     return INV_4PI * (first / ((1.0 - d) ** 2 * dn) + second)
+
+
+@functools.lru_cache(maxsize=64)
+def particles_of_backscatter(ratio: float) -> Phase:
+    """Return the Fournier-Forand phase function whose bb/b is `ratio`, 0.002 to 0.05.
+
+    Index and slope lie on the line n = 1.01 + 0.1542 (slope - 3) of Mobley et al. 2002, which bb/b runs along.
+    """
+
+    def on_line(slope: float) -> Phase:
+        return "fournier-forand", 1.01 + 0.1542 * (slope - 3.0), slope
+
+    low, high = _LINE
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if backscatter_ratio(on_line(middle)) < ratio else (low, middle)
+    return on_line(low)
+
+
+_LINE = (3.05, 4.0)
+"""Slopes at the ends of that line: bb/b is 0.0001 and 0.09 there."""
 
 
 def petzold(theta: ArrayLike) -> Array:

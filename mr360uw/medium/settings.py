@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import radians, sin
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 from pydantic import Field, field_validator, model_validator
 
@@ -18,11 +18,15 @@ from mr360uw.medium.phase import Phase
 from mr360uw.medium.spectral.bands import Rule
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.transfer import SurfaceKind
+from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility
 from mr360uw.medium.water import Water
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.types import Floats
 
-WaterType = JerlovType | Literal["pure", "chlorophyll", "csv", "none"]
+Place = Literal["tropical", "temperate", "harbour"]
+PLACES: dict[str, JerlovType] = {"tropical": "IB", "temperate": "1C", "harbour": "7C"}
+"""Words for waters, and the types they stand for: divers see 45, 11 and 1.8 m there."""
+WaterType = JerlovType | Place | Literal["pure", "chlorophyll", "csv", "none"]
 PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-forand"]
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
@@ -30,14 +34,20 @@ Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 class WaterSettings(Parameters):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
-    type: WaterType = parameter("IB", "Jerlov type, pure, chlorophyll, csv, or none for a plate without water")
+    type: WaterType = parameter(
+        "IB", "Jerlov type, tropical (IB), temperate (1C), harbour (7C), pure, chlorophyll, csv; none: no water"
+    )
+    visibility_m: float | None = parameter(
+        None, "instead of a type: horizontal distance at which a black target is lost, 4.8/c", unit="m",
+        low=LEAST_M, high=MOST_M,
+    )  # fmt: skip
     chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
     csv: Path | None = parameter(
         None, "for type csv: table with wavelength_nm, absorption, scattering and, if known, kd"
     )
     inherent: Inherent = parameter("solonenko2015", "source of absorption and scattering of the Jerlov types")
     kd: Diffuse | Literal["auto"] = parameter("auto", "source of the diffuse attenuation of the Jerlov types")
-    phase: PhaseName = parameter("auto", "phase function; auto = the one that goes with the water")
+    phase: PhaseName = parameter("auto", "phase function of the particles; auto = the one that goes with the water")
     mean_cosine: float = parameter(MEAN_COSINE_SEA, "for phase hg: mean cosine g", unit="1", low=-0.95, high=0.99)
     particle_index: float = parameter(
         1.10, "for phase fournier-forand: relative refractive index", unit="1", low=1.01, high=1.35
@@ -83,7 +93,20 @@ class WaterSettings(Parameters):
     def _check(self) -> WaterSettings:
         if self.type == "csv" and self.csv is None:
             raise ValueError("csv - type csv needs a file (got none) - name it")
+        if self.visibility_m is not None:
+            for name in ("type", "inherent", "kd"):
+                if name in self.model_fields_set:
+                    both = f"got visibility_m {self.visibility_m:g} and {name} {getattr(self, name)!r}"
+                    raise ValueError(f"visibility_m - stands in place of {name} ({both}) - remove one of them")
         return self
+
+    @property
+    def label(self) -> str:
+        """The water in a few words, as the plan shows it."""
+        if self.visibility_m is not None:
+            return f"water of {self.visibility_m:g} m visibility"
+        known = PLACES.get(self.type)
+        return f"water {self.type}" if known is None else f"{self.type} water, type {known}"
 
     @property
     def fits_gain(self) -> bool:
@@ -94,7 +117,9 @@ class WaterSettings(Parameters):
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
         if self.type == "none":
             return None
-        if self.type == "pure":
+        if self.visibility_m is not None:
+            water = water_of_visibility(self.visibility_m)
+        elif self.type == "pure":
             water = Water.pure()
         elif self.type == "chlorophyll":
             water = Water.chlorophyll(self.chlorophyll_mg_m3)
@@ -103,7 +128,8 @@ class WaterSettings(Parameters):
                 raise ParameterError("csv - type csv needs a file (got none) - name it")
             water = Water.from_csv(self.csv)
         else:
-            water = Water.jerlov(self.type, self.inherent, None if self.kd == "auto" else self.kd)
+            kind = PLACES.get(self.type) or cast("JerlovType", self.type)
+            water = Water.jerlov(kind, self.inherent, None if self.kd == "auto" else self.kd)
         return water if self.phase == "auto" else water.with_phase(self._phase())
 
     def _phase(self) -> Phase:

@@ -25,7 +25,7 @@ Chosen so that the mean error against direct sums over wavelength is below 0.1 %
 
 _FARTHEST = 1e4
 """The last node stands for infinity and is evaluated at this many table lengths."""
-_STEP = 1e-4
+STEP = 1e-4
 """Relative step of one-sided derivatives, and least distance at which quotients are evaluated, in table lengths."""
 
 
@@ -39,12 +39,13 @@ def medium_table(light: BandLight, camera_depth_m: float, length_m: float, unit_
     """Return the tables of a camera at a depth, colours within the gamut.
 
     length_m: L of the coordinates S/(S + L). unit_veil: function of (distance, up) that gives the veil (..., 3) of
-    camera rays, without gain.
+    camera rays, without gain. The veil stays in double precision: at 200 m it is 1e-90 of the surface's light, and
+    only the gain brings it back.
     """
     return MediumTable(
         camera_depth_m=camera_depth_m,
         length_m=length_m,
-        veil=_veil(unit_veil, camera_depth_m, length_m).astype(np.float32),
+        veil=_veil(unit_veil, camera_depth_m, length_m),
         attenuation=_attenuation(light, length_m).astype(np.float32),
         diffuse=_diffuse(light, camera_depth_m, length_m).astype(np.float32),
         beam=_along_beam(light, light.model.extinction, length_m).astype(np.float32),
@@ -53,36 +54,39 @@ def medium_table(light: BandLight, camera_depth_m: float, length_m: float, unit_
 
 
 def _veil(unit_veil: UnitVeil, camera_depth_m: float, length_m: float) -> Array:
+    up_step = 2.0 / (VEIL_SIZE[0] - 1)
     up = np.linspace(-1.0, 1.0, VEIL_SIZE[0])[:, None]
     s = np.broadcast_to(lengths(VEIL_SIZE[1], length_m), VEIL_SIZE)
     out = camera_depth_m / np.maximum(up, 1e-9)
-    inside = np.clip(s, _STEP * length_m, np.where(up > 0.0, out, np.inf))
+    inside = np.clip(s, STEP * length_m, np.where(up > 0.0, out, np.inf))
 
     def smooth(s: Array) -> Array:
         return unit_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
 
-    # rays end at the surface, but interpolation reads nodes beyond it: continue linearly over two cells
+    # rays end at the surface, but interpolation reads nodes beyond it: continue linearly as far as the next flatter
+    # ray reaches, and over two cells
     t, t_out = table_coordinate(s, length_m), table_coordinate(out, length_m)
-    before = (1.0 - _STEP) * np.minimum(out, s[:, -1:])
-    at_surface = smooth(np.concatenate([before, before / (1.0 - _STEP)], axis=1))
+    before = (1.0 - STEP) * np.minimum(out, s[:, -1:])
+    at_surface = smooth(np.concatenate([before, before / (1.0 - STEP)], axis=1))
     slope = (at_surface[:, 1] - at_surface[:, 0])[:, None] / (t_out - table_coordinate(before, length_m))[..., None]
-    beyond = np.where(up > 0.0, np.clip(t - t_out, 0.0, 2.0 / (VEIL_SIZE[1] - 1)), 0.0)
+    flatter = table_coordinate(camera_depth_m / np.maximum(up - up_step, 1e-9), length_m)
+    beyond = np.where(up > 0.0, np.clip(t - t_out, 0.0, flatter - t_out + 2.0 / (VEIL_SIZE[1] - 1)), 0.0)
     return smooth(inside) + beyond[..., None] * np.where((beyond > 0.0)[..., None], slope, 0.0)
 
 
 def _attenuation(light: BandLight, length_m: float) -> Array:
     depth = np.minimum(lengths(ATTENUATION_SIZE[0], length_m), light.deepest_m)[:, None]
-    s = np.maximum(lengths(ATTENUATION_SIZE[1], length_m), _STEP * length_m)[None, :]
+    s = np.maximum(lengths(ATTENUATION_SIZE[1], length_m), STEP * length_m)[None, :]
     return -light.transmittance_log(s, depth) / s[..., None]
 
 
 def _diffuse(light: BandLight, camera: float, length_m: float) -> Array:
-    step = _STEP * (length_m + camera)
+    step = STEP * (length_m + camera)
     depth = np.minimum(lengths(DEPTH_SIZE, length_m), light.deepest_m)
     depth = np.where(np.abs(depth - camera) > step, depth, camera + step)
     return -(light.ambient_log(depth) - light.ambient_log(np.array(camera))) / (depth - camera)[:, None]
 
 
 def _along_beam(light: BandLight, extinction: Array, length_m: float) -> Array:
-    path = np.maximum(lengths(DEPTH_SIZE, length_m), _STEP * length_m)
+    path = np.maximum(lengths(DEPTH_SIZE, length_m), STEP * length_m)
     return -light.beam_log(path, extinction) / path[:, None]

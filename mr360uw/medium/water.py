@@ -20,7 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType, jerlov_parts
-from mr360uw.medium.phase import Phase, backscatter_ratio, check_phase, phase_moments, wide_angle_moments
+from mr360uw.medium.phase import (
+    Phase,
+    backscatter_ratio,
+    check_phase,
+    particles_of_backscatter,
+    phase_moments,
+    wide_angle_moments,
+)
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.shapes import exactly
 
@@ -124,8 +131,8 @@ class Water:
         return share * of("water", count) + (1.0 - share) * particles
 
     def with_phase(self, phase: Phase) -> Water:
-        """Return the same water with another phase function for all of its scattering."""
-        return replace(self, phase=phase, molecular=None)
+        """Return the same water with another phase function of its particles; molecules scatter as before."""
+        return replace(self, phase=phase)
 
     @classmethod
     def jerlov(
@@ -137,8 +144,9 @@ class Water:
     ) -> Water:
         """Return a Jerlov type: a and b by Solonenko & Mobley 2015 (all ten) or Williamson & Hollins 2022 (six).
 
-        kd: source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins. phase:
-        Petzold's average for Solonenko & Mobley, whose Kd goes with it; else Henyey-Greenstein g = 0.9.
+        kd: source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins. phase: of
+        the particles; without it Petzold's average for Solonenko & Mobley, whose Kd goes with it, else
+        Henyey-Greenstein g = 0.9. The molecules' part of b is that of pure sea water.
         """
         return _jerlov(water_type, inherent, kd, phase)
 
@@ -157,12 +165,13 @@ class Water:
         )
 
     @classmethod
-    def chlorophyll(cls, mg_m3: float, phase: Phase = "petzold") -> Water:
+    def chlorophyll(cls, mg_m3: float, phase: Phase | None = None) -> Water:
         """Return open-ocean (Case 1) water of a chlorophyll concentration [mg/m^3], 0.01 to 20, at 350 to 700 nm.
 
         a: pure water + particles Ap Chl^Ep (Bricaud et al. 1998) + 20 % of their value at 440 nm as dissolved matter
         with slope 0.014/nm (Morel & Maritorena 2001). b: pure water + 0.416 Chl^0.766 (w/550)^v (Loisel & Morel 1998).
-        Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a.
+        Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a. phase: of the particles; without it
+        that of Fournier & Forand whose bb/b is 0.002 + 0.01 (0.5 - 0.25 log10 Chl) (Morel & Maritorena 2001).
         """
         if not 0.01 <= mg_m3 <= 20.0:
             raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
@@ -182,7 +191,7 @@ class Water:
             a=Spectrum(f"{name}, absorption", w, a),
             b=Spectrum(f"{name}, scattering", w, b),
             kd=Spectrum(f"{name}, Kd", w, kd),
-            phase=phase,
+            phase=phase or particles_of_backscatter(0.002 + 0.01 * (0.5 - 0.25 * float(np.log10(mg_m3)))),
             molecular=Spectrum(f"{name}, molecular scattering", w, pure.scattering(w)),
             source="Morel & Maritorena 2001, J. Geophys. Res. 106, 7163; Bricaud et al. 1998, J. Geophys. Res. 103, "
             "31033; Loisel & Morel 1998, Limnol. Oceanogr. 43, 847",

@@ -11,10 +11,11 @@ import numpy as np
 
 from mr360uw.errors import SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
-from mr360uw.medium import Medium, exposure_change, fit_gain, picture_change, steady_gain
+from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
@@ -37,12 +38,14 @@ class ClipFacts:
     """Measurements over a whole clip, which make a frame look the same whatever range is rendered.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
-    frame by frame. calm: the ground without its caustics, or None if it is found frame by frame.
+    frame by frame. calm: the ground without its caustics, or None if it is found frame by frame. notes: doubts about
+    them.
     """
 
     sun: SunTrack | FixedSun | None = None
     gain: Floats | None = None
     calm: CalmPlate | None = None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
@@ -90,7 +93,8 @@ def first_pass(
                 suns.append(measure_sun(light, frame.time_s, world_from_camera))
             if medium is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
-                maps.add(here, plate_map(frame.pixels, world_from_camera[1]))
+                up = world_from_camera[1]
+                maps.add(here, level_view(frame.pixels, up), plate_map(frame.pixels, up))
             if calm is not None:
                 calm.add(frame)
             if progress is not None:
@@ -100,6 +104,7 @@ def first_pass(
         track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else track,
         maps.gain(float(video.frame_rate)) if medium is not None else None,
         calm.result() if calm is not None else None,
+        tuple(filter(None, [maps.doubt()])) if medium is not None else (),
     )
 
 
@@ -116,13 +121,16 @@ class _MapSeries:
 
     def __init__(self) -> None:
         self._gains: list[Floats] = []
+        self._residuals: list[float] = []
         self._exposure: list[float] = []
         self._picture: list[float] = []
         self._last: Floats | None = None
 
-    def add(self, medium: Medium, shown: Floats) -> None:
+    def add(self, medium: Medium, level: LevelView, shown: Floats) -> None:
         before = shown if self._last is None else self._last
-        self._gains.append(fit_gain(medium, shown)[0])
+        gain, residual = fit_level(medium, level)
+        self._gains.append(gain)
+        self._residuals.append(residual)
         self._exposure.append(exposure_change(before, shown))
         self._picture.append(picture_change(before, shown))
         self._last = shown
@@ -130,3 +138,13 @@ class _MapSeries:
     def gain(self, frame_rate: float) -> Floats:
         """Return the gain (N, 3) of every frame."""
         return steady_gain(self._gains, self._exposure, self._picture, frame_rate)
+
+    def doubt(self) -> str:
+        """Return a note if most frames show no open water at the horizon, else ""."""
+        residual = float(np.median(self._residuals))
+        if residual < DOUBTFUL:
+            return ""
+        return (
+            f"water - its gain is not known: the horizon shows little open water (got a residual of {residual:.2f}) - "
+            "set water.gain to three numbers, or check camera.roll_deg and pitch_deg"
+        )

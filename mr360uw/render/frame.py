@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
+
+import numpy as np
 
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
+from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
 from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipFacts
@@ -50,20 +53,47 @@ def frame_stages(
     """
     plan, water, found, layers = loaded.plan, None, None, []
     light = plate_light(loaded, facts, plate) if plan.environment.runs else None
+    check_finite("light of the plate", plate.index, light and light.environment)
     shot = None
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
         water = exposed_water(loaded.surroundings, light, plate.time_s)
+        check_finite("water", plate.index, water)
         for time_s in shutter_times(loaded, plate.time_s, shutter_s):
             shot = with_caustics(loaded, backend, shot_at(loaded, light, water, time_s, plate.index), time_s)
             layer, found = backend.layer(shot, variables=variables)
+            check_finite("layer", plate.index, *layer.tiles)
             layers.append(layer)
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame
 
     picture = plate.over(layer, over_tile, loaded.scene.draw.grain)
+    check_finite("composite", plate.index, picture)
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
+
+
+def check_finite(stage: str, index: int, *results: Any) -> None:
+    """Raise `RenderError` if an array of floats in a stage's results has a NaN or an infinity; distances may.
+
+    results: dataclasses, which may hold others, or None. Sums are tested first: 13 ms for a layer that covers all of
+    3840 x 1920.
+    """
+    for result in filter(is_dataclass, results):
+        for field in fields(result):
+            values = getattr(result, field.name)
+            if is_dataclass(values):
+                check_finite(stage, index, values)
+            if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or field.name == "distance_m":
+                continue
+            with np.errstate(all="ignore"):
+                total = values.sum()
+            if not np.isfinite(total) and not np.all(np.isfinite(values)):
+                bad = int(np.sum(~np.isfinite(values)))
+                raise RenderError(
+                    f"frame {index} - the {stage} has numbers that are not finite (got {bad} of {values.size} in "
+                    f"{field.name}) - please report it with the scene file"
+                )
 
 
 def finished(stages: Stages) -> Frame:

@@ -9,20 +9,32 @@ from typing import Any, Literal
 import numpy as np
 
 from mr360uw.caustics import refract_to_water
+from mr360uw.color import luminance
+from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
+from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.expansion import checked_plate
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.closure import WaterLight
+from mr360uw.ibl.sun.closure import WaterLight, clearness
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import sun_in_words
 from mr360uw.ibl.yuv import plate_of_yuv
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
+from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
+_CLEAR_SKY_DIRECT = 0.75
+"""Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
+_CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
+_SKY_UP = 0.83
+"""Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
+_MOST_DIRECT = 4.0
+"""Largest ratio of direct to diffuse irradiance."""
 
 
 class LightReader:
@@ -32,10 +44,12 @@ class LightReader:
     """
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
-        self._underwater, self._camera = table is not None, camera
+        self._underwater, self._camera, self._table = table is not None, camera, table
+        self._share = scene.water.sun_share or _CLEAR_SKY_DIRECT
         self._refractive_index = scene.water.refractive_index
         settings = scene.light
         self._water = None if table is None else water_light(table)
+        self._closed = settings.direct_to_diffuse is None and settings.operator == "closure"
         self._settings: LightSettings = settings
         self._sun: Floats | Literal["detect"] | None = "detect"
         if settings.sun == "none":
@@ -69,8 +83,40 @@ class LightReader:
             "up": world_from_camera[1], "water": self._water,
         }  # fmt: skip
         if isinstance(plate, YuvImage):
-            return environment_from_yuv(plate, self._settings, sun=chosen, **options)
-        return environment(plate, self._settings, sun=chosen, **options)
+            found = environment_from_yuv(plate, self._settings, sun=chosen, **options)
+        else:
+            found = environment(plate, self._settings, sun=chosen, **options)
+        if found.sun is None or isinstance(chosen, Sun) or self._table is None:
+            return found
+        lit = self._water_colored(found, found.sun, world_from_camera[1])
+        cosine = np.maximum(directions(*found.ambient.shape[1::-1]) @ lit.direction, 0.0)[..., None]
+        whole = found.ambient + (cosine * lit.irradiance).astype(np.float32)
+        return replace(found, sun=lit, irradiance=whole)
+
+    def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
+        """Return the sun with the colour of its beam in the water; clipped pixels have none of their own.
+
+        Where its strength is the closure's, it too is that of the solved light: beam over the rest, in each channel.
+        up: (3,) of the world, in the camera's axes.
+        """
+        assert self._table is not None
+        sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
+        depth, share = self._table.camera_depth_m, self._share
+        direct = 1.0 - (1.0 - share) * _CLEAR_SKY
+        left = beam_fraction(self._table, depth, sun_up)
+        beam = direct * left
+        white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
+        # the rest is blue skylight, and what has left the yellow beam
+        of_sky = np.minimum((1.0 - share) * beam_fraction(self._table, depth, _SKY_UP), white)
+        rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
+        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, 1e-30) / sun_up
+        light = float(luminance(solved))
+        if light <= 0.0:
+            return sun
+        scale = 1.0 if self._closed else float(luminance(sun.irradiance)) / light
+        clear = clearness(water_light(self._table))  # of thin water the plate itself tells more
+        mixed = np.maximum(scale * solved, 1e-30) ** (1.0 - clear) * np.maximum(sun.irradiance, 1e-30) ** clear
+        return replace(sun, irradiance=mixed.astype(np.float32))
 
     def sun_in_words(self, plate: Floats | YuvImage, time_s: float) -> str:
         """Return one line on the sun that is detected in a plate's frame, or on the candidate that comes nearest."""

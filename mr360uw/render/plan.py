@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from mr360uw.ibl import LightSettings
-from mr360uw.medium.lookup import beam_ratio
+from mr360uw.medium.lookup import beam_fraction
 from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
 
@@ -94,7 +94,7 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
         sun=sun,
         track_sun=_track_sun(sun, light, clip),
-        medium=_stage(medium is not None, f"water {scene.water.type}", 'water is "none"'),
+        medium=_stage(medium is not None, scene.water.label, 'water is "none"'),
         gain=gain,
         track_gain=_stage(
             gain.runs and first_pass,
@@ -190,4 +190,4 @@ def _beam_at_objects(objects: tuple[ObjectFacts, ...], medium: MediumTable | Non
     if medium is None or not objects:
         return 1.0
     depth = np.array([max(facts.depth_m, 0.0) for facts in objects])
-    return float(np.max(beam_ratio(medium, depth, 1.0) / beam_ratio(medium, 0.0, 1.0)))
+    return float(np.max(beam_fraction(medium, depth, 1.0)))

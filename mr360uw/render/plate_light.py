@@ -6,9 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.medium.fit.level import LevelView
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.types import Environment, Floats
 from mr360uw.video import VideoFrame
@@ -18,13 +19,14 @@ from mr360uw.video import VideoFrame
 class FrameLight:
     """The light of one frame.
 
-    environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled; None if the water
-    does not need it. gain: (3,) of the veil, from a clip's track, or None. pattern: caustics of the plate on the
-    receiver.
+    environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled; level: its horizon;
+    each None if the water does not need it. gain: (3,) of the veil, from a clip's track, or None. pattern: caustics of
+    the plate on the receiver.
     """
 
     environment: Environment
-    plate_map: Floats | None
+    plate_map: Floats | None = None
+    level: LevelView | None = None
     gain: Floats | None = None
     pattern: PlatePattern | None = None
 
@@ -37,6 +39,9 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     gain = facts.gain_at(plate.index) if water.fits_gain else None
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
     pattern = plate_pattern(loaded, facts.calm, plate)
-    if surroundings.medium is None or not (water.mode == "plate" or (water.fits_gain and gain is None)):
-        return FrameLight(found, None, gain, pattern)
-    return FrameLight(found, plate_map(plate.pixels, world_from_camera[1]), None, pattern)
+    shown = level = None
+    if surroundings.medium is not None and water.mode == "plate":
+        shown = plate_map(plate.pixels, world_from_camera[1])
+    elif surroundings.medium is not None and water.fits_gain and gain is None:
+        level = level_view(plate.pixels, world_from_camera[1])
+    return FrameLight(found, shown, level, gain, pattern)

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small levelled map of a plate without expansion, to which the colour of its water is fitted."""
+"""A plate without expansion, small and levelled, to which the colour of its water is fitted: a map, and its horizon."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.ibl.level.upward import is_level, upward
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
 from mr360uw.ibl.reduce import reduce_map
-from mr360uw.sphere import frame_from_direction
+from mr360uw.medium.fit.level import BAND_RAD, SECTORS, LevelView
+from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.types import Floats, YuvImage
 
+_SAMPLES = (6, 12)
+"""Rows above and below the horizon, and columns of each azimuth, at which a plate's horizon is read."""
 _FINER = 8
 """Planes are averaged as code values to cells this many times finer than the map, before they are decoded to light."""
 
@@ -30,6 +33,37 @@ def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
         seen = coarse_directions() @ level_matrix(*map(float, roll_pitch(up)))
         fine = remap(fine, *frame_from_direction(seen, COARSE_COLUMNS, COARSE_ROWS))
     return np.maximum(reduce_map(fine, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS), 0.0)
+
+
+def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelView:
+    """Return the light of a linear plate (H, W, 3) or of decoded planes just above and below the horizon.
+
+    Pixels are read at full resolution, up to `_SAMPLES` an azimuth. up: as for `plate_map`.
+    """
+    height, width = (plate.y if isinstance(plate, YuvImage) else plate).shape[:2]
+    reach = max(BAND_RAD, np.pi / height)
+    rows, columns = _SAMPLES
+    elevation = reach * (1.0 - (np.arange(2 * rows) + 0.5) / rows)
+    turn = (np.arange(SECTORS * columns) + 0.5) / (SECTORS * columns)
+    level = direction_from_frame(turn[None, :], 0.5 - elevation[:, None] / np.pi, 1, 1)
+    seen = level @ level_matrix(*map(float, roll_pitch(upward(up))))
+    x, y = frame_from_direction(seen, width, height)
+    column, row = x.astype(np.int64) % width, np.clip(y.astype(np.int64), 0, height - 1)
+    light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
+    half = float(np.sin(0.5 * reach))
+    return LevelView(np.array([half, -half]), light)
+
+
+def _pixels(plate: Floats | YuvImage, row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
+    """Return the linear light (h, w, 3) of pixels, not clipped."""
+    if not isinstance(plate, YuvImage):
+        return np.asarray(plate[row, column], np.float64)
+    from mr360uw.yuv.decoding import linear_from_planes
+
+    ratio = [-(-a // b) for a, b in zip(plate.y.shape, plate.u.shape, strict=True)]
+    coarse = row // ratio[0], column // ratio[1]
+    picked = YuvImage(plate.y[row, column], plate.u[coarse], plate.v[coarse], plate.spec)
+    return linear_from_planes(picked, wrap=False)
 
 
 def _fine(plate: Floats | YuvImage) -> Floats:

@@ -4,5 +4,6 @@
 from __future__ import annotations
 
 from mr360uw.sample.dive import SampleDive, sample_dive
+from mr360uw.sample.dive_settings import DiveSettings
 
-__all__ = ["SampleDive", "sample_dive"]
+__all__ = ["DiveSettings", "SampleDive", "sample_dive"]

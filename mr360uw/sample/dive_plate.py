@@ -7,66 +7,33 @@ Below: sand. In between: the water of `mr360uw.medium`. Units: the irradiance ju
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics import GerstnerSea, caustic_stack
+from mr360uw.caustics import caustic_stack
 from mr360uw.caustics.lookup import mip_level, mip_levels
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.medium import Medium, Water
-from mr360uw.medium.jerlov import JerlovType
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share, veil_lookup
-from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_clamped, refract_to_water
+from mr360uw.sample.dive_light import SKY_COLOR, DiveLight
+from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sand import SAND_TILE_M, sand_albedo
-from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
-SUN_SHARE = 0.7
-"""Fraction of the downwelling irradiance below the surface that is the sun's beam: a clear sky with the sun high."""
-_SKY_SHARE = (1.0 - SUN_SHARE) * np.array([0.82, 1.03, 1.25])
-"""Fraction (3,) of that irradiance from the sky, which is blue; the sun, slightly yellow, gives the rest."""
 _GLOW_RAD = 0.035
 """Angular radius [rad] over which forward scattering spreads the sun's disc in a few metres of water. Twice as large,
 the glitter is a quarter as bright and clips less."""
-SENSOR = "CIE 1931"
-"""Sensor of the clip: its code values are colours, not raw camera values."""
-_LEVEL_BRIGHTNESS = 0.035
-"""Luminance of the water at the horizon after exposure, 1 = white: dark, so that Snell's window clips only in part."""
+_LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS = 0.035, 0.7
+"""Most light of the water at the horizon and of the sky overhead after exposure, 1 = white: in clear water a camera
+exposes for the sky, and only the sun's glitter clips."""
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _LEAST_SEA_SIZE = 512
 """Least number of normals across the sea's tile; larger frames use their number of rows, about one normal a pixel."""
+_MIRRORED = 512
+"""Directions at which the light that the surface mirrors is tabulated, over the lower half of the sphere."""
 _SMALLEST_WAVE_M = 0.25
 """Width [m] of a pixel's footprint on the surface beyond which wave slopes are averaged out, in proportion."""
-
-
-@dataclass(frozen=True, slots=True)
-class DiveSettings:
-    """Parameters of the dive: depths below the mean surface [m], angles of the sun above the surface [rad].
-
-    sand_contrast: of the sand's albedo, 1 ordinary, 0 an even floor, 3 stones.
-    """
-
-    camera_depth_m: float = 4.0
-    floor_depth_m: float = 7.5
-    water: JerlovType = "IB"
-    sun_azimuth_rad: float = 0.6
-    sun_elevation_rad: float = 1.0
-    seed: int = 1
-    sand_contrast: float = 1.0
-
-    @property
-    def sun_in_air(self) -> Floats:
-        """Unit direction towards the sun, above the surface."""
-        return direction_from_angles(self.sun_azimuth_rad, self.sun_elevation_rad)
-
-    @property
-    def sea(self) -> GerstnerSea:
-        """The surface of the dive."""
-        return GerstnerSea(wind_speed=3.0, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,30 +52,35 @@ class FloorShade:
 class DivePlate:
     """Renders the plate's frames; what does not move is computed once.
 
-    albedo: (H/2, W, 3) of the floor in the rows below the horizon.
-
-    The camera is level, so the water between it and what it sees is the same all along a row.
+    The camera is level, so the water between it and what it sees is the same all along a row. level_radiance: (3,) of
+    the water at the horizon, after exposure. floor_irradiance: (3,) mean on the floor over that just below the surface.
+    albedo: (H/2, W, 3) of the sand in the lower half of the first frame.
     """
 
     def __init__(self, settings: DiveSettings, width: int, height: int) -> None:
         self._settings = settings
         camera, floor, sea = settings.camera_depth_m, settings.floor_depth_m, settings.sea
-        self._table = Medium(Water.jerlov(settings.water), named_sensor(SENSOR), camera_depth_m=camera).table
         self._sun_in_water = refract_to_water(settings.sun_in_air)
+        self._light = DiveLight(settings.water, camera, float(self._sun_in_water[1]))
         # radiances in air that bring these shares through a flat surface
         cosine, high = (np.arange(64) + 0.5) / 64, settings.sun_in_air[1]
         passed = fresnel_transmittance(cosine, REFRACTIVE_INDEX_SEA)
-        self._sky = _SKY_SHARE / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * passed))
+        self._sky = SKY_COLOR / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * passed))
         passed = fresnel_transmittance(high, REFRACTIVE_INDEX_SEA)
-        self._glow = (1.0 - _SKY_SHARE) / (2.0 * np.pi * _GLOW_RAD**2 * high * passed)
+        self._glow = (1.0 - SKY_COLOR) / (2.0 * np.pi * _GLOW_RAD**2 * high * passed)
         view = directions(width, height)
         up = view[:, :1, 1]
         distance = np.where(up > 0.0, camera, camera - floor) / up
         footprint = distance * (np.pi / height) / np.sqrt(np.maximum(np.abs(up), 1e-3))
-        veil = veil_lookup(self._table, distance, up)
-        self._exposure = _LEVEL_BRIGHTNESS / float(np.mean(veil[np.abs(up) < 0.05]))
-        self._veil = (self._exposure * veil).astype(np.float32)
-        self._transmittance = (self._exposure * transmittance_lookup(self._table, distance, up)).astype(np.float32)
+        level = self._light.veil(np.array(1e6), np.array(0.0))
+        straight_up = np.array(camera), np.array(1.0)
+        window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA)) * self._sky
+        zenith = self._light.veil(*straight_up) + self._light.transmittance(*straight_up) * window * _sky_shape(1.0)
+        self._exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
+        self.level_radiance = self._exposure * level
+        self.floor_irradiance, self._patterned = self._light.irradiance(floor), self._light.patterned(floor)
+        self._veil = (self._exposure * self._light.veil(distance, up)).astype(np.float32)
+        self._transmittance = (self._exposure * self._light.transmittance(distance, up)).astype(np.float32)
 
         above, below = slice(height // 2), slice(height // 2, height)
         x, z = distance * view[..., 0], distance * view[..., 2]
@@ -121,13 +93,11 @@ class DivePlate:
         self._floor_footprint = footprint[below, 0]
         along_beam = floor / self._sun_in_water[1] * self._sun_in_water
         self._caustics_at = np.stack([x[below] + along_beam[0], z[below] + along_beam[2]]) / sea.tile_m
-        albedo = sand_albedo(settings.seed)
-        even = albedo.mean(axis=(0, 1))
-        albedo = np.maximum(even + settings.sand_contrast * (albedo - even), 0.02)
-        sand = [level[0].astype(np.float32) for level in mip_levels(albedo[None])]
-        self.albedo = _read(sand, np.stack([x[below], z[below]]) / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
-        self._mirrored_up = np.linspace(-1.0, 0.0, 4 * len(self._table.veil))
-        self._mirrored = veil_lookup(self._table, np.full(self._mirrored_up.shape, 1e6), self._mirrored_up)
+        self._sand = [level[0].astype(np.float32) for level in mip_levels(_sand(settings)[None])]
+        self._sand_at = np.stack([x[below], z[below]]) / SAND_TILE_M
+        self.albedo = _read(self._sand, self._sand_at, self._floor_footprint / SAND_TILE_M)
+        self._mirrored_up = np.linspace(-1.0, 0.0, _MIRRORED)
+        self._mirrored = self._light.veil(np.full(_MIRRORED, 1e6), self._mirrored_up)
 
     def radiance(self, time_s: float, shade: FloorShade | None = None) -> NDArray[np.float32]:
         """Return the frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording.
@@ -142,31 +112,38 @@ class DivePlate:
 
         Both are relative to the downwelling irradiance just below the surface.
         """
-        up = float(self._sun_in_water[1])
-        ambient = ambient_ratio(self._table, depth_m) / ambient_ratio(self._table, 0.0)
-        beam = beam_ratio(self._table, depth_m, up) / beam_ratio(self._table, 0.0, up)
-        return _SKY_SHARE * ambient, beam * (1.0 - _SKY_SHARE) / up
+        beam = self._light.beam(depth_m)
+        return self._light.irradiance(depth_m) - beam, beam / self._sun_in_water[1]
 
     def _floor(self, time_s: float, shade: FloorShade | None) -> NDArray[np.float32]:
-        depth, up = self._settings.floor_depth_m, float(self._sun_in_water[1])
+        depth, offset = self._settings.floor_depth_m, self._offset(time_s)
         stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
         levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
-        pattern = _read(levels, self._caustics_at, self._floor_footprint / stack.tile_m)[..., None]
-        contrast = unscattered_share(self._table, depth, up)
-        ambient, beam = self.irradiance(depth)
-        scattered, moving = ((beam * up * share).astype(np.float32) for share in (1.0 - contrast, contrast))
+        at = self._caustics_at + offset / stack.tile_m
+        pattern = _read(levels, at, self._floor_footprint / stack.tile_m)[..., None]
+        albedo = self.albedo
+        if np.any(offset):
+            albedo = _read(self._sand, self._sand_at + offset / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
+        moving = self._patterned.astype(np.float32)
         if shade is None:
-            irradiance = (ambient.astype(np.float32) + scattered) + moving * pattern
+            irradiance = (self.floor_irradiance - self._patterned).astype(np.float32) + moving * pattern
         else:
+            beam = self._light.beam(depth)
             free, disc, halo = (a[..., None].astype(np.float32) for a in (shade.ambient, shade.disc, shade.halo))
-            irradiance = free * ambient.astype(np.float32) + halo * scattered + disc * moving * pattern
-        return self.albedo / np.float32(np.pi) * irradiance
+            ambient, scattered = (a.astype(np.float32) for a in (self.floor_irradiance - beam, beam - self._patterned))
+            irradiance = free * ambient + halo * scattered + disc * moving * pattern
+        return albedo / np.float32(np.pi) * irradiance
+
+    def _offset(self, time_s: float) -> Floats:
+        """Camera's place (2, 1, 1) [m] over x and z."""
+        return self._settings.camera_at(time_s)[[0, 2], None, None]
 
     def _surface(self, time_s: float) -> NDArray[np.float32]:
         """Radiance that comes down from the surface: refracted sky and sun, or the deep water it mirrors."""
         view, eta = self._view, REFRACTIVE_INDEX_SEA
         waves = self._settings.sea.grid_surface(self._sea_size, time_s).normal.astype(np.float32)
-        normal = _wrapped(waves, self._sea_at * self._sea_size) * self._fade
+        at = self._sea_at + self._offset(time_s) / self._settings.sea.tile_m
+        normal = _wrapped(waves, at * self._sea_size) * self._fade
         normal[..., 1:2] += 1.0 - self._fade
         normal /= np.sqrt(_dot(normal, normal))[..., None]
         cosine = np.maximum(_dot(view, normal), 1e-6)
@@ -185,9 +162,16 @@ class DivePlate:
         return image
 
 
-def _sky_shape(up: Floats) -> Floats:
+def _sand(settings: DiveSettings) -> Floats:
+    """Return the albedo (size, size, 3) of a tile of sand."""
+    albedo = sand_albedo(settings.seed)
+    even = albedo.mean(axis=(0, 1))
+    return np.asarray(np.maximum(even + settings.sand_contrast * (albedo - even), 0.02))
+
+
+def _sky_shape(up: Floats | float) -> Floats:
     """Return the relative radiance of a clear sky at a sine of elevation, brightest overhead."""
-    return 3.0 + 4.0 * up
+    return np.asarray(3.0 + 4.0 * up)
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.color import encode
+from mr360uw.color import encode, ycbcr_from_rgb
 from mr360uw.types import Floats
 
 _SOUND_RATE_HZ = 48_000
@@ -58,20 +58,30 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
 
 
 def _picture(image: Floats, index: int, seed: int) -> object:
-    """Return a frame of 8-bit code values with a dither of its own."""
-    import av
-    from av.video.reformatter import ColorRange, Colorspace
+    """Return a frame of 8-bit planes, 4:2:0, limited range, each with a dither of its own.
 
-    code = 255.0 * encode(np.clip(image, 0.0, 1.0), "srgb")
-    dither = np.random.default_rng((seed, index)).random(code.shape[:2])[..., None]
-    rgb = np.clip(np.floor(code + dither), 0, 255).astype(np.uint8)
-    frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
-    return frame.reformat(
-        format="yuv420p",
-        dst_colorspace=Colorspace.ITU709,
-        dst_color_range=ColorRange.MPEG,
-        interpolation="AREA",
-    )
+    Dither goes onto Y', Cb and Cr, not onto RGB: in deep blue water a step of Cr is a tenth of the red.
+    """
+    import av
+
+    code = encode(np.clip(image, 0.0, 1.0), "srgb").astype(np.float32)
+    luma, blue, red = np.moveaxis(code @ ycbcr_from_rgb("bt709").T.astype(np.float32), -1, 0)
+    rng = np.random.default_rng((seed, index))
+    frame = av.VideoFrame(code.shape[1], code.shape[0], "yuv420p")
+    for plane, values in zip(
+        frame.planes, (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))), strict=True
+    ):
+        codes = np.clip(np.floor(values + rng.random(values.shape, np.float32)), 1, 254).astype(np.uint8)
+        rows = np.zeros((plane.height, plane.line_size), np.uint8)
+        rows[:, : plane.width] = codes
+        plane.update(rows.tobytes())
+    return frame
+
+
+def _halved(chroma: Floats) -> Floats:
+    """Return half the rows and columns of a panorama's chroma, sited left: weights 1, 2, 1 across, 1, 1 down."""
+    across = 0.25 * np.roll(chroma, 1, axis=1) + 0.5 * chroma + 0.25 * np.roll(chroma, -1, axis=1)
+    return 0.5 * (across[0::2, 0::2] + across[1::2, 0::2])
 
 
 def _tone(start: int, stop: int) -> object:

@@ -17,7 +17,8 @@ from mr360uw.ibl.plate import remap
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.render.plate_map import plate_map
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.sample.dive_plate import DivePlate, DiveSettings
+from mr360uw.sample.dive_plate import DivePlate
+from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.types import Environment, Sun
 from tests.ibl.plates import angle_deg, planes, sky

@@ -103,7 +103,7 @@ def test_irradiance_lies_between_plane_cases() -> None:
 
 
 def test_moments_of_a_mixture() -> None:
-    water = Water.chlorophyll(0.1)
+    water = Water.chlorophyll(0.1, "petzold")
     w = np.array([450.0, 550.0])
     moments = water.moments(w, 65)
     assert np.all(moments[:, 1] < 0.924)

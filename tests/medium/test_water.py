@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium import JERLOV_TYPES, Water
+from mr360uw.medium import JERLOV_TYPES, Water, WaterSettings
 from mr360uw.medium.phase import (
     backscatter_ratio,
     henyey_greenstein,
@@ -18,6 +20,7 @@ from mr360uw.medium.phase import (
     phase_moments,
     wide_angle_moments,
 )
+from mr360uw.medium.visibility import visibility_m, water_of_visibility
 from tests.medium.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
 
 VISIBLE = np.arange(400.0, 701.0, 5.0)
@@ -117,6 +120,36 @@ def test_pure_water_and_chlorophyll() -> None:
     assert np.all(np.diff(blue) > 0.0)
     for water in waters:
         assert np.all(water.diffuse_attenuation(VISIBLE) >= water.absorption(VISIBLE))
+
+
+def test_a_visibility_is_that_of_its_water() -> None:
+    for name in ("IA", "IB", "1C", "5C", "9C"):
+        of = Water.jerlov(name)
+        found = water_of_visibility(visibility_m(of))
+        for known, made in ((of.a, found.a), (of.b, found.b), (of.kd, found.kd)):
+            assert known is not None
+            assert made is not None
+            np.testing.assert_allclose(made(VISIBLE[::5]), known(VISIBLE[::5]), rtol=1e-9)  # bisected to 2^-50
+    murkier = [water_of_visibility(v) for v in (90.0, 40.0, 20.0, 8.0, 2.0, 1.0, 0.5)]
+    for before, after in itertools.pairwise(murkier):
+        assert np.all(after.attenuation(VISIBLE) > before.attenuation(VISIBLE))
+        assert np.all(after.diffuse_attenuation(VISIBLE) >= after.absorption(VISIBLE))
+    # a black target against the solved water: its contrast, all scattered light lost, at the distance of the definition
+    assert np.exp(-murkier[3].attenuation(532.0) * 8.0) == pytest.approx(0.0082, rel=0.01)  # e^-4.8
+    for wrong in (0.4, 91.0, np.inf):
+        with pytest.raises(ParameterError, match="visibility - is out of range"):
+            water_of_visibility(wrong)
+
+
+def test_a_diver_s_words_for_water() -> None:
+    for word, name in (("tropical", "IB"), ("temperate", "1C"), ("harbour", "7C")):
+        assert WaterSettings(type=word).water() is Water.jerlov(name)
+    sighted = WaterSettings(visibility_m=8.0)
+    assert sighted.water() is water_of_visibility(8.0)
+    assert sighted.label == "water of 8 m visibility"
+    for other in ({"type": "IB"}, {"type": "none"}, {"inherent": "solonenko2015"}, {"kd": "lee2005"}):
+        with pytest.raises(ValidationError, match=f"stands in place of {next(iter(other))} .* remove one of them"):
+            WaterSettings(visibility_m=8.0, **other)
 
 
 @pytest.mark.parametrize("phase", PHASES)

@@ -25,6 +25,8 @@ PICTURE_ISOTROPIC = 0.10
 rest that an endless ocean stands for one with a floor, and that scattering by small angles blurs nothing."""
 TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
 """Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
+TABLE_SHALLOW = 0.035
+"""The same where rays just above the level end after tens of metres, from 0.3 m: rows of the table 1 degree apart."""
 TABLE_BEAM = 5e-3
 """The sun's beam from a table over its path against sums over wavelength, down to a thousandth of it."""
 GREY_OF_OBSERVER = 0.17
@@ -45,3 +47,10 @@ GAIN_STEP = 0.3
 """Change of a gain over that of the plate's pixels: 1 where all change alike, less where few do."""
 SERIES = 5e-3
 """First-order expansions compared at one hundredth of an optical length: half of that is left of second order."""
+REFLECTANCE_RADIANCE = 0.08
+"""Radiance from below a clear sea against Lee et al. 2004, who fitted it for suns, not for a uniform sky: 6 % is found."""
+REFLECTANCE_CASE1 = 0.2
+"""Reflectance against Morel & Maritorena 2001, whose factor 0.33 varies between 0.29 and 0.36 with the sun and whose
+absorption at 480 nm is a tenth higher than that of the tables."""
+CLEAR_OCEAN = 0.2
+"""Water-leaving radiance of the clear ocean: measurements scatter by 20 % (Gordon & Clark 1981)."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,26 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.medium import Medium, Water, exposure_change, fit_gain, picture_change, steady_gain
+from mr360uw.color import decode, encode
+from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.level import SECTORS, fit_level
 from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.jerlov import JerlovType
+from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.render.first_pass import first_pass
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
+from mr360uw.sample.dive_light import SENSOR
+from mr360uw.sample.dive_plate import DivePlate
+from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.recording import record
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb
 from tests.scenes import scene_with
-from tests.tolerances import FLOAT32, FLOAT64, GAIN, GAIN_FLICKER
+from tests.tolerances import CHROMA_STEP, FLOAT32, FLOAT64, GAIN, GAIN_FLICKER, GAIN_OF_CLEAR, GAIN_OF_DIVE
 
 FRAMES, RATE = 60, 20
 PASSES = range(25, 37)
@@ -83,7 +93,7 @@ def each_alone(scene: Scene) -> np.ndarray:
     medium = scene.water.medium(DEPTH)
     assert medium is not None
     with open_plate(scene) as video:
-        return np.array([fit_gain(medium, plate_map(frame.image_linear))[0] for frame in video.frames()])
+        return np.array([fit_level(medium, level_view(frame.image_linear))[0] for frame in video.frames()])
 
 
 def flicker(gain: np.ndarray) -> np.ndarray:
@@ -184,3 +194,42 @@ def test_a_camera_that_sinks_is_fitted_at_each_frame_s_depth(reef: Path) -> None
     lost = medium.level_radiance(np.zeros(1))[0] / half
     assert lost[0] < 1.0 - 5.0 * GAIN
     np.testing.assert_allclose(gain[FRAMES // 2], EXPOSURE * lost, rtol=2.0 * GAIN)
+
+
+@pytest.mark.parametrize(("water_type", "right"), [("IB", GAIN_OF_CLEAR), ("II", GAIN_OF_DIVE), ("1C", GAIN_OF_DIVE)])
+def test_the_gain_of_a_dive_over_sand_is_that_of_its_water(
+    tmp_path: Path, water_type: JerlovType, right: float
+) -> None:
+    # in IB sand shows through 40 m of water: with rows within 12 degrees of the horizon the gain was 1.4 times too high
+    settings = DiveSettings(camera_depth_m=8.0, floor_depth_m=11.5, water=water_type)
+    plate = DivePlate(settings, 1024, 512)
+    record(tmp_path / "dive.mp4", [plate.radiance(0.0)], Fraction(24), 1)
+    with uw.open_video(tmp_path / "dive.mp4") as video:
+        frame = next(iter(video.frames()))
+    medium = Medium(Water.jerlov(water_type), named_sensor(SENSOR), camera_depth_m=8.0)
+    gain, residual = fit_level(medium, level_view(frame.pixels))
+    seen = gain * medium.level_radiance(np.array([0.0]))[0]
+    level = plate.level_radiance
+    step = decode(encode(level, "srgb") + CHROMA_STEP, "srgb") - level
+    assert np.all(np.abs(seen - level) < np.maximum(right * level, step)), (seen / level, step / level)
+    assert residual < 0.1
+
+
+def test_a_plate_without_open_water_is_doubted(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    for k in range(3):
+        rocks = np.repeat(rng.uniform(0.01, 1.0, (SIZE[1], SIZE[0] // 4, 3)) ** 2, 4, axis=1)
+        write_exr(tmp_path / f"plate_{k:04d}.exr", rocks.astype(np.float32))
+    scene = scene_of(tmp_path)
+    with open_plate(scene) as video:
+        assert "gain is not known" in first_pass(load_surroundings(scene), video, sun=False).notes[0]
+
+
+def test_the_horizon_is_read_level() -> None:
+    # a camera that rolls by 20 degrees sees the same band, from planes and from light
+    up = np.array([-np.sin(0.35), np.cos(0.35), 0.0])
+    direction = directions(512, 256) @ up
+    plate = np.clip(0.2 + 0.5 * direction, 0.0, 1.0)[..., None] * np.array([0.3, 0.6, 1.0])
+    view = level_view(plate.astype(np.float32), up)
+    expected = (0.2 + 0.5 * view.up)[:, None, None] * np.broadcast_to([0.3, 0.6, 1.0], (2, SECTORS, 3))
+    np.testing.assert_allclose(view.radiance, expected, rtol=0.02)  # a pixel is 0.7 degrees, 3 % of this slope

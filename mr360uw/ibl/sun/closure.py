@@ -47,7 +47,7 @@ _BALANCED_SINE = math.sin(math.radians(45.0))
 """Sine of the elevation of the sun that a camera's white balance makes white."""
 
 
-__all__ = ["UNKNOWN_RATIO", "WaterLight", "close", "sunlight"]
+__all__ = ["UNKNOWN_RATIO", "WaterLight", "clearness", "close", "sunlight"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,11 @@ class WaterLight:
 
     beam: Floats
     whole: Floats
+
+
+def clearness(water: WaterLight) -> float:
+    """Return how much of the sky a camera under water judges by its own picture, 1 at the surface, 0 in the deep."""
+    return float(np.clip(luminance(water.whole), 0.0, 1.0)) ** _THIN_POWER
 
 
 def close(split: Split, plate: Plate, ratio: float | None, water: WaterLight | None = None) -> Split:
@@ -69,7 +74,7 @@ def close(split: Split, plate: Plate, ratio: float | None, water: WaterLight | N
     here = shown_ratio(plate, split.sun.direction, sky) if ratio is None else ratio
     colour = sunlight(sine)
     if water is not None:
-        clear = float(np.clip(luminance(water.whole), 0.0, 1.0)) ** _THIN_POWER
+        clear = clearness(water)
         above = here if ratio is not None else here**clear * _CLEAR_RATIO ** (1.0 - clear)
         share = np.maximum(1.0 - skylight() / (1.0 + above), _LEAST_SHARE)
         each = share * water.beam / np.maximum(water.whole - share * water.beam, 1e-6)

@@ -20,7 +20,8 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
-_TINY = 1e-30
+_TINY = 1e-300
+"""Least radiance that is divided by: far below the light of any depth."""
 _DARK, _BRIGHT = 1e-3, 0.9
 """Linear values between which a pixel measures the exposure: the lowest codes are coarse, the highest clip."""
 _ENOUGH = 0.25

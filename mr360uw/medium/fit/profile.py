@@ -62,7 +62,8 @@ class PlateProfile:
         continuous, so the profile of a clip changes no faster than its picture.
         """
         m = check_map(radiance_map)
-        rows = _typical(m, _openness(m))[::-1]
+        level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
+        rows = _typical(m, openness(level))[::-1]
         padded = np.pad(rows, ((1, 1), (0, 0)), mode="edge")
         calm = np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         padded = np.pad(calm, ((1, 1), (0, 0)), mode="edge")
@@ -70,9 +71,8 @@ class PlateProfile:
         return cls(row_up(len(m))[::-1].copy(), smooth)
 
 
-def _openness(m: Array) -> Array:
-    """Return the weight (c,) of each column by its rank in red about the horizon: 1 for the least, 0 for the most."""
-    level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
+def openness(level: Array) -> Array:
+    """Return the weight (c,) of azimuths by the rank in red of their light (c, 3): 1 for the least, 0 for the most."""
     red = level[:, 0] / np.maximum(level.sum(axis=1), _TINY)
     rank = (np.argsort(np.argsort(red, kind="stable")) + 0.5) / len(red)
     x = np.clip((_CLOSED - rank) / (_CLOSED - _OPEN), 0.0, 1.0)

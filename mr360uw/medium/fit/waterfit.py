@@ -28,7 +28,13 @@ from mr360uw.types import Floats
 Array = NDArray[np.float64]
 
 _REACH_RAD = np.radians(30.0)
-"""Greatest elevation [rad] of the rows that are compared: above lies the surface, below the ground."""
+"""Greatest elevation [rad] of the rows that are compared: above lies the surface.
+
+Rows as far below the horizon count too where they show water; the ground shows through 60 m of clear water."""
+CONFIDENT = 0.6
+"""Confidence from which a type is named: in dives over sand in all types, all that are named are right."""
+_LIKELY = 0.1
+"""Least likelihood of the types that are listed where none is named."""
 _ROW_SIGMA = 0.30
 """Expected relative deviation of a row from the model: marine snow, shafts of light, ground."""
 _BALANCE_SIGMA = 0.30
@@ -66,9 +72,20 @@ class WaterFit:
     measured: Array
     fitted: Array
 
+    @property
+    def named(self) -> JerlovType | None:
+        """The type of the water if it can be told from the others, else None."""
+        return self.water_type if self.confidence >= CONFIDENT else None
+
     def html(self) -> str:
         """Return a fragment of HTML that shows the fit: verdict, profile and the other types."""
-        verdict = "clear" if self.confidence > 0.6 else "uncertain" if self.confidence > 0.25 else "a guess"
+        likely = sorted((n for n in self.likelihood if self.likelihood[n] >= _LIKELY), key=JERLOV_TYPES.index)
+        verdict = (
+            f"Jerlov type: <b>{escape(self.water_type)}</b> (confidence {self.confidence:.2f})"
+            if self.named
+            else f"No single Jerlov type can be told; likely ones: {escape(', '.join(likely))}; "
+            f"nearest <b>{escape(self.water_type)}</b> (confidence {self.confidence:.2f})"
+        )
         kd = ", ".join(f"{channel} {value:.3f}" for channel, value in zip("RGB", self.kd, strict=True))
         rows = "".join(
             f"<tr><td>{escape(name)}</td><td>{100 * self.residual[name]:.0f} %</td>"
@@ -77,9 +94,8 @@ class WaterFit:
         )
         return (
             "<section class='water'><h2>Water</h2>"
-            f"<p>Nearest Jerlov type: <b>{escape(self.water_type)}</b>, {verdict} (confidence {self.confidence:.2f}); "
-            f"rms deviation {100 * self.residual[self.water_type]:.0f} %. "
-            f"Attenuation of daylight at {self.camera_depth_m:g} m: {kd} per metre, as that type has it. "
+            f"<p>{verdict}; rms deviation {100 * self.residual[self.water_type]:.0f} %. "
+            f"Attenuation of daylight at {self.camera_depth_m:g} m: {kd} per metre, as the nearest type has it. "
             "One camera position shows how the water's colour changes with direction, not with depth: the type rests "
             "on colour and profile about the horizon, and a white balance in the camera moves it.</p>"
             f"{self._plot()}"
@@ -123,6 +139,13 @@ def fit_water(
     """
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= _REACH_RAD]
+    both = (_fit(profile, rows, camera_depth_m, sensor, refractive_index) for rows in (up, up[up > 0.0]))
+    return max(both, key=lambda fit: fit.confidence)
+
+
+def _fit(
+    profile: PlateProfile, up: Array, camera_depth_m: float, sensor: Sensor | None, refractive_index: float
+) -> WaterFit:
     measured = profile(up)
     if np.any(measured.max(axis=0) <= 0.0):
         raise ParameterError(

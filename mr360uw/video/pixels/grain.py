@@ -81,5 +81,6 @@ def add_grain(linear: Floats, tile: Tile, grain: Grain, amount: float, columns: 
     alpha = tile.alpha[window][..., None]
     grainy = code + amount * alpha * (np.stack(step, axis=-1) @ rgb_from_ycbcr("bt709").T)
     out = linear.copy()
-    out[window] = np.where(alpha > 0.0, decode(grainy, grain.transfer), linear[window])
+    dark = np.minimum(linear[window], 0.0)  # grain makes no light negative that was not
+    out[window] = np.where(alpha > 0.0, np.maximum(decode(grainy, grain.transfer), dark), linear[window])
     return out

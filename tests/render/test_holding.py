@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The light of plate, water and bodies adds up: see `holding`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio
+from mr360uw.render.exposed_water import with_ambient
+from tests.render.holding import held
+from tests.tolerances import HELD, WATER_ADDS_UP
+
+SUN_UP = 0.8
+
+
+@pytest.mark.parametrize(("water", "depth_m", "sun_deg"), [("IA", 4.0, 80.0), ("IB", 4.0, 80.0), ("3C", 12.0, 25.0)])
+def test_a_card_of_sand_on_the_sand_vanishes(tmp_path: Path, water: str, depth_m: float, sun_deg: float) -> None:
+    np.testing.assert_allclose(held(tmp_path, water, depth_m, sun_deg, width=512, frames=4), 1.0, atol=HELD)
+
+
+@pytest.mark.parametrize("water", ["IB", "9C"])
+def test_what_leaves_the_beam_becomes_ambient(water: str) -> None:
+    medium = Medium(Water.jerlov(water), camera_depth_m=4.0, sky=("sun", SUN_UP, 0.7))
+    field, bands = medium.model, medium.bands
+    depth = np.array([0.5, 3.0, 4.0, 4.001, 6.0, 12.0])
+    here = np.array(4.0)
+    whole = np.array([1.0, 2.0, 3.0])
+    sun = 0.5 * whole * bands.rgb(np.exp(-field.extinction * 4.0 / SUN_UP)) / bands.rgb(field.irradiance(here, 1.0))
+    table = with_ambient(medium.table, whole - sun * SUN_UP, sun, SUN_UP)
+    total = (whole - sun * SUN_UP) * ambient_ratio(table, depth) + sun * SUN_UP * beam_ratio(table, depth, SUN_UP)
+    solved = whole * bands.rgb(field.irradiance(depth, 1.0)) / bands.rgb(field.irradiance(here, 1.0))
+    np.testing.assert_allclose(total, solved, rtol=WATER_ADDS_UP)
+    # without a sun all light is ambient
+    alone = with_ambient(medium.table, whole, np.zeros(3), SUN_UP)
+    np.testing.assert_allclose(alone.diffuse, medium.table.diffuse, rtol=WATER_ADDS_UP)

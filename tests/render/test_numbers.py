@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames stay finite and without negative light at the ends of the parameters' ranges, and say where they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.composite.over import empty_tile
+from mr360uw.errors import RenderError
+from mr360uw.medium import Medium, Water, fit_gain
+from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.render.frame import check_finite
+from mr360uw.types import Layer, Rectangle, Tile
+from tests.medium.tolerances import TABLE_SHALLOW
+from tests.scenes import scene_with
+
+BACKENDS = ["reference", "gl"]
+
+
+@pytest.mark.parametrize("depth_m", [120.0, 200.0])
+@pytest.mark.parametrize("name", ["7C", "9C"])
+def test_deep_murky_water_has_a_veil(name: str, depth_m: float) -> None:
+    plate = np.full((32, 64, 3), [0.02, 0.1, 0.05])
+    medium = Medium(Water.jerlov(name), camera_depth_m=depth_m)
+    gain, _ = fit_gain(medium, plate)
+    assert np.all(np.isfinite(gain) & (gain > 0.0))
+    for fitted in (medium.scaled(gain), MediumAtDepths(medium).at(depth_m).scaled(gain)):
+        assert fitted.table.veil.dtype == np.float32
+        np.testing.assert_allclose(veil_lookup(fitted.table, 1e6, 0.0), [0.02, 0.1, 0.05], rtol=0.05)
+    of_plate = Medium(Water.jerlov(name), mode="plate", camera_depth_m=depth_m).with_map(plate)
+    np.testing.assert_allclose(veil_lookup(of_plate.table, 1e6, 0.0), [0.02, 0.1, 0.05], rtol=0.05)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("height_m", [-1.0, 4.9, 9.0, 60.0])
+def test_a_low_sun_and_bodies_above_the_surface(tmp_path: Path, whale: Path, backend: str, height_m: float) -> None:
+    # within the water no sun is lower than 42 degrees: one degree is the path of 300 m through 9C
+    scene = scene_with(
+        tmp_path, None, water={"type": "9C"}, light={"sun": "given", "sun_elevation_deg": 1.0},
+        object=[{"mesh": str(whale), "position_m": [0.0, height_m, -2.0]}], receiver={"height_m": -2.0},
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    plate = rng.uniform(0.0, 1.0, (64, 128, 3)).astype(np.float32)
+    image = uw.render_frame(plate, scene, backend=backend).image_linear
+    assert np.all(np.isfinite(image))
+    assert np.min(image) >= 0.0
+
+
+def test_tables_near_the_horizon_of_a_shallow_camera() -> None:
+    medium = Medium(Water.jerlov("IB"), camera_depth_m=0.3)
+    rng = np.random.default_rng(0)
+    up = np.exp(rng.uniform(np.log(1e-3), np.log(0.2), 2000))
+    s = np.minimum(np.exp(rng.uniform(np.log(0.05), np.log(300.0), 2000)), 0.3 / up)
+    veil = medium.veil(s, 0.3, up)
+    error = np.abs(veil_lookup(medium.table, s, up) - veil).max(axis=-1) / veil.max(axis=-1)
+    assert error.max() < TABLE_SHALLOW
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_grain_makes_no_light_negative(tmp_path: Path, whale: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    plate = rng.uniform(0.0, 0.2, (64, 128, 3)).astype(np.float32) ** 2
+    scene = scene_with(
+        tmp_path, None, water={"type": "9C"}, draw={"grain": 1.0},
+        object=[{"mesh": str(whale), "position_m": [0.0, 0.0, -2.5]}],
+    )  # fmt: skip
+    assert np.min(uw.render_frame(plate, scene, backend="reference", index=seed).image_linear) >= 0.0
+
+
+def test_the_stage_is_named() -> None:
+    tile = empty_tile(Rectangle(0, 0, 4, 4))
+    check_finite("layer", 3, *Layer(4, 8, (tile,)).tiles)
+    for name in ("radiance", "ratio", "veil"):
+        values: Any = getattr(tile, name).copy()
+        values[1, 2, 0] = np.nan
+        broken: Tile = replace(tile, **{name: values})
+        with pytest.raises(RenderError, match=f"frame 3 - the layer .* 1 of 48 in {name}"):
+            check_finite("layer", 3, broken)
+    huge = np.full((2, 2, 3), 3e38, np.float32)  # whose sum is infinite
+    check_finite("layer", 3, replace(tile, radiance=huge))
