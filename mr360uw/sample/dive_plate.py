@@ -7,6 +7,8 @@ Below: sand. In between: the water of `mr360uw.medium`. Units: the irradiance ju
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
