@@ -33,8 +33,8 @@ _TYPICAL_SUN_UP = 0.85
 _CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 _SKY_UP = 0.83
 """Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
-_MOST_DIRECT = 4.0
-"""Largest ratio of direct to diffuse irradiance."""
+_LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
+"""Bounds of the ratio of direct to diffuse irradiance."""
 
 
 class LightReader:
@@ -144,3 +144,11 @@ def water_light(table: MediumTable) -> WaterLight:
     The beam fades faster than the whole; light scattered out of it forwards becomes diffuse.
     """
     return WaterLight(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP), 1.0 / ambient_ratio(table, 0.0))
+
+
+def direct_to_diffuse(table: MediumTable) -> float:
+    """Return the ratio of direct to diffuse horizontal irradiance at the camera, for a clear sky above this water."""
+    light = water_light(table)
+    direct = _CLEAR_SKY_DIRECT * float(luminance(light.beam))
+    diffuse = float(luminance(light.whole)) - direct
+    return float(np.clip(direct / max(diffuse, 1e-6), _LEAST_DIRECT, _MOST_DIRECT))
