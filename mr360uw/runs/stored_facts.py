@@ -36,8 +36,8 @@ def save_facts(facts: ClipFacts, path: Path) -> None:
 def load_facts(path: Path) -> ClipFacts | None:
     """Return the facts of a file, or None where there is none or it is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, BadZipFile):
         return None
     of_sun = {name.removeprefix(_SUN): array for name, array in arrays.items() if name.startswith(_SUN)}
