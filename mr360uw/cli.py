@@ -10,7 +10,7 @@ import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -55,7 +55,8 @@ class ImageFormat(StrEnum):
 
 def main() -> None:
     """Run the command line; turn every expected error into exit code 2 and plain lines."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    for number in (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])):
+        signal.signal(number, lambda *_: sys.exit(_TERMINATED))
     try:
         app()
     except Mr360uwError as error:
@@ -67,7 +68,7 @@ def main() -> None:
         sys.exit(2)
     except SystemExit as done:
         if done.code == _INTERRUPTED:
-            typer.echo("interrupted: no part of a file is left; pictures that were complete stay", err=True)
+            typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
         raise
 
 
@@ -86,6 +87,15 @@ def frame_range(text: str | None) -> tuple[int, int | None]:
     return start, stop
 
 
+def worker_count(text: str) -> int | Literal["auto"]:
+    """Return the number of processes of `--workers`."""
+    if text == "auto":
+        return "auto"
+    if not text.isdecimal() or int(text) < 1:
+        raise ParameterError(f"--workers - is no number of processes (got {text!r}) - give 1 or more, or auto")
+    return int(text)
+
+
 @app.command()
 def composite(
     scene: SceneArgument,
@@ -95,9 +105,13 @@ def composite(
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
     layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
+    workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
+    dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
+    report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
-    """Put the objects of SCENE into its plate and write OUT."""
+    """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
@@ -110,8 +124,10 @@ def composite(
     with terminal_progress() as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
-            progress=progress,
+            progress=progress, fresh=fresh, workers=worker_count(workers), cluster=dask,
         )  # fmt: skip
+    if report_file is not None:
+        report.save(report_file)
     typer.echo(str(report))
 
 
@@ -144,6 +160,25 @@ def check(
 
     loaded = load_scene(scene, overrides or ())
     typer.echo(check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene)))
+
+
+@app.command()
+def clean(
+    folder: Annotated[Path, typer.Argument(help="folder of outputs")] = Path(),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only list them")] = False,
+) -> None:
+    """Remove the finished parts of runs that were stopped, in FOLDER; runs in progress keep theirs."""
+    import shutil
+
+    from mr360uw.runs.work_folder import stale_work
+
+    if not folder.is_dir():
+        raise ParameterError(f"{folder} - is no folder - name the one that the outputs are in")
+    for path in stale_work(folder):
+        size = sum(file.stat().st_size for file in path.iterdir())
+        if not dry_run:
+            shutil.rmtree(path)
+        typer.echo(f"{'found' if dry_run else 'removed'} {path} ({size / 1e6:.1f} MB)")
 
 
 @app.command()

@@ -1,16 +1,66 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small files that appear whole or not at all."""
+"""Files that appear whole or not at all."""
 
 from __future__ import annotations
 
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from mr360uw.errors import OutputExistsError
+
+_ANYONE = 0o666
+"""Rights of a new file before the user's mask takes some away."""
+
+
+@contextmanager
+def whole_file(path: Path, *, overwrite: bool = True, folder: Path | None = None) -> Iterator[Path]:
+    """Yield the name of an empty new file; afterwards it is renamed to `path`, or removed if there was an exception.
+
+    folder: of the new file, on the same disk; default: that of `path`. Raises `OutputExistsError` where `path` came
+    into being meanwhile and `overwrite` is not set, and `OSError`.
+    """
+    part = new_file(path, folder)
+    try:
+        yield part
+        publish(part, path, overwrite=overwrite)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def new_file(path: Path, folder: Path | None = None) -> Path:
+    """Return the name of an empty file that did not exist before, beside `path` or in a folder, with its suffix."""
+    while True:
+        part = (folder or path.parent) / f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}"
+        try:
+            # neither an existing file nor a link is opened
+            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, _ANYONE))
+        except FileExistsError:
+            continue
+        return part
+
+
+def publish(part: Path, path: Path, *, overwrite: bool) -> None:
+    """Rename a complete file to `path`; without `overwrite`, `OutputExistsError` where that is there already."""
+    if overwrite:
+        part.replace(path)
+        return
+    exists = OutputExistsError(f"{path} - came into being meanwhile - choose another name or allow overwriting")
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise exists from None
+    except OSError:  # a disk without hard links
+        if path.exists():
+            raise exists from None
+        part.replace(path)
+        return
+    part.unlink()
 
 
 def write_whole(path: Path, data: str | bytes) -> None:
-    """Write a file under a temporary name and rename it; on failure nothing is left, and `OSError` names the file."""
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_bytes(data.encode() if isinstance(data, str) else data)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    """Write a small file; on failure nothing is left, and `OSError` names the file."""
+    with whole_file(path) as part:
+        part.write_bytes(data.encode() if isinstance(data, str) else data)

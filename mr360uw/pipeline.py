@@ -1,35 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compositing of whole videos and of single frames.
 
-Decoder, renderer and encoder each run on a thread, with short queues between them, so memory does not grow with the
-clip. Each thread runs one of the three parts of `render.frame.frame_stages`.
+A video is made in parts that are kept until all are there: see `mr360uw.runs`; by one process or by several: see
+`mr360uw.farm`.
 """
 
 from __future__ import annotations
 
+import itertools
+import os
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from mr360uw.composite.aovs import RECIPE, exr_parts
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.farm.job import Crew, Job, OpenJob, Part
 from mr360uw.progress import Progress
-from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipFacts, first_pass
-from mr360uw.render.frame import Stages, finished, frame_stages
+from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plan import Plan
 from mr360uw.render.plate_pattern import calm_series
+from mr360uw.runs.fingerprint import input_fingerprints, work_keys
+from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.report import Report
+from mr360uw.runs.sinks import joined_bounds, segment_bounds
+from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
-from mr360uw.video import VideoFrame, VideoReader, VideoWriter, create_video, write_exr
-from mr360uw.video.read.images import is_pattern, matching_files, numbered
+from mr360uw.video import VideoFrame, VideoReader, create_video
+from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,36 +50,6 @@ class FrameResult:
     environment: Environment | None
     caustics: CausticStack | None
     medium: MediumTable | None
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """Summary of a run. seconds: wall time. stage_s: seconds of each stage, summed over frames; stages overlap."""
-
-    out: Path
-    frames: int
-    backend: str
-    device: str
-    plan: Plan
-    seconds: float
-    stage_s: dict[str, float]
-    notes: tuple[str, ...] = ()
-    empty_frames: int = 0
-    sunless_frames: int = 0
-
-    def __str__(self) -> str:
-        rate = self.frames / self.seconds if self.seconds > 0 else 0.0
-        lines = [f"wrote {self.out}: {self.frames} frames in {self.seconds:.1f} s ({rate:.1f} frames/s)"]
-        lines.append(f"  renderer {self.backend} ({self.device})")
-        lines.append(
-            "  " + ", ".join(f"{name} {1e3 * s / max(self.frames, 1):.0f} ms" for name, s in self.stage_s.items())
-        )
-        if self.empty_frames:
-            lines.append(f"  in {self.empty_frames} frames nothing was visible: they went through untouched")
-        if self.sunless_frames:
-            lines.append(f"  in {self.sunless_frames} frames no sun was found: no caustics, no shadows there")
-        lines += [f"  note: {note}" for note in self.notes]
-        return "\n".join(lines)
 
 
 def render_frame(
@@ -118,68 +93,6 @@ def render_frame(
     )
 
 
-@dataclass
-class _Clock:
-    """Seconds by stage, and counts of frames without visible objects and without a sun."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    empty: int = 0
-    sunless: int = 0
-
-    def add(self, stage: str, since: float) -> float:
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
-        return now
-
-
-@dataclass(frozen=True)
-class _Run:
-    """One run over a plate, with a method for each thread. layers: pattern of layered EXR files, or None."""
-
-    loaded: Loaded
-    facts: ClipFacts
-    backend: Backend
-    video: VideoReader
-    writer: VideoWriter
-    layers: Path | None
-    clock: _Clock
-
-    def read(self, start: int, stop: int) -> Iterator[Stages]:
-        """Yield the stages of frames [start, stop), decoded and with their light measured."""
-        rate = self.video.frame_rate
-        shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
-        since = time.perf_counter()
-        for plate in self.video.frames(start, stop):
-            since = self.clock.add("decode", since)
-            stages = frame_stages(
-                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None
-            )
-            next(stages)
-            self.clock.add("light", since)
-            yield stages
-            since = time.perf_counter()
-
-    def draw(self, stages: Stages) -> None:
-        """Draw a frame's layer."""
-        since = time.perf_counter()
-        next(stages)
-        self.clock.add("render", since)
-
-    def write(self, stages: Stages) -> None:
-        """Composite a frame and write it, and before it the file of its layers."""
-        since = time.perf_counter()
-        frame = finished(stages)
-        since = self.clock.add("blend", since)
-        self.clock.empty += not frame.layer.tiles
-        self.clock.sunless += frame.light is not None and frame.light.environment.sun is None
-        if self.layers is not None and frame.variables is not None:
-            parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
-            write_exr(numbered(self.layers, frame.plate.index), parts, attributes={"comments": RECIPE})
-            since = self.clock.add("layers", since)
-        self.writer.write(frame.picture)
-        self.clock.add("encode", since)
-
-
 def composite_video(
     scene: Scene,
     out: str | Path,
@@ -189,58 +102,160 @@ def composite_video(
     overwrite: bool = False,
     layers: str | Path | None = None,
     progress: Progress | None = None,
+    fresh: bool = False,
+    workers: int | Literal["auto"] = 1,
+    cluster: str | None = None,
 ) -> Report:
     """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
 
-    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. layers: a
-    pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur. Raises
-    `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`; then no incomplete file is left behind, of sequences
-    the pictures that were complete. progress: is called over the clip an extra time if there is a first pass.
+    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Until then
+    finished parts lie in a folder beside it: the same call goes on after a run that was stopped, unless `fresh`.
+    layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
+    workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead.
+    progress: is called over the clip an extra time if there is a first pass.
+
+    Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
+    sequences the pictures that were complete.
     """
-    out, began, clock = Path(out), time.perf_counter(), _Clock()
-    pattern = None if layers is None else _layers_pattern(Path(layers), out, overwrite=overwrite)
-    keep_inputs(scene, out, *([] if pattern is None else [pattern]))
+    began, target = time.perf_counter(), Path(out).absolute()
+    pattern = None if layers is None else _layers_pattern(Path(layers).absolute(), target)
+    keep_inputs(scene, target, *([] if pattern is None else [pattern]))
     with open_plate(scene) as video:
-        start, stop = video.check_range(*frames)
+        span = video.check_range(*frames)
+        parts = _parts(target, video, scene, span, overwrite=overwrite)
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
-        loaded.check(stop)
+        loaded.check(span[1])
         renderer, fallback = make_backend(backend)
-        plan = loaded.plan
-        with one_blas_thread(), create_video(out, video, scene.output, overwrite=overwrite) as writer:
-            since = time.perf_counter()
-            wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
-            calm = calm_series(loaded) if not video.is_still else None
-            facts = first_pass(loaded.surroundings, video, progress, calm=calm, **wanted)
-            clock.add("first pass", since)
-            run = _Run(loaded, facts, renderer, video, writer, pattern, clock)
-            with Behind(run.write) as sink:
-                for count, stages in enumerate(prefetch(run.read(start, stop)), 1):
-                    run.draw(stages)
-                    sink.put(stages)
-                    if progress is not None:
-                        progress(count, stop - start)
-        notes = (*video.notes, *loaded.notes, *facts.notes, *filter(None, [fallback]), *writer.notes)
+        crew = _crew(workers, cluster, len(parts))
+        inputs = input_fingerprints(scene)
+        with work_folder(target, work_keys(scene, inputs, renderer.name), fresh=fresh) as work:
+            if not (work.resumed or overwrite):
+                _check_pictures(target, pattern)
+            left, times, doubts = _left(work, target, parts), RunTimes(), tuple[str, ...]()
+            kept = span[1] - span[0] - sum(stop - start for start, stop in left)
+            if left:
+                doubts = _find_facts(loaded, video, work, times, progress).notes
+                job = Job(scene, target, work, renderer.name, pattern, tuple(left))
+                done = _counted(progress, kept, span[1] - span[0])
+                if crew is None:
+                    opened = OpenJob(job, video, loaded, renderer)
+                    for start, stop in joined_bounds(left):
+                        times.merge(opened.render(start, stop, done))
+                else:
+                    times.merge(crew.render(job, done))
+            notes = _completed(work, target, video, scene, parts, overwrite=overwrite)
     return Report(
-        out=out,
-        frames=stop - start,
+        out=Path(out),
+        frames=span[1] - span[0],
         backend=renderer.name,
         device=renderer.device,
-        plan=plan,
+        plan=loaded.plan,
         seconds=time.perf_counter() - began,
-        stage_s=clock.seconds,
-        notes=notes,
-        empty_frames=clock.empty if plan.layer.runs else 0,
-        sunless_frames=clock.sunless if plan.sun.runs else 0,
+        stage_s=times.seconds,
+        notes=(*loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
+        empty_frames=times.empty if loaded.plan.layer.runs else 0,
+        sunless_frames=times.sunless if loaded.plan.sun.runs else 0,
+        kept_frames=kept,
+        workers=1 if crew is None else crew.count,
+        inputs=inputs,
     )
 
 
-def _layers_pattern(pattern: Path, out: Path, *, overwrite: bool) -> Path:
-    """Return the pattern of layered files; raise if it is the output's, no EXR pattern, or matches existing files."""
-    if pattern.absolute() == out.absolute():
+def _layers_pattern(pattern: Path, out: Path) -> Path:
+    """Return the pattern of layered files; raise if it is the output's, or no pattern of EXR files."""
+    if pattern == out or (is_pattern(pattern) and pattern.resolve() == out.resolve()):
         raise ParameterError(f"{pattern} - is the name of the output too - give the layers one of their own")
     if not is_pattern(pattern) or pattern.suffix.lower() != ".exr":
         raise ParameterError(f"{pattern} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
-    there = matching_files(pattern)
-    if there and not overwrite:
-        raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
     return pattern
+
+
+def _parts(out: Path, video: VideoReader, scene: Scene, span: Part, *, overwrite: bool) -> list[Part]:
+    """Return the parts of an output that are complete on their own; raise `VideoError` if it cannot be made."""
+    pictures = out.suffix.lower() in PICTURE_SUFFIXES
+    create_video(out, video, scene.output, overwrite=overwrite or is_pattern(out)).abort()
+    if not pictures:
+        rate = float(video.frame_rate)
+        return segment_bounds(*span, max(1, round(scene.output.segment_s * rate)))
+    if not is_pattern(out) and span[1] - span[0] > 1:
+        raise VideoError(
+            f"{out} - one picture cannot hold several frames (got {span[0]}:{span[1]}) - name a pattern such as "
+            f"{out.stem}_%04d{out.suffix}, or one frame"
+        )
+    return segment_bounds(*span, 1)
+
+
+def _check_pictures(*patterns: Path | None) -> None:
+    """Raise `OutputExistsError` where files of a pattern are there."""
+    for pattern in patterns:
+        there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
+        if there:
+            raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
+
+
+def _left(work: WorkFolder, out: Path, parts: list[Part]) -> list[Part]:
+    """Return the parts that are not complete yet."""
+    if out.suffix.lower() in PICTURE_SUFFIXES:
+        name = numbered if is_pattern(out) else lambda path, _: path
+        done = {(k, k + 1) for k in work.pictures() if name(out, k).exists()}
+    else:
+        done = {(segment.start, segment.stop) for segment in work.segments()}
+    return [part for part in parts if part not in done]
+
+
+def _crew(workers: int | Literal["auto"], cluster: str | None, parts: int) -> Crew | None:
+    """Return the processes that render, or None for this one alone."""
+    if cluster is not None:
+        from mr360uw.farm.cluster import ClusterCrew
+
+        return ClusterCrew(cluster)
+    if workers != "auto" and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise ParameterError(f"workers - must be a number of processes or auto (got {workers!r}) - give 1 or more")
+    count = max(1, (os.cpu_count() or 2) // 2) if workers == "auto" else workers
+    if min(count, parts) == 1:
+        return None
+    from mr360uw.farm.workers import WorkerCrew
+
+    return WorkerCrew(min(count, parts))
+
+
+def _find_facts(
+    loaded: Loaded, video: VideoReader, work: WorkFolder, times: RunTimes, progress: Progress | None
+) -> ClipFacts:
+    """Return the clip's facts, measured into the work folder unless they are there."""
+    stored = work.facts()
+    if stored is not None:
+        return stored
+    since, plan = time.perf_counter(), loaded.plan
+    wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
+    calm = calm_series(loaded) if not video.is_still else None
+    facts = first_pass(loaded.surroundings, video, progress, calm=calm, **wanted)
+    work.keep_facts(facts)
+    times.add("first pass", since)
+    return facts
+
+
+def _counted(progress: Progress | None, kept: int, total: int) -> Callable[[], None]:
+    """Return a function that reports one more frame as done."""
+    count: Iterator[int] = itertools.count(kept + 1)
+
+    def done() -> None:
+        if progress is not None:
+            progress(next(count), total)
+
+    return done
+
+
+def _completed(
+    work: WorkFolder, out: Path, video: VideoReader, scene: Scene, parts: list[Part], *, overwrite: bool
+) -> tuple[str, ...]:
+    """Join the segments of a video under its name; return what the output lacks of the plate, one line each."""
+    if out.suffix.lower() in PICTURE_SUFFIXES:
+        return create_video(out, video, overwrite=True).notes
+    wanted = set(parts)
+    segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
+    from mr360uw.video.write.container_writer import ContainerWriter
+
+    with ContainerWriter(out, video, scene.output, overwrite=overwrite, folder=work.path) as writer:
+        writer.write_segments(segments)
+    return writer.notes

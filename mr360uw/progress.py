@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 Progress = Callable[[int, int | None], None]
 """Called with (frames done, frames in all or None) after every frame."""
 
@@ -17,7 +18,7 @@ Progress = Callable[[int, int | None], None]
 def terminal_progress() -> Iterator[Progress]:
     """Yield a `Progress` that draws a bar on standard error, or does nothing if that is not a terminal.
 
-    SIGINT and SIGTERM end the run at the next frame at the latest. For the main thread.
+    SIGINT, SIGTERM and SIGHUP end the run at the next frame at the latest. For the main thread.
     """
     with _pending_signals() as raise_pending, _bar() as draw:
 
@@ -30,7 +31,7 @@ def terminal_progress() -> Iterator[Progress]:
 
 @contextmanager
 def _pending_signals() -> Iterator[Callable[[], None]]:
-    """Yield a function that raises the exception of a SIGINT or SIGTERM handler again.
+    """Yield a function that raises the exception of the handler of a signal that ends the run again.
 
     Python runs a handler wherever the main thread is. If that is a callback out of C code, the handler's exception is
     printed and dropped, and the run would continue.
@@ -51,7 +52,7 @@ def _pending_signals() -> Iterator[Callable[[], None]]:
         if raised:
             raise raised[0]
 
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in _ENDING}
     try:
         for number, handler in handlers.items():
             if callable(handler):  # not if the signal is ignored, as in a background job

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.caustics.single_map import caustic_map
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.files import whole_file, write_whole
 
 Array = NDArray[np.floating[Any]]
 ImageFormat = Literal["png", "exr"]
@@ -69,7 +69,8 @@ def export_tiles(
         caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))
         images = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
         for name, image in (_codes(images, height_range) if image_format == "png" else images).items():
-            _whole(paths[name][i], functools.partial(write, image))
+            with whole_file(paths[name][i]) as part:
+                write(image, part)
         if progress is not None:
             progress(i + 1, frames)
     about = {
@@ -79,7 +80,7 @@ def export_tiles(
         "height_range_m": height_range if image_format == "png" else None, "sea": looping.model_dump(mode="json"),
     }  # fmt: skip
     page = Path(folder) / "tiles.json"
-    _whole(page, lambda path: path.write_text(json.dumps(about, indent=2) + "\n", "utf-8"))
+    write_whole(page, json.dumps(about, indent=2) + "\n")
     return (*(p for group in paths.values() for p in group), page)
 
 
@@ -148,16 +149,6 @@ def _height_range(sea: Sea, loop_s: float) -> float:
         return 1.0
     digit = 10.0 ** (np.floor(np.log10(1.25 * highest)) - 1.0)
     return float(np.ceil(1.25 * highest / digit) * digit)
-
-
-def _whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Write under another name first, so that `path` is whole or absent."""
-    partial = path.with_name(f".partial-{path.name}")
-    try:
-        write(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _write_png(image: Array, path: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode, ycbcr_from_rgb
+from mr360uw.files import whole_file
 from mr360uw.types import Floats
 
 _SOUND_RATE_HZ = 48_000
@@ -29,9 +30,8 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
 
     from mr360uw.video import SphericalMetadata, write_spherical
 
-    partial = path.with_name(path.name + ".part")
     count = 0
-    try:
+    with whole_file(path) as partial:
         with av.open(str(partial), "w", format="mp4") as container:
             sound = container.add_stream("aac", rate=_SOUND_RATE_HZ)
             sound.layout = "mono"
@@ -51,9 +51,6 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
                 container.mux(sound.encode(_tone(start, min(start + 1024, samples))))
             container.mux(sound.encode(None))
         write_spherical(partial, SphericalMetadata())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
     return count
 
 

@@ -20,14 +20,15 @@ def open_plate(scene: Scene) -> VideoReader:
 
 def keep_inputs(scene: Scene, *outputs: Path) -> None:
     """Raise `VideoError` where an output, a file or a numbered pattern, would replace a file that the scene reads."""
-    inputs = {file.resolve(): file for path in files_of(scene) for file in _files(path)}
+    inputs = {file.resolve(): file for path in files_of(scene) for file in input_files(path)}
     for output in outputs:
-        hit = next((file for file in _files(output) if file.resolve() in inputs), None)
+        hit = next((file for file in input_files(output) if file.resolve() in inputs), None)
         if hit is not None:
             raise VideoError(f"{output} - would replace {hit}, which the scene reads - choose another name")
 
 
-def _files(path: Path) -> Iterator[Path]:
+def input_files(path: Path) -> Iterator[Path]:
+    """Yield the files that a path, a numbered pattern or a wildcard stands for."""
     if is_pattern(path):
         yield from (file for _, file in matching_files(path))
     elif "*" in path.name:

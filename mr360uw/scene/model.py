@@ -8,6 +8,7 @@ files, and reports every problem of a file at once.
 from __future__ import annotations
 
 import itertools
+import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -156,7 +157,7 @@ def scene_schema() -> dict[str, Any]:
 
 
 def _override(data: dict[str, Any], text: str) -> None:
-    """Set one key of nested tables from 'a.b=value'."""
+    """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
@@ -164,7 +165,7 @@ def _override(data: dict[str, Any], text: str) -> None:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         parsed = value.strip()
-    *parents, last = key.strip().split(".")
+    *parents, last = re.sub(r"\[(\d+)\]", r".\1", key.strip()).split(".")  # object[0] as object.0
     table: Any = data
     for depth, part in enumerate(parents):
         if isinstance(table, list):

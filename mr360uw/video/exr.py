@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
+from mr360uw.files import whole_file
 from mr360uw.types import Floats
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
@@ -100,13 +101,10 @@ def write_exr(
             own["dataWindow"] = (low, low + np.array([width - 1, height - 1], np.int32))
             own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
-    part_file = path.with_name(path.name + ".part")
     try:
-        OpenEXR.File(made).write(str(part_file))
-        part_file.replace(path)
+        with whole_file(path) as part:
+            OpenEXR.File(made).write(str(part))
     except (RuntimeError, ValueError, OSError) as error:
         raise VideoError(
             f"{path} - cannot be written (got {error}) - check the folder, its rights and the space"
         ) from error
-    finally:
-        part_file.unlink(missing_ok=True)

@@ -36,6 +36,10 @@ class EncodeSettings(Parameters):
     pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
     sound: bool = parameter(True, "copy the plate's sound")
     threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
+    segment_s: float = parameter(
+        5.0, "length of the parts that a run keeps until all are there; a killed run loses one", unit="s", low=0.01,
+        high=3600.0,
+    )  # fmt: skip
     faststart: bool = parameter(True, "put the index of an mp4 or mov before the pictures, for the web")
 
     @model_validator(mode="after")

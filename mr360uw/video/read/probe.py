@@ -15,6 +15,17 @@ import av.stream
 from mr360uw.errors import VideoError
 from mr360uw.video.metadata.mp4 import top_level_kinds
 
+_LOCAL_VIDEO = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "mov,mp4,matroska,webm,avi,mpegts,mpeg,mxf,nut,ogg,flv,asf,ivf,h264,hevc,av1,obu,m4v",
+}
+"""Names are names of files, never addresses; playlists and scripts, which name other files, are no videos."""
+
+
+def open_local(path: Path) -> Any:
+    """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`."""
+    return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO)
+
 
 def check_file(path: Path) -> None:
     """Raise VideoError where there is no file with something in it."""
@@ -22,6 +33,8 @@ def check_file(path: Path) -> None:
         raise VideoError(f"{path} - no such file - check the path")
     if path.is_dir():
         raise VideoError(f"{path} - is a folder - name a video, a picture, or a pattern such as {path}/frame_%04d.png")
+    if not path.is_file():
+        raise VideoError(f"{path} - is a device or a pipe, which cannot be read twice - save it as a file first")
     if path.stat().st_size == 0:
         raise VideoError(f"{path} - the file is empty (got 0 bytes) - copy or record it again")
 
@@ -31,7 +44,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a file for one pass of decoding; yields (container, its video stream)."""
     check_file(path)
     try:
-        container = av.open(str(path), metadata_errors="replace")
+        container = open_local(path)
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(_why_not(path, error)) from error
     with container:

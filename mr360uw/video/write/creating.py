@@ -50,7 +50,7 @@ def create_video(
         raise OutputExistsError(f"{path} - is already there - choose another name or allow overwriting")
     from mr360uw.video.write.container_writer import ContainerWriter
 
-    return ContainerWriter(path, like, settings or EncodeSettings(), audio, rebase)
+    return ContainerWriter(path, like, settings or EncodeSettings(), audio=audio, rebase=rebase, overwrite=overwrite)
 
 
 def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float, sound: str | Path | None) -> Clip:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import Transfer
 from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.files import whole_file
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.gpano import marked
@@ -63,16 +64,13 @@ def write_picture(path: Path, frame: VideoFrame) -> None:
         depth = np.float32 if frame.spec.bits == 32 else np.float16
         write_exr(path, frame.image_linear.astype(depth, copy=False), latlong=frame.wrap)
         return
-    part = path.with_name(path.name + ".part")
     try:
-        part.write_bytes(_encoded(path, frame))
-        part.replace(path)
+        with whole_file(path) as part:
+            part.write_bytes(_encoded(path, frame))
     except OSError as error:
         raise VideoError(
             f"{path} - cannot be written (got {error.strerror}) - check the folder, its rights and the space"
         ) from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _encoded(path: Path, frame: VideoFrame) -> bytes:

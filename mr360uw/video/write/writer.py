@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interface of outputs: a video, one picture, or a sequence of pictures.
 
-Everything is written under a temporary name (`.part` beside the target) and renamed when complete; when anything
-fails, or the program is interrupted, the temporary file is removed.
+Everything is written under a new temporary name and renamed when complete; when anything fails, or the program is
+interrupted, the temporary file is removed.
 """
 
 from __future__ import annotations

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a process needs to render parts of a clip: it can be sent to another process or machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.loaded import Loaded, load
+from mr360uw.runs.frame_range import RangeRenderer, RunTimes
+from mr360uw.runs.sinks import PictureSink, SegmentSink
+from mr360uw.runs.work_folder import WorkFolder
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoReader
+from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.write.writer import VideoWriter
+
+Part = tuple[int, int]
+"""Frames [start, stop) of a clip."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run over a clip. backend: name of the renderer; all processes use the same, so that frames do not flicker.
+
+    layers: pattern of layered EXR files, or None. parts: of the clip, each complete on its own. All paths absolute; the
+    clip's facts lie in the work folder.
+    """
+
+    scene: Scene
+    out: Path
+    work: WorkFolder
+    backend: str
+    layers: Path | None
+    parts: tuple[Part, ...]
+
+    def __hash__(self) -> int:
+        return hash((self.work.path, self.parts))
+
+
+class Crew(Protocol):
+    """Processes that render the parts of a job."""
+
+    count: int
+
+    def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
+        """Render all parts of a job; done: is called after every frame. Raises what a process raised."""
+
+
+class OpenJob:
+    """A job with its plate, its loaded scene and its renderer, for the thread that opened it."""
+
+    def __init__(
+        self, job: Job, video: VideoReader | None = None, loaded: Loaded | None = None, backend: Backend | None = None
+    ) -> None:
+        self.job = job
+        self.video = open_plate(job.scene) if video is None else video
+        size = self.video.width, self.video.height
+        self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
+        self.backend = make_backend(job.backend)[0] if backend is None else backend
+        self._facts = job.work.facts()
+
+    def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
+        """Render frames [start, stop), which are parts of the job; return what it took."""
+        job, times = self.job, RunTimes()
+        assert self._facts is not None, "the facts are stored before a job is opened"
+        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, times)
+        renderer.render(start, stop, self._sink(start), done)
+        return times
+
+    def _sink(self, start: int) -> VideoWriter:
+        job = self.job
+        if job.out.suffix.lower() in PICTURE_SUFFIXES:
+            return PictureSink(job.work, start, job.out, self.video)
+        return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Worker processes on this machine, each with its own renderer and its share of the cores.
+
+A worker that dies has its part given to another one; a part that kills two is an error.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from mr360uw.errors import VideoError
+from mr360uw.farm.job import Job, OpenJob, Part
+from mr360uw.runs.frame_range import RunTimes
+
+_TRIES = 2
+"""Workers that may die over a part."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerCrew:
+    """Spawned processes on this machine."""
+
+    count: int
+
+    def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
+        """Render all parts of a job; done: is called after every frame. `VideoError` where workers died over a part."""
+        waiting, tries, times = deque(job.parts), dict.fromkeys(job.parts, 0), RunTimes()
+        workers: list[_Worker] = []
+        try:
+            while waiting or any(worker.part for worker in workers):
+                while waiting and len(workers) < self.count:
+                    workers.append(_Worker.start(job, len(workers), self.count))
+                for worker in workers:
+                    if worker.part is None and waiting:
+                        worker.take(waiting.popleft())
+                for worker in _ready(workers):
+                    try:
+                        message = worker.connection.recv()
+                    except (EOFError, OSError):
+                        workers.remove(worker)
+                        waiting.extendleft(_given_back(worker, tries))
+                        continue
+                    if isinstance(message, BaseException):
+                        raise message
+                    if isinstance(message, RunTimes):
+                        times.merge(message)
+                        worker.part = None
+                    else:
+                        done()
+        finally:
+            for worker in workers:
+                worker.end()
+        return times
+
+
+@dataclass(slots=True)
+class _Worker:
+    """A process, the way to it, and the part that it renders, if any."""
+
+    process: BaseProcess
+    connection: Connection
+    part: Part | None = None
+
+    @classmethod
+    def start(cls, job: Job, number: int, count: int) -> _Worker:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(there, job), name=f"worker {number}", daemon=True)
+        with _share_of_cores(number, count):
+            process.start()
+        there.close()
+        return cls(process, here)
+
+    def take(self, part: Part) -> None:
+        self.part = part
+        self.connection.send(part)
+
+    def end(self) -> None:
+        self.connection.close()
+        if self.part is not None:  # an idle worker ends by itself
+            self.process.terminate()
+        self.process.join()
+
+
+def _ready(workers: list[_Worker]) -> list[_Worker]:
+    """Wait for messages or deaths; return the workers that have one."""
+    found = wait([worker.connection for worker in workers if worker.part is not None])
+    return [worker for worker in workers if worker.connection in found]
+
+
+def _given_back(worker: _Worker, tries: dict[Part, int]) -> list[Part]:
+    """Return the part of a dead worker, to be rendered again; raise `VideoError` after the last try."""
+    worker.process.join()
+    part = worker.part
+    if part is None:
+        return []
+    tries[part] += 1
+    if tries[part] >= _TRIES:
+        raise VideoError(
+            f"frames {part[0]}:{part[1]} - {_TRIES} workers died over them (got exit code {worker.process.exitcode}) - "
+            "render them alone to see why; too little memory is the usual cause: take fewer workers"
+        )
+    return [part]
+
+
+def _work(connection: Any, job: Job) -> None:
+    """Body of a worker: render the parts that arrive, until the other side closes."""
+    try:
+        opened = OpenJob(job)
+        while True:
+            start, stop = connection.recv()
+            connection.send(opened.render(start, stop, lambda: connection.send(None)))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except Exception as error:  # noqa: BLE001 - raised again by the process that waits
+        connection.send(error)
+
+
+@contextmanager
+def _share_of_cores(number: int, count: int) -> Iterator[None]:
+    """A context in which started processes get one of `count` shares of this process's cores.
+
+    Every library then opens as many threads as it has cores. Only Linux can do it; elsewhere they share all.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = sorted(os.sched_getaffinity(0))
+    share = cores[number % len(cores) :: count] if count <= len(cores) else [cores[number % len(cores)]]
+    os.sched_setaffinity(0, share)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keys by which kept work is recognised: hashes of a scene, of the files that it names, and of the version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mr360uw.scene.inputs import input_files
+from mr360uw.scene.model import Scene, files_of
+
+_BLOCK = 1 << 20
+_BLOCKS = 16
+"""Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
+_FIRST_PASS = ("plate", "camera", "water", "light", "receiver", "sea", "caustics")
+"""Tables of a scene that the first pass depends on."""
+_JOINED = ("sound", "faststart", "threads")
+"""Settings of the output that act when segments are joined, or on speed alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputFile:
+    """A file that a scene reads. digest: SHA-256 of its size and of its content, of large files of 16 blocks of it."""
+
+    path: Path
+    size: int
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class WorkKeys:
+    """What kept work depends on. first_pass: of the clip's facts. pictures: of the composited frames, encoded."""
+
+    first_pass: str
+    pictures: str
+
+
+def input_file(path: Path) -> InputFile:
+    """Return a file's fingerprint; raise `OSError` where it cannot be read."""
+    size = path.stat().st_size
+    found = hashlib.sha256(str(size).encode())
+    with path.open("rb") as file:
+        step = max(_BLOCK, (size - _BLOCK) // (_BLOCKS - 1))
+        for start in range(0, size, step):
+            file.seek(start)
+            found.update(file.read(_BLOCK))
+    return InputFile(path, size, found.hexdigest())
+
+
+def input_fingerprints(scene: Scene) -> tuple[InputFile, ...]:
+    """Return the fingerprints of all files that a scene reads, each once."""
+    paths = dict.fromkeys(file for path in files_of(scene) for file in input_files(path))
+    return tuple(input_file(path) for path in paths if path.is_file())
+
+
+def work_keys(scene: Scene, inputs: tuple[InputFile, ...], backend: str) -> WorkKeys:
+    """Return the keys of a scene's work by a renderer."""
+    from mr360uw import __version__
+
+    tables = scene.model_dump(mode="json")
+    for name in _JOINED:
+        del tables["output"][name]
+    part = scene.model_copy(update={"objects": (), "lamps": (), "holdouts": ()})
+    read = {file for path in files_of(part) for file in input_files(path)}
+    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, [_mark(f) for f in inputs if f.path in read]]
+    pictures = [__version__, tables, [_mark(f) for f in inputs], backend]
+    return WorkKeys(_hash(first), _hash(pictures))
+
+
+def _mark(file: InputFile) -> list[Any]:
+    return [str(file.path), file.size, file.digest]
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Renders a range of frames: decoder, renderer and encoder each on a thread, with short queues between them.
+
+Memory does not grow with the clip. Each thread runs one of the three parts of `render.frame.frame_stages`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mr360uw.composite.aovs import RECIPE, exr_parts
+from mr360uw.render.backends import Backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import Stages, finished, frame_stages
+from mr360uw.render.loaded import Loaded
+from mr360uw.threads import Behind, one_blas_thread, prefetch
+from mr360uw.video import VideoReader, write_exr
+from mr360uw.video.read.images import numbered
+from mr360uw.video.write.writer import VideoWriter
+
+
+@dataclass
+class RunTimes:
+    """Seconds by stage, and counts of frames: all, without visible objects, and without a sun."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    frames: int = 0
+    empty: int = 0
+    sunless: int = 0
+
+    def add(self, stage: str, since: float) -> float:
+        """Add the time since `since` to a stage; return the present time."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
+        return now
+
+    def merge(self, other: RunTimes) -> None:
+        """Add what another part of the run took."""
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.frames += other.frames
+        self.empty += other.empty
+        self.sunless += other.sunless
+
+
+@dataclass(frozen=True)
+class RangeRenderer:
+    """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate's frame alone.
+
+    layers: pattern of layered EXR files that are written beside the frames, or None. times: are added to.
+    """
+
+    loaded: Loaded
+    facts: ClipFacts
+    backend: Backend
+    video: VideoReader
+    layers: Path | None
+    times: RunTimes
+
+    def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
+        """Render frames [start, stop) into a sink; done: is called after each."""
+        with one_blas_thread(), sink, Behind(lambda stages: self._write(stages, sink)) as behind:
+            for stages in prefetch(self._read(start, stop)):
+                since = time.perf_counter()
+                next(stages)
+                self.times.add("render", since)
+                behind.put(stages)
+                done()
+
+    def _read(self, start: int, stop: int) -> Iterator[Stages]:
+        """Yield the stages of frames, decoded and with their light measured."""
+        rate, times = self.video.frame_rate, self.times
+        shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
+        since = time.perf_counter()
+        for plate in self.video.frames(start, stop):
+            since = times.add("decode", since)
+            stages = frame_stages(
+                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None
+            )
+            next(stages)
+            times.add("light", since)
+            yield stages
+            since = time.perf_counter()
+
+    def _write(self, stages: Stages, sink: VideoWriter) -> None:
+        """Composite a frame and write it, and before it the file of its layers."""
+        times, since = self.times, time.perf_counter()
+        frame = finished(stages)
+        since = times.add("blend", since)
+        times.frames += 1
+        times.empty += not frame.layer.tiles
+        times.sunless += frame.light is not None and frame.light.environment.sun is None
+        if self.layers is not None and frame.variables is not None:
+            parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
+            write_exr(numbered(self.layers, frame.plate.index), parts, attributes={"comments": RECIPE})
+            since = times.add("layers", since)
+        sink.write(frame.picture)
+        times.add("encode", since)

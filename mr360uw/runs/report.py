@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run did: for people, and as a file for other programs."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+
+from mr360uw.files import write_whole
+from mr360uw.render.plan import Plan
+from mr360uw.runs.fingerprint import InputFile
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Summary of a run. seconds: wall time. stage_s: seconds of each stage, summed over frames; stages overlap.
+
+    frames: of the output, of which `kept_frames` were there from a run that was stopped; the other counts are of the
+    frames made by this run. inputs: the files that the scene reads.
+    """
+
+    out: Path
+    frames: int
+    backend: str
+    device: str
+    plan: Plan
+    seconds: float
+    stage_s: dict[str, float]
+    notes: tuple[str, ...] = ()
+    empty_frames: int = 0
+    sunless_frames: int = 0
+    kept_frames: int = 0
+    workers: int = 1
+    inputs: tuple[InputFile, ...] = ()
+
+    def __str__(self) -> str:
+        made = self.frames - self.kept_frames
+        rate = made / self.seconds if self.seconds > 0 else 0.0
+        lines = [f"wrote {self.out}: {self.frames} frames in {self.seconds:.1f} s ({rate:.1f} frames/s)"]
+        if self.kept_frames:
+            lines.append(f"  {self.kept_frames} of them were there already, from the run that was stopped")
+        lines.append(f"  renderer {self.backend} ({self.device})" + f", {self.workers} workers" * (self.workers > 1))
+        lines.append("  " + ", ".join(f"{name} {1e3 * s / max(made, 1):.0f} ms" for name, s in self.stage_s.items()))
+        if self.empty_frames:
+            lines.append(f"  in {self.empty_frames} frames nothing was visible: they went through untouched")
+        if self.sunless_frames:
+            lines.append(f"  in {self.sunless_frames} frames no sun was found: no caustics, no shadows there")
+        lines += [f"  note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+    def save(self, path: Path) -> None:
+        """Write the report as JSON; `OSError` where it cannot be written."""
+        from mr360uw import __version__
+
+        write_whole(path, json.dumps(self._table() | {"mr360uw": __version__}, indent=2) + "\n")
+
+    def _table(self) -> dict[str, object]:
+        return {
+            "out": str(self.out),
+            "frames": {
+                "written": self.frames,
+                "kept_from_a_stopped_run": self.kept_frames,
+                "nothing_visible": self.empty_frames,
+                "no_sun_found": self.sunless_frames,
+            },
+            "renderer": {"name": self.backend, "device": self.device, "workers": self.workers},
+            "seconds": round(self.seconds, 3),
+            "seconds_by_stage": {name: round(s, 3) for name, s in self.stage_s.items()},
+            "plan": {name: {"runs": stage.runs, "why": stage.why} for name, stage in self.plan.stages.items()},
+            "inputs": [{"path": str(f.path), "bytes": f.size, "sha256_of_blocks": f.digest} for f in self.inputs],
+            "notes": list(self.notes),
+            "python": platform.python_version(),
+            "system": platform.platform(),
+        }

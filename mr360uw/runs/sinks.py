@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the frames of a range go: into segments of a video, or into numbered pictures; both remember what is done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mr360uw.runs.work_folder import WorkFolder
+from mr360uw.video import Clip, EncodeSettings, VideoFrame
+from mr360uw.video.write.image_writer import ImageWriter
+from mr360uw.video.write.segment import SegmentWriter
+from mr360uw.video.write.writer import VideoWriter
+
+
+def segment_bounds(start: int, stop: int, length: int) -> list[tuple[int, int]]:
+    """Return the parts [a, b) of a range: cut at multiples of `length`, so that ranges share the parts inside them."""
+    cuts = [start, *range((start // length + 1) * length, stop, length), stop]
+    return list(zip(cuts, cuts[1:], strict=False))
+
+
+def joined_bounds(parts: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return ascending parts with those that follow each other made one."""
+    found: list[tuple[int, int]] = []
+    for start, stop in parts:
+        if found and found[-1][1] == start:
+            start = found.pop()[0]
+        found.append((start, stop))
+    return found
+
+
+class SegmentSink(VideoWriter):
+    """Frames of a range as segments in a work folder, each complete as soon as its last frame is encoded."""
+
+    def __init__(self, work: WorkFolder, parts: list[tuple[int, int]], like: Clip, settings: EncodeSettings) -> None:
+        self.path = work.path
+        self._stops, self._clip, self._settings = dict(parts), like, settings
+        self._writer: SegmentWriter | None = None
+        self._stop = 0
+
+    def write(self, frame: VideoFrame) -> None:
+        """Encode a frame into its segment."""
+        if self._writer is None:
+            self._stop = self._stops[frame.index]
+            self._writer = SegmentWriter(self.path, frame.index, self._stop, self._clip, self._settings)
+        self._writer.write(frame)
+        if frame.index + 1 == self._stop:
+            self._writer.finish()
+            self._writer = None
+
+    def finish(self) -> None:
+        """Complete the last segment; the frames of it have all been written."""
+        if self._writer is not None:
+            self._writer.finish()
+
+    def abort(self) -> None:
+        """Remove the segment that is not complete."""
+        if self._writer is not None:
+            self._writer.abort()
+
+
+class PictureSink(VideoWriter):
+    """Frames of a range from `start` on as pictures under their own names."""
+
+    def __init__(self, work: WorkFolder, start: int, pattern: Path, like: Clip) -> None:
+        self.path = pattern
+        self._work, self._start = work, start
+        self._writer = ImageWriter(pattern, like, overwrite=True)
+
+    def write(self, frame: VideoFrame) -> None:
+        """Write the frame's picture."""
+        self._writer.write(frame)
+        self._work.add_picture(frame.index, self._start)
+
+    def finish(self) -> None:
+        """Nothing is left to do: every picture is complete."""
+
+    def abort(self) -> None:
+        """Nothing is left to remove: every picture is complete."""

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts of a clip as a file, kept between runs."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from mr360uw.files import whole_file
+from mr360uw.ibl import SunTrack
+from mr360uw.render.calm import CalmPlate
+from mr360uw.render.first_pass import ClipFacts
+
+_SUN = "sun_"
+
+
+def save_facts(facts: ClipFacts, path: Path) -> None:
+    """Write a clip's facts, with a track of the sun or none, to a file (NumPy .npz)."""
+    arrays: dict[str, Any] = {"notes": np.array(facts.notes, dtype=np.str_)}
+    if isinstance(facts.sun, SunTrack):
+        arrays |= {_SUN + field.name: getattr(facts.sun, field.name) for field in dataclasses.fields(SunTrack)}
+    if facts.gain is not None:
+        arrays["gain"] = facts.gain
+    if facts.calm is not None:
+        arrays["strength"] = facts.calm.strength
+        if facts.calm.mean is not None:
+            arrays["mean"] = facts.calm.mean
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def load_facts(path: Path) -> ClipFacts | None:
+    """Return the facts of a file, or None where there is none or it is damaged."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, BadZipFile):
+        return None
+    of_sun = {name.removeprefix(_SUN): array for name, array in arrays.items() if name.startswith(_SUN)}
+    if of_sun:
+        of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
+    calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
+    notes = tuple(str(note) for note in arrays["notes"])
+    return ClipFacts(SunTrack(**of_sun) if of_sun else None, arrays.get("gain"), calm, notes)

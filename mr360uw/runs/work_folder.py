@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder beside an output in which finished work is kept until the output is complete."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from mr360uw.errors import OutputExistsError
+from mr360uw.files import write_whole
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.runs.fingerprint import WorkKeys
+from mr360uw.runs.stored_facts import load_facts, save_facts
+from mr360uw.video.write.segment import Segment, stored_segments
+
+SUFFIX = ".mr360uw"
+"""Ending of the folder's name, after the whole name of the output."""
+_LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "facts.npz", "pictures"
+
+
+@dataclass(frozen=True, slots=True)
+class WorkFolder:
+    """Work of one run, or of a killed one that it continues. keys: what it depends on. notes: what of it was kept or is done again.
+
+    resumed: whether a run to this output was killed before; then pictures that are there may be its own.
+    """
+
+    path: Path
+    keys: WorkKeys
+    resumed: bool
+    notes: tuple[str, ...]
+
+    def facts(self) -> ClipFacts | None:
+        """Return the stored facts of the clip, or None."""
+        return load_facts(self.path / _FACTS)
+
+    def keep_facts(self, facts: ClipFacts) -> None:
+        """Store the facts of the clip."""
+        save_facts(facts, self.path / _FACTS)
+
+    def segments(self) -> list[Segment]:
+        """Return the complete segments by their first frame."""
+        return stored_segments(self.path)
+
+    def pictures(self) -> set[int]:
+        """Return the indices of the frames whose pictures are complete."""
+        done: set[int] = set()
+        for file in self.path.glob(f"{_PICTURES}-*"):
+            lines = file.read_text("ascii", "replace").split("\n")[:-1]  # the last may be cut
+            done.update(int(line) for line in lines if line.isdigit())
+        return done
+
+    def add_picture(self, index: int, start: int) -> None:
+        """Note that the pictures of frame `index` are complete; start: first frame of the range, which has a file."""
+        with (self.path / f"{_PICTURES}-{start}").open("a", encoding="ascii") as file:
+            file.write(f"{index}\n")
+
+
+def work_path(out: Path) -> Path:
+    """Return the name of an output's work folder."""
+    return out.with_name(out.name + SUFFIX)
+
+
+@contextmanager
+def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[WorkFolder]:
+    """Yield an output's work folder, locked; it is removed at the end, or kept where an exception leaves work to reuse.
+
+    fresh: nothing of an earlier run is used. Raises `OutputExistsError` where another run holds it, and `OSError`.
+    """
+    path = work_path(out)
+    path.mkdir(exist_ok=True)
+    lock = FileLock(path / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise OutputExistsError(
+            f"{out} - another run is writing it (its work lies in {path.name}) - wait for it, or name another output"
+        ) from None
+    done = False
+    try:
+        yield WorkFolder(path, keys, *_continued(path, keys, fresh=fresh))
+        done = True
+    finally:
+        keeps = not done and _has_work(path)
+        lock.release()
+        if not keeps:
+            shutil.rmtree(path)
+
+
+def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[str, ...]]:
+    """Remove what does not fit the keys; return whether there was work of an earlier run, and notes about it."""
+    before = _stored_keys(path)
+    notes = []
+    same_pass = not fresh and before.get("first_pass") == keys.first_pass
+    same_pictures = not fresh and before.get("pictures") == keys.pictures
+    if before and not fresh and not same_pictures:
+        kept = "the first pass is kept" if same_pass else "the first pass too"
+        notes.append(f"the scene changed since the run that was stopped: its frames are made again, {kept}")
+    for file in path.iterdir():
+        keeps = file.name == _LOCK or (same_pass if file.name == _FACTS else same_pictures)
+        if not keeps or ".part" in file.name:
+            file.unlink()
+    write_whole(path / _KEYS, json.dumps(asdict(keys), indent=2) + "\n")
+    return bool(before), tuple(notes)
+
+
+def _has_work(path: Path) -> bool:
+    """Return whether a folder holds segments, pictures or measured facts."""
+    facts = load_facts(path / _FACTS)
+    measured = facts is not None and any(fact is not None for fact in (facts.sun, facts.gain, facts.calm))
+    return measured or bool(stored_segments(path)) or any(path.glob(f"{_PICTURES}-*"))
+
+
+def _stored_keys(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads((path / _KEYS).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def stale_work(where: Path) -> list[Path]:
+    """Return the work folders in a folder that no run holds."""
+    found = []
+    for path in sorted(where.glob(f"*{SUFFIX}")):
+        if (path / _KEYS).is_file():
+            lock = FileLock(path / _LOCK)
+            try:
+                with lock.acquire(timeout=0):
+                    found.append(path)
+            except Timeout:
+                continue
+    return found

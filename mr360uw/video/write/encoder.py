@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Encodes pictures with the plate's pixel format, colour tags and time stamps."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import av
+from av.video.reformatter import ColorRange, Interpolation
+
+from mr360uw.errors import VideoError
+from mr360uw.video.clip import Clip
+from mr360uw.video.metadata.tags import BT709_TAGS, color_spec
+from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_views
+from mr360uw.video.pixels.planes import planes_from_linear
+from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.video_frame import VideoFrame
+
+_ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+_NO_PICTURE_TYPE = 0
+_X265_DELAY = 3
+"""Frames below which x265 4 leaves decoding time stamps uninitialised; such clips have no B-frames."""
+
+
+class Encoder:
+    """An encoder for pictures of a plate. context: FFmpeg's, of the settings' codec, not yet open.
+
+    path: the output, for messages. Packets have the frames' own time stamps and durations, in the plate's time base.
+    """
+
+    def __init__(self, path: Path, like: Clip, settings: EncodeSettings, context: Any) -> None:
+        self._path, self._clip, self._settings, self._context = path, like, settings, context
+        self._durations: dict[int, int] = {}
+        self._count = 0
+        if settings.codec == "av1":
+            os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 writes its settings to stderr unless told not to
+        context.width, context.height = like.width, like.height
+        context.pix_fmt = self._pixel_format(context.codec)
+        context.time_base = like.time_base
+        context.framerate = like.frame_rate
+        context.thread_type = "AUTO"
+        context.thread_count = settings.threads
+        context.options = settings.encoder_options()
+        like.tags.write_to(context)
+        # ProRes has no mark for full range: it is limited by definition.
+        full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"
+        context.color_range = int(ColorRange.JPEG if full_range else ColorRange.MPEG)
+
+    def _pixel_format(self, codec: Any) -> str:
+        """Return the format of the settings, or the encoder's that is closest to the plate's."""
+        wanted = self._settings.pixel_format or self._clip.pixel_format or "yuv420p"
+        known = [format_.name for format_ in codec.video_formats]
+        plain = wanted.replace("yuvj", "yuv")
+        deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
+        if self._settings.pixel_format:
+            deeper = []  # what was asked for by name is made, or refused
+        for name in (wanted, plain, *(deeper if "10" in wanted or plain not in known else ())):
+            if name in known:
+                return name
+        raise VideoError(
+            f"{self._path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of "
+            f"{', '.join(name for name in known if name.startswith('yuv4'))}"
+        )
+
+    def encode(self, frame: VideoFrame, pts: int) -> list[Any]:
+        """Return the packets that are ready once a frame is encoded, with the time stamp `pts` in place of its own."""
+        if frame.shape != (self._clip.height, self._clip.width):
+            raise VideoError(
+                f"{self._path} - frame {frame.index} has another size (got {frame.shape[1]}x{frame.shape[0]}) - write "
+                f"frames of {self._clip.width}x{self._clip.height}"
+            )
+        native = self._native(frame)
+        native.pts, native.time_base = pts, frame.time_base
+        native.pict_type = _NO_PICTURE_TYPE
+        self._durations[pts] = frame.duration
+        self._count += 1
+        return self._timed(self._context.encode(native))
+
+    def flush(self) -> list[Any]:
+        """Return the packets that are left."""
+        return self._timed(self._context.encode(None)) if self._count else []
+
+    def _timed(self, packets: list[Any]) -> list[Any]:
+        for packet in packets:
+            duration = self._durations.pop(packet.pts, 0)
+            if self._count < _X265_DELAY and self._settings.codec == "h265":
+                packet.dts = packet.pts
+            if duration and packet.time_base == self._clip.time_base:
+                packet.duration = duration
+        return packets
+
+    def _native(self, frame: VideoFrame) -> Any:
+        """Return the frame in the encoder's format; it shares memory with the plate where nothing was changed."""
+        wanted = self._context.pix_fmt
+        if frame.yuv is None:
+            return _native_of_picture(frame, wanted)
+        native = frame.native
+        if native is None or has_stereo_mark(native):
+            native = native_frame(frame.yuv, native.format.name if native is not None else None)
+        if native.format.name == wanted:
+            return native
+        if native.format.name.replace("yuvj", "yuv") == wanted.replace("yuvj", "yuv"):
+            return native_frame(frame.yuv, wanted)
+        source_range = int(ColorRange.JPEG if frame.spec.full_range else ColorRange.MPEG)
+        target_range = self._context.color_range
+        return native.reformat(
+            format=wanted, src_color_range=source_range, dst_color_range=target_range, interpolation=_ACCURATE
+        )
+
+
+def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
+    """An RGB frame in BT.709, limited range; linear light by the sRGB curve."""
+    height, width = frame.shape
+    native = av.VideoFrame(width, height, pixel_format)
+    transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
+    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, transfer)
+    planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
+    return native

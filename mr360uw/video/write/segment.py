@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Encoded parts of a video, each decodable on its own, that are joined without encoding them again.
+
+A segment is two files: its packets one after the other, and a table of them, which is written last: a segment is
+complete when its table is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import av
+import av.error
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import VideoError
+from mr360uw.files import whole_file
+from mr360uw.video.clip import Clip
+from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.write.encoder import Encoder
+from mr360uw.video.write.writer import VideoWriter
+
+_DATA, _TABLE = ".packets", ".npy"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """Encoded frames [start, stop) of a plate.
+
+    data: file of the packets. packets: (n, 4) int64 in decoding order: time stamp of presentation and duration in the
+    plate's time base, whether decoding can start here, size in bytes.
+    """
+
+    start: int
+    stop: int
+    data: Path
+    packets: NDArray[np.int64]
+
+
+class SegmentWriter(VideoWriter):
+    """One segment as output, for frames [start, stop) of a plate; leaving the `with` block completes it.
+
+    folder: gets its files.
+    """
+
+    def __init__(self, folder: Path, start: int, stop: int, like: Clip, settings: EncodeSettings) -> None:
+        self.path = folder / f"{start:08d}-{stop:08d}{_DATA}"
+        self._clip, self._left, self._segment = like, stop - start, (start, stop)
+        context = av.CodecContext.create(ENCODERS[settings.codec], "w")
+        # parameter sets go into the header of the joined file, as its containers want
+        context.flags |= av.codec.context.Flags.global_header
+        self._encoder = Encoder(self.path, like, settings, context)
+        self._packets: list[tuple[int, int, int, int]] = []
+        self._file: BinaryIO | None = self.path.open("wb")
+
+    def write(self, frame: VideoFrame) -> None:
+        """Encode a frame."""
+        self._keep(self._encoder.encode(frame, frame.pts))
+        self._left -= 1
+
+    def _keep(self, packets: list[Any]) -> None:
+        assert self._file is not None
+        try:
+            for packet in packets:
+                size = self._file.write(bytes(packet))
+                self._packets.append((packet.pts, packet.duration or 0, int(packet.is_keyframe), size))
+        except OSError as error:
+            raise VideoError(
+                f"{self.path} - cannot be written (got {error.strerror}) - check the space and the folder's rights"
+            ) from error
+
+    def finish(self) -> None:
+        """Encode what is pending and write the table."""
+        if self._file is None:
+            return
+        if self._left:
+            raise VideoError(f"{self.path} - lacks frames (got {self._left} too few) - render the segment again")
+        self._keep(self._encoder.flush())
+        self._file.close()
+        self._file = None
+        with whole_file(self.path.with_suffix(_TABLE)) as part, part.open("wb") as table:
+            np.save(table, np.array(self._packets, np.int64))
+
+    def abort(self) -> None:
+        """Remove the segment unless it is complete."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            self.path.unlink(missing_ok=True)
+
+
+def stored_segments(folder: Path) -> list[Segment]:
+    """Return the complete segments in a folder by their first frame; damaged ones are left out."""
+    found = []
+    for table in sorted(folder.glob(f"*{_TABLE}")):
+        data = table.with_suffix(_DATA)
+        try:
+            start, stop = map(int, table.stem.split("-"))
+            packets = np.load(table, allow_pickle=False)
+            complete = packets.shape == (stop - start, 4) and data.stat().st_size == packets[:, 3].sum()
+        except (OSError, ValueError, EOFError):
+            complete = False
+        if complete:
+            found.append(Segment(start, stop, data, packets))
+    return found
+
+
+def decoding_stamps(pts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return time stamps of decoding (n,) for packets with time stamps of presentation (n,) in decoding order.
+
+    They rise, none is after its packet's presentation, and the delay between both is as short as can be.
+    """
+    shown = np.sort(pts)
+    place = np.arange(len(pts))
+    delay = int(np.max(place - np.searchsorted(shown, pts)))
+    step = int(np.min(np.diff(shown))) if len(pts) > 1 else 1
+    before = shown[0] - step * np.arange(delay, 0, -1)
+    return np.concatenate([before, shown[: len(pts) - delay]])

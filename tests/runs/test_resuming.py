@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run that was stopped goes on where it ended, and its output is that of a run that was not."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.errors import OutputExistsError
+from mr360uw.runs.sinks import joined_bounds, segment_bounds
+from mr360uw.runs.work_folder import stale_work, work_path
+from mr360uw.sample import SampleDive
+from mr360uw.scene import Scene
+from mr360uw.scene.model import load_scene
+from mr360uw.video.write.segment import decoding_stamps
+
+TWO_FRAMES = "output.segment_s=0.08"
+"""Segments of two frames at the 24 frames a second of the sample dive: eight frames make four."""
+
+
+class _StopError(Exception):
+    """Stands for whatever ends a run."""
+
+
+def scene_of(dive: SampleDive, *more: str) -> Scene:
+    return load_scene(dive.scene, [TWO_FRAMES, *more])
+
+
+def stopped(scene: Scene, out: Path, after: int, **options: object) -> None:
+    """Run until `after` frames are rendered, then end by an exception."""
+
+    def stop(done: int, total: int | None) -> None:
+        # the first pass reports frames too, before there is anything to stop
+        if done == after and total == 8 and (work_path(out) / "facts.npz").exists():
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        uw.composite_video(scene, out, backend="reference", progress=stop, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.parametrize("codec", ["h264", "h265", "ffv1"])
+def test_a_stopped_run_goes_on_and_its_output_is_the_same_byte_for_byte(
+    dive: SampleDive, tmp_path: Path, codec: str, suffix: str
+) -> None:
+    if codec == "ffv1" and suffix == ".mp4":
+        pytest.skip("mp4 does not hold ffv1")
+    # the order in which x265's own threads finish changes its choices
+    scene = scene_of(dive, f"output.codec={codec}", "output.threads=1")
+    whole, part = tmp_path / f"whole{suffix}", tmp_path / f"part{suffix}"
+    uw.composite_video(scene, whole, backend="reference")
+    stopped(scene, part, 6)
+    assert not part.exists()
+    assert work_path(part).is_dir()
+    report = uw.composite_video(scene, part, backend="reference")
+    assert report.frames == 8
+    assert report.kept_frames >= 2
+    assert "first pass" not in report.stage_s
+    assert not work_path(part).exists()
+    assert _packets(whole) == _packets(part)
+
+
+def _packets(path: Path) -> list[tuple[int, int | None, int | None, bytes]]:
+    import av
+
+    with av.open(str(path)) as container:
+        return [(p.stream_index, p.pts, p.dts, bytes(p)) for p in container.demux() if p.size]
+
+
+def test_pictures_that_are_complete_are_not_made_again(dive: SampleDive, tmp_path: Path) -> None:
+    out, layers = tmp_path / "out_%02d.png", tmp_path / "layers_%02d.exr"
+    stopped(scene_of(dive), out, 5, layers=layers)
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("out_*.png")}
+    assert before
+    report = uw.composite_video(scene_of(dive), out, backend="reference", layers=layers)
+    assert report.kept_frames == len(before)
+    after = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("out_*.png")}
+    assert len(after) == 8
+    assert {name: after[name] for name in before} == before
+    assert len(list(tmp_path.glob("layers_*.exr"))) == 8
+
+
+def test_a_changed_scene_is_made_again_and_keeps_its_first_pass(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    stopped(scene_of(dive), out, 6)
+    changed = scene_of(dive, "object.0.scale=1.5")
+    report = uw.composite_video(changed, out, backend="reference")
+    assert report.kept_frames == 0
+    assert "first pass" not in report.stage_s
+    assert any("scene changed" in note for note in report.notes)
+
+
+def test_a_changed_plate_light_changes_everything(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    stopped(scene_of(dive), out, 6)
+    report = uw.composite_video(scene_of(dive, "camera.depth_m=9"), out, backend="reference")
+    assert report.kept_frames == 0
+    assert "first pass" in report.stage_s
+
+
+def test_fresh_uses_nothing(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    stopped(scene_of(dive), out, 6)
+    report = uw.composite_video(scene_of(dive), out, backend="reference", fresh=True)
+    assert report.kept_frames == 0
+    assert "first pass" in report.stage_s
+
+
+@pytest.mark.parametrize("damage", ["table", "data", "facts"])
+def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path, damage: str) -> None:
+    whole, out = tmp_path / "whole.mp4", tmp_path / "out.mp4"
+    scene = scene_of(dive, "output.threads=1")
+    uw.composite_video(scene, whole, backend="reference")
+    stopped(scene, out, 6)
+    work = work_path(out)
+    victim = {"table": "00000000-00000002.npy", "data": "00000000-00000002.packets", "facts": "facts.npz"}[damage]
+    content = (work / victim).read_bytes()
+    (work / victim).write_bytes(content[: len(content) // 2])
+    report = uw.composite_video(scene, out, backend="reference")
+    assert ("first pass" in report.stage_s) == (damage == "facts")
+    assert _packets(out) == _packets(whole)
+
+
+def test_an_output_that_appears_meanwhile_is_not_replaced(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+
+    def foreign(done: int, total: int | None) -> None:
+        if done == total:
+            out.write_text("mine")
+
+    with pytest.raises(OutputExistsError, match="meanwhile"):
+        uw.composite_video(scene_of(dive), out, backend="reference", progress=foreign)
+    assert out.read_text() == "mine"
+    report = uw.composite_video(scene_of(dive), out, backend="reference", overwrite=True)
+    assert report.kept_frames == 8
+
+
+def test_a_second_run_to_the_same_output_is_refused(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    refused: list[str] = []
+
+    def again(done: int, total: int | None) -> None:
+        if done == 4 and total == 8 and not refused and (work_path(out) / "facts.npz").exists():
+            with pytest.raises(OutputExistsError, match="another run") as error:
+                uw.composite_video(scene_of(dive), out, backend="reference")
+            refused.append(str(error.value))
+
+    report = uw.composite_video(scene_of(dive), out, backend="reference", progress=again)
+    assert refused
+    assert report.frames == 8
+
+
+def test_files_with_names_like_temporary_ones_are_left_alone(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    victim = tmp_path / "victim.txt"
+    victim.write_text("precious")
+    (tmp_path / "out.mp4.part").symlink_to(victim)
+    uw.composite_video(scene_of(dive), out, backend="reference", frames=(0, 1))
+    assert victim.read_text() == "precious"
+    assert (tmp_path / "out.mp4.part").is_symlink()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.mp4", "out.mp4.part", "victim.txt"]
+
+
+def test_several_frames_into_one_still_are_refused_before_rendering(dive: SampleDive, tmp_path: Path) -> None:
+    with pytest.raises(uw.VideoError, match="one picture cannot hold several frames"):
+        uw.composite_video(scene_of(dive), tmp_path / "out.png", backend="reference")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills a process")
+def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path) -> None:
+    out, whole = tmp_path / "out.mp4", tmp_path / "whole.mp4"
+    arguments = [sys.executable, "-m", "mr360uw", "composite", str(dive.scene)]
+    options = ["--backend", "reference", "--set", TWO_FRAMES, "--set", "output.threads=1"]
+    running = subprocess.Popen([*arguments, str(out), *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while len(list(work_path(out).glob("*.npy"))) < 2 and running.poll() is None:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGKILL)
+    running.wait(timeout=60)
+    assert stale_work(tmp_path) == [work_path(out)]
+    done = subprocess.run([*arguments, str(out), *options], capture_output=True, text=True, check=True)
+    assert "of them were there already" in done.stdout
+    subprocess.run([*arguments, str(whole), *options], capture_output=True, check=True)
+    assert _packets(out) == _packets(whole)
+
+
+def test_clean_removes_what_stopped_runs_left(dive: SampleDive, tmp_path: Path) -> None:
+    stopped(scene_of(dive), tmp_path / "out.mp4", 6)
+    command = [sys.executable, "-m", "mr360uw", "clean", str(tmp_path)]
+    listed = subprocess.run([*command, "--dry-run"], capture_output=True, text=True, check=True).stdout
+    assert "found" in listed
+    assert work_path(tmp_path / "out.mp4").is_dir()
+    subprocess.run(command, capture_output=True, check=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bounds_are_cut_at_the_same_places_whatever_the_range() -> None:
+    assert segment_bounds(3, 11, 4) == [(3, 4), (4, 8), (8, 11)]
+    assert segment_bounds(4, 8, 4) == [(4, 8)]
+    assert segment_bounds(0, 3, 4) == [(0, 3)]
+    assert joined_bounds([(0, 2), (2, 4), (6, 8)]) == [(0, 4), (6, 8)]
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 3, 1, 2, 5, 4], [0, 4, 2, 1, 3, 8, 6, 5, 7]])
+def test_decoding_stamps_rise_and_never_come_after_presentation(order: list[int]) -> None:
+    pts = 1001 * np.array(order) + 77
+    dts = decoding_stamps(pts)
+    assert np.all(np.diff(dts) > 0)
+    assert np.all(dts <= pts)
+    assert np.any(dts == pts)

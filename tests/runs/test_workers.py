@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several processes make the same frames as one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.runs.work_folder import work_path
+from mr360uw.sample import SampleDive
+from mr360uw.scene import Scene
+from mr360uw.scene.model import load_scene
+
+LOSSLESS = ["output.segment_s=0.08", "output.codec=ffv1"]
+
+
+@pytest.fixture
+def scene(dive: SampleDive) -> Scene:
+    return load_scene(dive.scene, LOSSLESS)
+
+
+def pictures(path: Path) -> list[np.ndarray]:
+    with uw.open_video(path) as video:
+        return [frame.pixels.y.copy() for frame in video.frames()]
+
+
+@pytest.fixture(scope="module")
+def alone(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
+    """The pictures of a run by one process."""
+    out = tmp_path_factory.mktemp("alone") / "out.mkv"
+    uw.composite_video(load_scene(dive.scene, LOSSLESS), out, backend="reference")
+    return pictures(out)
+
+
+def test_two_workers_make_the_same_frames_as_one_process(scene: Scene, alone: list[np.ndarray], tmp_path: Path) -> None:
+    out = tmp_path / "out.mkv"
+    seen: list[int] = []
+    report = uw.composite_video(scene, out, backend="reference", workers=2, progress=lambda done, _: seen.append(done))
+    assert report.workers == 2
+    assert seen[-8:] == list(range(1, 9))
+    np.testing.assert_array_equal(pictures(out), alone)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills a process")
+def test_the_part_of_a_worker_that_dies_is_given_to_another(
+    scene: Scene, alone: list[np.ndarray], tmp_path: Path
+) -> None:
+    import psutil
+
+    out, killed = tmp_path / "out.mkv", []
+
+    def kill_one(done: int, total: int | None) -> None:
+        workers = [p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline())]
+        if not killed and workers and (work_path(out) / "facts.npz").exists():
+            killed.append(workers[0].pid)
+            os.kill(workers[0].pid, signal.SIGKILL)
+
+    uw.composite_video(scene, out, backend="reference", workers=2, progress=kill_one)
+    assert killed
+    np.testing.assert_array_equal(pictures(out), alone)
+
+
+def test_an_error_in_a_worker_is_that_of_the_run(dive: SampleDive, tmp_path: Path) -> None:
+    with pytest.raises(uw.ParameterError, match="workers"):
+        uw.composite_video(load_scene(dive.scene, LOSSLESS), tmp_path / "out.mkv", workers=0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_cluster_makes_the_same_frames(scene: Scene, alone: list[np.ndarray], tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="needs mr360uw[farm]")
+    out = tmp_path / "out.mkv"
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        report = uw.composite_video(scene, out, backend="reference", cluster=cluster.scheduler_address)
+    assert report.workers == 2
+    np.testing.assert_array_equal(pictures(out), alone)
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(scene: Scene, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="needs mr360uw[farm]")
+    with pytest.raises(uw.ParameterError, match="scheduler"):
+        uw.composite_video(scene, tmp_path / "out.mkv", cluster="tcp://127.0.0.1:9")
+    assert list(tmp_path.iterdir()) == []
