@@ -1,6 +1,7 @@
 from . import caustics, composite, ibl, medium, video
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
-from .pipeline import FrameResult, Report, composite_video, render_frame
+from .pipeline import FrameResult, composite_video, render_frame
+from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .types import CausticStack, Environment, Layer, Sun

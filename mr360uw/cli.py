@@ -10,10 +10,11 @@ import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from mr360uw.arguments import frame_range, worker_count
 from mr360uw.errors import Mr360uwError, ParameterError
 
 app = typer.Typer(
@@ -70,30 +71,6 @@ def main() -> None:
         if done.code == _INTERRUPTED:
             typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
         raise
-
-
-def frame_range(text: str | None) -> tuple[int, int | None]:
-    """Return (start, stop) of 'a:b'; a single number k means k:k+1."""
-    if text is None:
-        return 0, None
-    head, colon, tail = text.partition(":")
-    try:
-        start = int(head) if head else 0
-        stop = (int(tail) if tail else None) if colon else start + 1
-    except ValueError:
-        raise ParameterError(f"--frames - is not a range (got {text!r}) - write a:b, as in 0:48") from None
-    if start < 0 or (stop is not None and stop <= start):
-        raise ParameterError(f"--frames - is empty or negative (got {text!r}) - write a:b with 0 <= a < b")
-    return start, stop
-
-
-def worker_count(text: str) -> int | Literal["auto"]:
-    """Return the number of processes of `--workers`."""
-    if text == "auto":
-        return "auto"
-    if not text.isdecimal() or int(text) < 1:
-        raise ParameterError(f"--workers - is no number of processes (got {text!r}) - give 1 or more, or auto")
-    return int(text)
 
 
 @app.command()
@@ -168,17 +145,12 @@ def clean(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only list them")] = False,
 ) -> None:
     """Remove the finished parts of runs that were stopped, in FOLDER; runs in progress keep theirs."""
-    import shutil
-
-    from mr360uw.runs.work_folder import stale_work
+    from mr360uw.runs.work_folder import remove_stale
 
     if not folder.is_dir():
         raise ParameterError(f"{folder} - is no folder - name the one that the outputs are in")
-    for path in stale_work(folder):
-        size = sum(file.stat().st_size for file in path.iterdir())
-        if not dry_run:
-            shutil.rmtree(path)
-        typer.echo(f"{'found' if dry_run else 'removed'} {path} ({size / 1e6:.1f} MB)")
+    for line in remove_stale(folder, dry_run=dry_run):
+        typer.echo(line)
 
 
 @app.command()

@@ -8,7 +8,6 @@ A video is made in parts that are kept until all are there: see `mr360uw.runs`; 
 from __future__ import annotations
 
 import itertools
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,7 +17,8 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
-from mr360uw.farm.job import Crew, Job, OpenJob, Part
+from mr360uw.farm.crew import make_crew
+from mr360uw.farm.job import Job, OpenJob, Part
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipFacts, first_pass
@@ -27,7 +27,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_pattern import calm_series
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.frame_range import RunTimes
-from mr360uw.runs.report import Report
+from mr360uw.runs.run_report import Report
 from mr360uw.runs.sinks import joined_bounds, segment_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import keep_inputs, open_plate
@@ -112,49 +112,44 @@ def composite_video(
     finished parts lie in a folder beside it: the same call goes on after a run that was stopped, unless `fresh`.
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead.
-    progress: is called over the clip an extra time if there is a first pass.
-
-    Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
-    sequences the pictures that were complete.
+    progress: is called over the clip an extra time if there is a first pass. Raises `VideoError`, `OutputExistsError`,
+    `SceneError`, `MeshError`, `ParameterError`; then no output is there, of sequences the pictures that were complete.
     """
     began, target = time.perf_counter(), Path(out).absolute()
     pattern = None if layers is None else _layers_pattern(Path(layers).absolute(), target)
     keep_inputs(scene, target, *([] if pattern is None else [pattern]))
     with open_plate(scene) as video:
         span = video.check_range(*frames)
-        parts = _parts(target, video, scene, span, overwrite=overwrite)
+        parts, total = _parts(target, video, scene, span, overwrite=overwrite), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         loaded.check(span[1])
         renderer, fallback = make_backend(backend)
-        crew = _crew(workers, cluster, len(parts))
+        crew = make_crew(workers, cluster, len(parts))
         inputs = input_fingerprints(scene)
         with work_folder(target, work_keys(scene, inputs, renderer.name), fresh=fresh) as work:
             if not (work.resumed or overwrite):
                 _check_pictures(target, pattern)
             left, times, doubts = _left(work, target, parts), RunTimes(), tuple[str, ...]()
-            kept = span[1] - span[0] - sum(stop - start for start, stop in left)
+            kept = total - sum(stop - start for start, stop in left)
             if left:
                 doubts = _find_facts(loaded, video, work, times, progress).notes
                 job = Job(scene, target, work, renderer.name, pattern, tuple(left))
-                done = _counted(progress, kept, span[1] - span[0])
-                if crew is None:
-                    opened = OpenJob(job, video, loaded, renderer)
-                    for start, stop in joined_bounds(left):
-                        times.merge(opened.render(start, stop, done))
-                else:
-                    times.merge(crew.render(job, done))
+                done = _counted(progress, kept, total)
+                opened = OpenJob(job, video, loaded, renderer)
+                times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = _completed(work, target, video, scene, parts, overwrite=overwrite)
+    plan = loaded.plan
     return Report(
         out=Path(out),
-        frames=span[1] - span[0],
+        frames=total,
         backend=renderer.name,
         device=renderer.device,
-        plan=loaded.plan,
+        plan=plan,
         seconds=time.perf_counter() - began,
         stage_s=times.seconds,
         notes=(*loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
-        empty_frames=times.empty if loaded.plan.layer.runs else 0,
-        sunless_frames=times.sunless if loaded.plan.sun.runs else 0,
+        empty_frames=times.empty if plan.layer.runs else 0,
+        sunless_frames=times.sunless if plan.sun.runs else 0,
         kept_frames=kept,
         workers=1 if crew is None else crew.count,
         inputs=inputs,
@@ -203,22 +198,6 @@ def _left(work: WorkFolder, out: Path, parts: list[Part]) -> list[Part]:
     return [part for part in parts if part not in done]
 
 
-def _crew(workers: int | Literal["auto"], cluster: str | None, parts: int) -> Crew | None:
-    """Return the processes that render, or None for this one alone."""
-    if cluster is not None:
-        from mr360uw.farm.cluster import ClusterCrew
-
-        return ClusterCrew(cluster)
-    if workers != "auto" and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise ParameterError(f"workers - must be a number of processes or auto (got {workers!r}) - give 1 or more")
-    count = max(1, (os.cpu_count() or 2) // 2) if workers == "auto" else workers
-    if min(count, parts) == 1:
-        return None
-    from mr360uw.farm.workers import WorkerCrew
-
-    return WorkerCrew(min(count, parts))
-
-
 def _find_facts(
     loaded: Loaded, video: VideoReader, work: WorkFolder, times: RunTimes, progress: Progress | None
 ) -> ClipFacts:
@@ -233,6 +212,14 @@ def _find_facts(
     work.keep_facts(facts)
     times.add("first pass", since)
     return facts
+
+
+def _alone(opened: OpenJob, done: Callable[[], None]) -> RunTimes:
+    """Render all parts of a job in this process; return what it took."""
+    times = RunTimes()
+    for start, stop in joined_bounds(list(opened.job.parts)):
+        times.merge(opened.render(start, stop, done))
+    return times
 
 
 def _counted(progress: Progress | None, kept: int, total: int) -> Callable[[], None]:

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 from mr360uw.errors import ParameterError
 from mr360uw.farm.job import Job, OpenJob, Part
@@ -18,28 +20,25 @@ _RETRIES = 1
 
 @dataclass(frozen=True, slots=True)
 class ClusterCrew:
-    """The workers of a Dask scheduler at an address such as "tcp://farm:8786"; count: how many there are.
-
-    Raises `ParameterError` where Dask is not installed or no scheduler answers.
-    """
+    """The `count` workers of a Dask scheduler at an address such as "tcp://farm:8786"."""
 
     address: str
-    count: int = field(init=False)
+    count: int
 
-    def __post_init__(self) -> None:
-        with _client(self.address) as client:
-            object.__setattr__(self, "count", max(1, len(client.scheduler_info(n_workers=-1)["workers"])))
+    @classmethod
+    def at(cls, address: str) -> ClusterCrew:
+        """Return the workers of a scheduler; `ParameterError` where Dask is not installed or no scheduler answers."""
+        with _client(address) as client:
+            return cls(address, max(1, len(client.scheduler_info(n_workers=-1)["workers"])))
 
     def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
         """Render all parts of a job; done: is called for every frame of a part that is complete."""
-        from distributed import as_completed
-
         times = RunTimes()
         with _client(self.address) as client:
             futures = client.map(
                 functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
             )
-            for _, found in as_completed(futures, with_results=True):
+            for _, found in _distributed().as_completed(futures, with_results=True):
                 times.merge(found)
                 for _ in range(found.frames):
                     done()
@@ -56,14 +55,18 @@ def _opened(job: Job, thread: int) -> OpenJob:  # noqa: ARG001 - a renderer belo
     return OpenJob(job)
 
 
-def _client(address: str):  # type: ignore[no-untyped-def, unused-ignore]
+def _client(address: str) -> Any:
+    """Return a connection to a scheduler, to be used in a `with` block."""
     try:
-        from distributed import Client
-    except ImportError as error:
-        raise ParameterError("--dask - Dask is not installed - pip install 'mr360uw[farm]'") from error
-    try:
-        return Client(address, timeout=10)
+        return _distributed().Client(address, timeout=10)
     except (OSError, ValueError) as error:
         raise ParameterError(
             f"--dask - no scheduler answers (got {address!r}: {error}) - start one: dask scheduler; dask worker ADDRESS"
         ) from error
+
+
+def _distributed() -> Any:
+    try:
+        return importlib.import_module("distributed")
+    except ImportError as error:
+        raise ParameterError("--dask - Dask is not installed - pip install 'mr360uw[farm]'") from error

@@ -45,7 +45,9 @@ class Job:
 class Crew(Protocol):
     """Processes that render the parts of a job."""
 
-    count: int
+    @property
+    def count(self) -> int:
+        """Number of processes."""
 
     def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
         """Render all parts of a job; done: is called after every frame. Raises what a process raised."""

@@ -62,7 +62,8 @@ class RangeRenderer:
 
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
         """Render frames [start, stop) into a sink; done: is called after each."""
-        with one_blas_thread(), sink, Behind(lambda stages: self._write(stages, sink)) as behind:
+        behind: Behind[Stages] = Behind(lambda stages: self._write(stages, sink))
+        with one_blas_thread(), sink, behind:
             for stages in prefetch(self._read(start, stop)):
                 since = time.perf_counter()
                 next(stages)

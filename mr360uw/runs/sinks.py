@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 from mr360uw.runs.work_folder import WorkFolder
@@ -15,16 +16,15 @@ from mr360uw.video.write.writer import VideoWriter
 def segment_bounds(start: int, stop: int, length: int) -> list[tuple[int, int]]:
     """Return the parts [a, b) of a range: cut at multiples of `length`, so that ranges share the parts inside them."""
     cuts = [start, *range((start // length + 1) * length, stop, length), stop]
-    return list(zip(cuts, cuts[1:], strict=False))
+    return list(itertools.pairwise(cuts))
 
 
 def joined_bounds(parts: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return ascending parts with those that follow each other made one."""
     found: list[tuple[int, int]] = []
     for start, stop in parts:
-        if found and found[-1][1] == start:
-            start = found.pop()[0]
-        found.append((start, stop))
+        follows = bool(found) and found[-1][1] == start
+        found.append((found.pop()[0] if follows else start, stop))
     return found
 
 

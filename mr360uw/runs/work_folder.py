@@ -27,9 +27,10 @@ _LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "facts.npz", "pictures"
 
 @dataclass(frozen=True, slots=True)
 class WorkFolder:
-    """Work of one run, or of a killed one that it continues. keys: what it depends on. notes: what of it was kept or is done again.
+    """Work of one run, or of a killed one that it continues.
 
-    resumed: whether a run to this output was killed before; then pictures that are there may be its own.
+    keys: what it depends on. notes: what of it was kept or is done again. resumed: whether a run to this output was
+    killed before; then pictures that are there may be its own.
     """
 
     path: Path
@@ -124,6 +125,17 @@ def _stored_keys(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
+    """Remove the work folders in a folder that no run holds, or only list them; return a line for each."""
+    lines = []
+    for path in stale_work(where):
+        size = sum(file.stat().st_size for file in path.iterdir())
+        if not dry_run:
+            shutil.rmtree(path)
+        lines.append(f"{'found' if dry_run else 'removed'} {path} ({size / 1e6:.1f} MB)")
+    return lines
 
 
 def stale_work(where: Path) -> list[Path]:

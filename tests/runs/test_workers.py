@@ -55,7 +55,7 @@ def test_the_part_of_a_worker_that_dies_is_given_to_another(
 
     out, killed = tmp_path / "out.mkv", []
 
-    def kill_one(done: int, total: int | None) -> None:
+    def kill_one(done: int, total: int | None) -> None:  # noqa: ARG001 - as progress is called
         workers = [p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline())]
         if not killed and workers and (work_path(out) / "facts.npz").exists():
             killed.append(workers[0].pid)

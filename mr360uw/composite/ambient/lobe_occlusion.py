@@ -36,7 +36,9 @@ def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray
     none. begin: where the body's lookouts begin among all.
     """
     others = np.repeat(np.arange(len(cosine)), np.diff(look.sites.indptr))
-    parts = [(others, look.way, look.sites.indices + 1, look.sites.data / cosine[others, look.way])]
+    parts: list[tuple[Any, ...]] = [
+        (others, look.way, look.sites.indices + 1, look.sites.data / cosine[others, look.way])
+    ]
     if node is not None:
         site, way = np.nonzero((node >= 0) & (cosine > look.lost))
         parts.append((site, way, -node[site, way] - 1, 1.0 - look.lost[site, way] / cosine[site, way]))

@@ -90,7 +90,7 @@ class Transfer:
         plain = self.cosine[self.lookouts.site]
         shape = (len(self.cosine), len(self.lookouts.site))
         if not shadow or len(own.site) == 0:
-            return OwnView(None, csr_matrix(shape, dtype=np.float32), open_, plain, plain)
+            return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), open_, plain, plain)
         open_[own.site, own.direction] = False
         weight = self.cosine[own.site, own.direction]
         sites = csr_matrix((weight, (own.site, self.lookouts.of[own.hit])), shape=shape)
