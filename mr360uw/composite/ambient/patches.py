@@ -3,8 +3,10 @@
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
 falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
-itself is within it. The finest squares across the outline of a body that stands on the ground take the values outside:
-what is below the body is not visible. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
+itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
+
+At the outline of a body on the ground the light jumps. Samples just below the body take the value beside it, so that
+the dark below, which is not visible, does not reach out into the last pixels of visible ground.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ _FINEST = 0.5
 _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 """Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
 _OUTLINE = 0.25
-"""Change of the blocked fraction within a square of the finest from which on it lies across an outline. Twice as large
+"""Least range of the blocked fraction within a smallest square that is taken for a jump at an outline. Twice as large
 leaves dark pixels around bodies; half as large brightens steep shadows."""
 _AT = 0.25 * np.arange(3) + 0.5 * np.arange(2)[:, None]
 _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), _AT * (2.0 * _AT - 1.0)], axis=-1)
@@ -55,7 +57,8 @@ class Patches:
     """Nested squares. low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of
     them. child: (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
 
-    place: (samples, 3) [m] in the world; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
+    place: (samples, 3) [m] in the world; blocked: there. below, beside: (m,) samples below bodies at outlines, and for
+    each the nearest that is not. hanging, leaf, at: of `patch_kernel.set_hanging`.
     """
 
     low: Floats
@@ -66,13 +69,16 @@ class Patches:
     sample: NDArray[np.int32]
     place: Floats
     blocked: SkyWeights
+    below: NDArray[np.int32]
+    beside: NDArray[np.int32]
     hanging: NDArray[np.int64]
     leaf: NDArray[np.int64]
     at: Floats
 
     def joined(self, values: Floats) -> Floats:
-        """Return values at the samples (samples, k) as the patches need them, so that they meet without a step."""
+        """Return values (samples, k) for `between`: continued below outlines, and without steps between patches."""
         values = values.copy()
+        values[self.below] = values[self.beside]
         set_hanging(self.hanging, self.leaf, self.at, self.kind, self.sample, values)
         return values
 
@@ -135,10 +141,9 @@ class _Builder:
         weights = np.concatenate([part.weights for part in self._parts])
         blocked = SkyWeights(weights, np.concatenate([part.share for part in self._parts], axis=1))
         jumps = np.flatnonzero((kind == JUMP_PATCH) & (child < 0))
-        sample[jumps] = _outside(sample[jumps], blocked.share.sum(axis=0))
-        return Patches(
-            self._low, self._root_m, self._roots, child, kind, sample, self._place, blocked, hanging, leaf, at
-        )
+        below, beside = _beside_outlines(sample[jumps], blocked.share.sum(axis=0))
+        squares = self._low, self._root_m, self._roots, child, kind, sample, self._place
+        return Patches(*squares, blocked, below, beside, hanging, leaf, at)
 
     def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
         """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
@@ -192,19 +197,24 @@ class _Builder:
         return hanging, leaf[hanging, 0], at[hanging]
 
 
-def _outside(sample: NDArray[np.int32], share: Floats) -> NDArray[np.int32]:
-    """Return samples (n, 9) of squares, across outlines each below a body replaced by the nearest that is not.
+def _beside_outlines(sample: NDArray[np.int32], share: Floats) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return samples that lie below bodies at their outlines (m,), and for each the nearest that does not (m,).
 
-    share: (samples,) blocked fraction. Below a body are those in the upper half of its range within the square.
+    sample: (n, 9) of squares. share: (samples,) blocked fraction; across an outline, samples in the upper half of its
+    range within the square are those below.
     """
     low, high = share[sample].min(axis=1, initial=np.inf), share[sample].max(axis=1, initial=0.0)
-    across = np.flatnonzero(high - low > _OUTLINE)
-    outside = share[sample[across]] <= 0.5 * (low + high)[across, None]
-    moved, (row, column) = sample.copy(), np.divmod(np.arange(9), 3)
-    for k in range(9):
-        nearest = np.argsort((row - row[k]) ** 2 + (column - column[k]) ** 2, kind="stable")
-        moved[across, k] = sample[across, nearest[np.argmax(outside[:, nearest], axis=1)]]
-    return moved
+    across = sample[high - low > _OUTLINE]
+    outside = share[across] <= 0.5 * (low + high)[high - low > _OUTLINE, None]
+    row, column = np.divmod(np.arange(9), 3)
+    away = (row[:, None] - row) ** 2 + (column[:, None] - column) ** 2
+    far = np.where(outside[:, None], away, 9)  # (n, below, beside)
+    square, k = np.nonzero(~outside)
+    nearest = np.argmin(far[square, k], axis=1)
+    below, beside = across[square, k], across[square, nearest]
+    order = np.lexsort((beside, away[k, nearest], below))
+    below, first = np.unique(below[order], return_index=True)
+    return below, beside[order][first]
 
 
 def _plans(layout: Layout, ground_y: float) -> Floats:

@@ -37,7 +37,8 @@ def trace_samples(
     """Return layers (triangle (n, s), distance (n, s) [m]) hit by the samples of pixels; triangle -1 for no hit.
 
     x, y: (n,) columns and rows of the pixels. Layers of blended surfaces come first, the nearest first; the last layer
-    holds the opaque surfaces, also if there are none. Rays pass through masked-out texels and back faces of one-sided materials.
+    holds the opaque surfaces, even if there are none. Rays pass through masked-out texels and back faces of one-sided
+    materials.
     """
     count, n = len(x), samples.count
     fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
