@@ -31,7 +31,7 @@ from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
 from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
-from mr360uw.composite.sampling import Pattern, pattern
+from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps, Pattern, find_gaps, join_gaps, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
 from mr360uw.types import Floats, Layer, Rectangle, Tile
@@ -86,11 +86,11 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     drawn = []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
-        draw_objects(
+        gaps = draw_objects(
             shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
         )
         if shape is not None:
-            draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width))
+            draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
         drawn.append(hold_out(shot, tile))
     return Layer(shot.view.height, shot.view.width, tuple(drawn))
 
@@ -118,8 +118,12 @@ def draw_objects(
     tile: Tile,
     where: NDArray[np.bool_],
     frame: AovFrame | None,
-) -> None:
-    """Composite the objects into the marked pixels (h, w) of a tile, and into a frame of output variables if given."""
+) -> Gaps:
+    """Composite the objects into the marked pixels (h, w) of a tile, and into a frame of output variables if given.
+
+    Returns the uncovered parts of pixels that opaque surfaces cover partly.
+    """
+    gaps: list[Gaps] = []
     samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
@@ -128,7 +132,9 @@ def draw_objects(
         x, y = i + tile.column, j + tile.row
         radiance, alpha = np.zeros((len(i), 3)), np.zeros(len(i))
         distance = np.full(len(i), np.inf)
-        for layer in trace_samples(shot, geometry, scene, samples, x, y):
+        layers = trace_samples(shot, geometry, scene, samples, x, y)
+        gaps.append(find_gaps(samples, y, x, layers[-1][0] >= 0))
+        for layer in layers:
             through = (1.0 - alpha).copy()
             for fragment in light_up(shot, geometry, sources, light, samples, x, y, *layer, parts=frame is not None):
                 p = fragment.pixel
@@ -139,6 +145,7 @@ def draw_objects(
                 alpha[p] += share
                 np.minimum.at(distance, p, fragment.distance_m)
         tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance
+    return join_gaps(gaps)
 
 
 def add_to_frame(
@@ -193,17 +200,28 @@ def draw_receiver(
     light: AmbientLight | None,
     tile: Tile,
     where: NDArray[np.bool_],
+    gaps: Gaps = NO_GAPS,
 ) -> None:
-    """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile."""
+    """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile.
+
+    Each pixel takes those at its centre, or in its gap: where bodies cover the centre the receiver is not visible.
+    """
     assert shot.receiver is not None
     rows, columns = np.nonzero(where)
     if len(rows) == 0:
         return
-    x, y = columns + tile.column + 0.5, rows + tile.row + 0.5
-    distance, normal = shape.meet(shot, x, y)
+    number = np.full(where.shape, -1)
+    number[gaps.row - tile.row, gaps.column - tile.column] = np.arange(len(gaps.row))
+    gap = number[rows, columns]
+    place = np.stack([columns + tile.column, rows + tile.row], axis=-1) + 0.5
+    place[gap >= 0] = gaps.place[gap[gap >= 0]]
+    area = np.tile(WHOLE_PIXEL, (len(rows), 1))
+    area[gap >= 0] = gaps.area[gap[gap >= 0]]
+    distance, normal = shape.meet(shot, *place.T)
     hit = np.isfinite(distance)
-    rows, columns, distance, normal = rows[hit], columns[hit], distance[hit], normal[hit]
-    direction = shot.view.directions(x[hit], y[hit])
+    rows, columns, distance, normal, area = rows[hit], columns[hit], distance[hit], normal[hit], area[hit]
+    x, y = place[hit].T
+    direction = shot.view.directions(x, y)
     _, veil = water_ahead(shot, distance, direction[:, 1])
     plate = None
     if shot.pattern is not None:
@@ -211,7 +229,7 @@ def draw_receiver(
         plate = shown, calm, veil
     point = direction * distance[:, None]
     free = free_of_bodies(shot, light, point, normal, Cache())
-    sides = pixel_footprint(shot.view, x[hit], y[hit], point, normal).sides
+    sides = pixel_footprint(shot.view, x, y, point, normal, area).sides
     ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate, sides)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]

@@ -12,6 +12,7 @@ different rows: edges of every direction get n levels of coverage. Where n is od
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,14 @@ BLEND_LAYERS = 4
 
 WHOLE_PIXEL = (0.0, 0.0, 1.0, 0.0, 1.0)
 """The area of a whole pixel about its centre, as in `frame_areas`."""
+
+_PART_OF_GAP = 1.0 / 3.0
+"""Width over which the receiver's shadow is averaged in a partly covered pixel, in widths of its uncovered part. Twice
+as large reaches below the body where that part is a triangle; a point makes shadow edges jagged."""
+
+_CLEAR = 0.25
+"""Distance [pixels] within which few samples around a gap's place are to be covered. Twice as large: the place moves to
+the pixel's border; half as large: the averaged area reaches below the body."""
 
 _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4), 65: (8, 1)}
 
@@ -73,11 +82,17 @@ def frame_from_grid(x: ArrayLike, y: ArrayLike, a: int, b: int) -> tuple[Floats,
     return (a * x + b * y) / n, (a * y - b * x) / n
 
 
-def nearest_to_mean(samples: Pattern, member: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the index (n,) of the member nearest to the mean of members (n, s), in integers: ties are exact."""
+def nearest_to_mean(
+    samples: Pattern, member: NDArray[np.bool_], among: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
+    """Return the index (n,) of the sample nearest to the mean of members (n, s), in integers: ties are exact.
+
+    among: (n, s) samples that may be taken, the members if not given.
+    """
     x, y = samples.cells.T.astype(np.float64)
     count, sum_x, sum_y = (member @ np.stack([np.ones_like(x), x, y], axis=-1)).T[..., None]
-    return np.argmin(np.where(member, count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y), np.inf), axis=1)
+    of = member if among is None else among
+    return np.argmin(np.where(of, count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y), np.inf), axis=1)
 
 
 def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np.int64]) -> Floats:
@@ -96,6 +111,49 @@ def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np
     scale = np.sqrt(12.0 / (xx + yy + 2.0 * root))
     offset = np.stack([mean_x, mean_y], axis=-1) - samples.positions[nearest]
     return np.concatenate([offset, np.stack([xx + root, xy, yy + root], axis=-1) * scale[:, None]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaps:
+    """Uncovered parts of n pixels that opaque surfaces cover partly.
+
+    row, column: (n,) of the pixels in the frame. place: (n, 2) frame coordinates of an uncovered sample. area: (n, 5)
+    around it over which shadows are averaged, in the form of `frame_areas`.
+    """
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    place: Floats
+    area: Floats
+
+    def some(self, chosen: NDArray[np.int64]) -> Gaps:
+        """Return the gaps of some indices."""
+        return Gaps(self.row[chosen], self.column[chosen], self.place[chosen], self.area[chosen])
+
+
+NO_GAPS = Gaps(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 5)))
+
+
+def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64], covered: NDArray[np.bool_]) -> Gaps:
+    """Return the gaps of pixels (n,) of which opaque surfaces cover some samples (n, s).
+
+    Of the uncovered samples with the fewest covered ones around them, the place is that nearest to the mean of all
+    uncovered ones. The mean itself may lie below the body.
+    """
+    partly = np.flatnonzero(covered.any(axis=1) & ~covered.all(axis=1))
+    row, column, free = row[partly], column[partly], ~covered[partly]
+    apart = np.sum((samples.positions[:, None] - samples.positions) ** 2, axis=-1)
+    around = np.where(free, ~free @ (apart <= _CLEAR**2).astype(np.float64), np.inf)
+    nearest = nearest_to_mean(samples, free, around == around.min(axis=1, keepdims=True))
+    area = _PART_OF_GAP * frame_areas(samples, free, nearest)
+    area[:, :2] = 0.0
+    return Gaps(row, column, np.stack([column, row], axis=-1) + samples.positions[nearest], area)
+
+
+def join_gaps(parts: Sequence[Gaps]) -> Gaps:
+    """Return the gaps of several sets of pixels as one."""
+    names = ("row", "column", "place", "area")
+    return Gaps(*(np.concatenate([getattr(part, name) for part in [NO_GAPS, *parts]]) for name in names))
 
 
 def filter_width(samples: int, shading: str) -> float:

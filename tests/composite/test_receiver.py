@@ -16,12 +16,13 @@ from mr360uw.composite.lighting.footprint import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
+from mr360uw.composite.over import over
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
-from mr360uw.types import Environment, Floats
+from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, caustics, changed, codes, environment, medium, placed, quad, shot, sphere
 
@@ -66,6 +67,15 @@ def wrong_codes(got: Floats, expected: Floats) -> Floats:
     return np.abs(codes(0.4 * got) - codes(0.4 * expected)).max(axis=-1)
 
 
+def at_steps(layer: Layer, expected: Floats) -> Floats:
+    """Return a layer's ratio at every fifth row and column; the expected one where bodies cover part of the pixel.
+
+    There the layer has the ratio in the pixel's gap, not at its centre.
+    """
+    free = layer.alpha[::STEP, ::STEP, None] == 0.0
+    return np.where(free, layer.ratio[::STEP, ::STEP], expected)
+
+
 def assert_agrees(got: Floats, expected: Floats) -> None:
     """Assert that ratios (..., 3) agree, over all and where there is a change."""
     wrong, change = wrong_codes(got, expected), wrong_codes(np.ones_like(expected), expected)
@@ -84,7 +94,8 @@ def test_blocks_tell_their_pixels(
     bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.1, -0.95, 1.6), (25, 0, 0))
     floor = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
     scene = shot(*bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng), receiver=floor)
-    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+    expected, _ = pixelwise(scene)
+    assert_agrees(at_steps(renderer.render(scene), expected), expected)
 
 
 def test_light_that_the_water_scatters_forwards_reaches_around_a_body(sea: Environment) -> None:
@@ -113,7 +124,8 @@ def test_blocks_follow_the_halo_of_the_sun(renderer: LayerRenderer, sea: Environ
     bodies = placed(sphere(), (0.4, -0.3, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
     sun = replace(SUN, half_angle_rad=0.0035)
     scene = shot(*bodies, width=512, environment=sea, medium=medium(), receiver=floor, sun=sun, sun_spread_deg=5.0)
-    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+    expected, _ = pixelwise(scene)
+    assert_agrees(at_steps(renderer.render(scene), expected), expected)
 
 
 @pytest.mark.parametrize("waves", [False, True])
@@ -130,15 +142,32 @@ def test_other_shapes_of_a_plane_give_its_ratio(
     bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
     plane = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
     scene = shot(*bodies, width=512, environment=sea, caustics=caustics(rng), receiver=plane)
-    got = renderer.render(replace(scene, receiver=shapes[kind])).ratio
-    assert_agrees(got[::STEP, ::STEP], pixelwise(scene)[0])
+    expected, _ = pixelwise(scene)
+    assert_agrees(at_steps(renderer.render(replace(scene, receiver=shapes[kind])), expected), expected)
 
 
 @pytest.mark.parametrize("width", [512, 1024])
 def test_a_small_body_is_not_lost_between_corners(renderer: LayerRenderer, sea: Environment, width: int) -> None:
     balls = [placed(sphere(8, radius=0.03), (x, -1.17, -1.5 - 0.3 * k)) for k, x in enumerate((-0.4, 0.0, 0.3))]
     scene = shot(*balls, width=width, environment=sea, receiver=Receiver(plane_y=-1.2))
-    assert_agrees(renderer.render(scene).ratio[::STEP, ::STEP], pixelwise(scene)[0])
+    expected, _ = pixelwise(scene)
+    assert_agrees(at_steps(renderer.render(scene), expected), expected)
+
+
+@pytest.mark.parametrize("kind", ["plane", "mesh"])
+@pytest.mark.parametrize("name", ["reference", "gl"])
+def test_a_flush_card_of_the_grounds_colour_vanishes(renderer: LayerRenderer, name: str, kind: str) -> None:
+    """Ambient light and sun: no dark or bright pixels along its outline, and none around it."""
+    sand = Material(base_color=(0.4, 0.4, 0.4, 1.0), roughness=1.0, refractive_index=1.0)
+    card = placed(box((0.5, 1e-4, 0.4), sand), (0.1, -1.2 + 5e-5, -1.3), (25, 0, 0))
+    a, b, c, e = 20.0 * np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)]) + np.array([0.0, -1.2, 0.0])
+    floor = {"plane": Receiver(plane_y=-1.2), "mesh": Receiver(mesh=np.array([(a, b, c), (a, c, e)]))}[kind]
+    scene = shot(card, environment=environment(0.3), receiver=floor, width=512)
+    layer = (renderer.render if name == "gl" else render_layer)(scene)
+    assert np.sum((layer.alpha > 0.0) & (layer.alpha < 1.0)) > 50
+    lit = np.median(layer.radiance[layer.alpha == 1.0], axis=0)
+    image = over(np.broadcast_to(lit, layer.ratio.shape).astype(np.float32), layer)
+    assert np.abs(image / lit - 1.0).max() <= tol.FLUSH_CARD
 
 
 @pytest.mark.parametrize("name", ["reference", "gl"])

@@ -26,6 +26,9 @@ EDGE_PIXELS = 0.02
 """A place in a frame of 512 columns in single precision, and the arc functions near a pole."""
 FURNACE = 0.005
 """A white body in white light vanishes to within half a per cent."""
+FLUSH_CARD = 0.02
+"""A card of the ground's colour, 0.1 mm thick, on the ground: it differs by its side faces and by its own shadow, 0.014.
+With ratios from the centres of partly covered pixels it is 0.3."""
 POLE_AREA = 0.005
 """Area of a body: facets instead of a round sphere, and finitely many samples at its edge."""
 ROLL_CODES = 1.0

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
 from mr360uw.types import Floats, Tile
 
 
@@ -18,7 +19,7 @@ class Fragments:
 
     row, column: (p,) of the pixels, each once. first: (p,) index of the first piece of each. triangle: (n,) numbers.
     place: (n, 2) frame coordinates at which each piece is shaded. area: (n, 5) of the frame that it represents
-    (`sampling.frame_areas`). weight: (n,) fraction of the pixel's samples.
+    (`sampling.frame_areas`). weight: (n,) fraction of the pixel's samples. gaps: of the pixels covered partly.
     """
 
     row: NDArray[np.int64]
@@ -28,6 +29,7 @@ class Fragments:
     place: Floats
     area: Floats
     weight: Floats
+    gaps: Gaps = NO_GAPS
 
     def __len__(self) -> int:
         return len(self.triangle)
@@ -57,7 +59,7 @@ def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
         for name in ("row", "column", "triangle", "place", "area", "weight")
     }
     first = np.concatenate([part.first + start for part, start in zip(parts, shift[:-1], strict=True)])
-    return Fragments(first=first, **joined)
+    return Fragments(first=first, gaps=join_gaps([part.gaps for part in parts]), **joined)
 
 
 def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:

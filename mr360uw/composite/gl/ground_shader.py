@@ -10,6 +10,7 @@ from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import BRIGHTEST, DARK, FADE_FROM
+from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms, texture_from_array
 from mr360uw.types import Floats
@@ -58,22 +59,48 @@ class GroundShader:
         represent the pixels inside. wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough
         blocks) and, with ROUGH, LAMPS. side: samples along a block.
         """
+        shape = None if _on_plane(shot, wanted) else ground.pixels(shot, j, i)
+        area = np.tile(WHOLE_PIXEL[2:], (len(j), 1))
+        return self._samples(shot, BLOCK * np.stack([i, j], axis=-1), area, halo, shape, wanted, side, BLOCK // side)
+
+    def at_gaps(self, shot: Shot, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> list[NDArray[np.float32]]:
+        """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
+        shape = None
+        if not _on_plane(shot, wanted):
+            point, normal = ground.intersect(shot, *gaps.place.T)
+            shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
+        halo = np.full((len(gaps.place), 4), -1.0)
+        images = self._samples(shot, gaps.place - 0.5, gaps.area[:, 2:], halo, shape, wanted, 1, 1)
+        return [image[:, 0, 0] for image in images]
+
+    def _samples(
+        self,
+        shot: Shot,
+        corner: Floats,
+        area: Floats,
+        halo: Floats,
+        shape: Floats | None,
+        wanted: frozenset[str],
+        side: int,
+        spacing: int,
+    ) -> list[NDArray[np.float32]]:
+        """Return images (n, side, side, k) of blocks of samples `spacing` pixels apart.
+
+        corner: (n, 2) frame coordinates. area: (n, 3) matrix of the area of the frame that each sample represents
+        (`sampling.frame_areas`). shape: (n, side, side, 4) normal and distance; None for a plane.
+        """
         assert shot.receiver is not None
-        rows = -(-len(j) // _BLOCKS_ACROSS)
+        count, rows = len(corner), -(-len(corner) // _BLOCKS_ACROSS)
         width, height = _BLOCKS_ACROSS * side, rows * side
-        blocks, halos = (np.zeros((rows * _BLOCKS_ACROSS, k), np.float32) for k in (2, 4))
-        blocks[: len(j)], halos[: len(j)] = BLOCK * np.stack([i, j], axis=-1), halo
+        of_blocks = {"blocks": corner, "areas": area, "halos": halo}
+        textures = {name: texture_from_array(_atlas(a[:, None, None], rows)) for name, a in of_blocks.items()}
+        textures |= self._light.textures
         defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
-        textures = {
-            "blocks": texture_from_array(blocks.reshape(rows, -1, 2)),
-            "halos": texture_from_array(halos.reshape(rows, -1, 4)),
-            **self._light.textures,
-        }
-        if shot.receiver.plane_y is not None and "ROUGH" not in wanted:
+        if shape is None:
             defines |= {"PLANE"}
         else:
-            textures["shape"] = texture_from_array(_atlas(ground.pixels(shot, j, i), rows))
-        numbers: dict[str, int | float] = {"SIDE": side, "SPACING": BLOCK // side, "DARK": DARK, "BRIGHTEST": BRIGHTEST}
+            textures["shape"] = texture_from_array(_atlas(shape, rows))
+        numbers: dict[str, int | float] = {"DARK": DARK, "BRIGHTEST": BRIGHTEST}
         if "LAMPS" in wanted:
             numbers["LAMPS"] = self._light.defines["LAMPS"]
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers})
@@ -84,6 +111,8 @@ class GroundShader:
             shader,
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
+            side=side,
+            spacing=float(spacing),
             plane_height=(shot.receiver.plane_y or 0.0) - float(shot.view.position[1]),
             fade=(FADE_FROM * extent, extent),
         )
@@ -93,7 +122,12 @@ class GroundShader:
             channels = (4,) if "CAUSTICS" in wanted else (1,)
         name = f"receiver {len(channels)} {channels[0]}"
         self._targets.draw(shader, name, width, height, channels)
-        return [_images_of_atlas(image, len(j)) for image in self._targets.read(name, width, height)]
+        return [_images_of_atlas(image, count, side) for image in self._targets.read(name, width, height)]
+
+
+def _on_plane(shot: Shot, wanted: frozenset[str]) -> bool:
+    """Return whether receiver.frag intersects rays with the receiver itself: a plane without rough blocks."""
+    return shot.receiver is not None and shot.receiver.plane_y is not None and "ROUGH" not in wanted
 
 
 def _atlas(images: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
@@ -105,8 +139,8 @@ def _atlas(images: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
     return apart.reshape(rows * side, _BLOCKS_ACROSS * side, channels)
 
 
-def _images_of_atlas(atlas: Floats, count: int) -> NDArray[np.float32]:
+def _images_of_atlas(atlas: Floats, count: int, side: int) -> NDArray[np.float32]:
     """Return the first images (count, side, side, k) of an atlas."""
-    side, channels = atlas.shape[1] // _BLOCKS_ACROSS, atlas.shape[-1]
+    channels = atlas.shape[-1]
     apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, channels).transpose(0, 2, 1, 3, 4)
     return np.ascontiguousarray(apart).reshape(-1, side, side, channels)[:count]

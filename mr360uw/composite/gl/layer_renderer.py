@@ -23,6 +23,7 @@ from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.raycast.geometry import object_rectangles
+from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
 from mr360uw.gl.context import gl_context
@@ -68,9 +69,8 @@ class LayerRenderer:
         self._places = _places(ambient)
         self._light.update(shot)
         drawn = [empty_tile(part) for part in tiles]
-        if object_parts:
-            self._objects.draw(shot, drawn, frame, ambient)
-        self._receiver.draw(shot, changes, drawn, ambient)
+        gaps = self._objects.draw(shot, drawn, frame, ambient) if object_parts else NO_GAPS
+        self._receiver.draw(shot, changes, drawn, ambient, gaps)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:

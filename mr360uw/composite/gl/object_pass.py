@@ -26,7 +26,7 @@ from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sampling import filter_width
+from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats, Rectangle, Tile
@@ -61,9 +61,10 @@ class ObjectPass:
         self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
         self._surfaces = SurfacePass(targets, buffers, cache)
 
-    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> None:
+    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> Gaps:
         """Composite the objects of a shot behind the contents of tiles.
 
+        Returns the uncovered parts of pixels that opaque surfaces cover partly.
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
         objects = [placed for placed in shot.objects if placed.visible]
@@ -83,6 +84,7 @@ class ObjectPass:
                 _add_variables(frame, fragments, seen, variables, body)
             color = fragments.sums(np.append(values[:, :3] * share[:, None], share[:, None], axis=1))
             add_behind(tiles, fragments, color, fragments.smallest(values[:, 4]))
+        return layers[-1].gaps
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         key = (shot.view.key, shot.draw.samples, shot.draw.shading, tuple(placed.key for placed in objects))

@@ -30,6 +30,7 @@ from mr360uw.composite.receiver.shape import (
     receiver_rectangles,
     touched_cells,
 )
+from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Rectangle, Tile
 
@@ -67,8 +68,13 @@ class ReceiverPass:
         touched = touched_cells(shot, grid)
         return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
 
-    def draw(self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None) -> None:
-        """Write ratio and veil of the changed parts into the tiles. ambient: solved ambient light among the bodies."""
+    def draw(
+        self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None, gaps: Gaps
+    ) -> None:
+        """Write ratio and veil of the changed parts into the tiles.
+
+        ambient: solved ambient light among the bodies. gaps: of pixels that they cover partly.
+        """
         if changes is None or not changes.rectangles or shot.receiver is None:
             return
         ground = self._ground(shot, shot.receiver)
@@ -76,7 +82,7 @@ class ReceiverPass:
         shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
         ground.load_blocks(shot, blocks)
         lamplit = _blocks(changes.grid, changes.touched.by_lamps, ground)
-        light = self._block_light(shot, ground, blocks, shaded, lamplit, ambient)
+        light = self._block_light(shot, ground, blocks, shaded, lamplit, ambient, gaps)
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
 
@@ -106,6 +112,7 @@ class ReceiverPass:
         shaded: NDArray[np.bool_],
         by_lamps: NDArray[np.bool_],
         ambient: AmbientLight | None,
+        gaps: Gaps,
     ) -> BlockLight:
         receiver = shot.receiver
         assert receiver is not None
@@ -113,7 +120,7 @@ class ReceiverPass:
         lamplit = by_lamps[j, i]
         rough = ground.rough[j, i] | lamplit
         corner = corner_light(shot, ground, blocks, ambient, self._cache)
-        free = free_images(shot, ground, corner, j, i, ambient, self._cache)
+        free = free_images(shot, ground, corner, j, i, ambient, self._cache, gaps)
         edge, umbra, halo = self._see_sun(shot, ground, shaded, corner, j, i)
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)
@@ -137,6 +144,11 @@ class ReceiverPass:
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
             falls, *own = self._shader.pixels(shot, ground, j[which], i[which], halo[which], wanted, side)
+            some, block = ground.gaps_in(gaps, j[which], i[which])
+            if len(block) and side == BLOCK:
+                at = block, some.row % BLOCK, some.column % BLOCK
+                for image, values in zip([falls, *own], self._shader.at_gaps(shot, ground, some, wanted), strict=True):
+                    image[at] = values
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))
             if "CAUSTICS" in wanted:

@@ -29,6 +29,7 @@ from mr360uw.composite.sampling import (
     PLANE_TOLERANCE,
     WHOLE_PIXEL,
     Pattern,
+    find_gaps,
     frame_areas,
     nearest_to_mean,
     pattern,
@@ -140,7 +141,10 @@ class SurfacePass:
         there, first = np.unique(pixel, return_index=True)
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
         area, weight = frame_areas(samples, member, rank), member.mean(axis=1)
-        return Fragments(row[there], column[there], first, entries[:, 0].astype(np.int64) - 1, place, area, weight)
+        covered = np.logical_or.reduceat(member, first, axis=0) if len(pixel) else member
+        gaps = find_gaps(samples, row[there], column[there], covered)
+        numbers = entries[:, 0].astype(np.int64) - 1
+        return Fragments(row[there], column[there], first, numbers, place, area, weight, gaps)
 
     def _by_sample(
         self,
@@ -163,9 +167,9 @@ class SurfacePass:
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
         one = np.array(WHOLE_PIXEL) * samples.count**-0.5
         area, weight = np.tile(one, (len(pixel), 1)), np.full(len(pixel), 1.0 / samples.count)
-        return Fragments(
-            row[there], column[there], first, triangle[pixel, rank].astype(np.int64) - 1, place, area, weight
-        )
+        gaps = find_gaps(samples, row[there], column[there], triangle[there] > 0.0)
+        numbers = triangle[pixel, rank].astype(np.int64) - 1
+        return Fragments(row[there], column[there], first, numbers, place, area, weight, gaps)
 
     def _rays(
         self,

@@ -51,10 +51,16 @@ def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) 
     return np.asarray(steps / step)
 
 
-def pixel_footprint(view: View, x: Floats, y: Floats, point: Floats, normal: Floats) -> Footprint:
-    """Return the footprints of whole pixels whose centres (n,) show points (n, 3) on planes of unit normals (n, 3)."""
+def pixel_footprint(
+    view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats | None = None
+) -> Footprint:
+    """Return the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole pixels if not given.
+
+    point, normal: (n, 3) of the surface seen there.
+    """
     neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
-    return Footprint(point, pixel_steps(point, normal, neighbours, 1.0))
+    steps = pixel_steps(point, normal, neighbours, 1.0)
+    return Footprint(point, steps) if area is None else footprint(point, steps, area)
 
 
 def footprint(point: Floats, steps: Floats, area: Floats) -> Footprint:

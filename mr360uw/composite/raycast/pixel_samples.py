@@ -37,7 +37,8 @@ def trace_samples(
     """Return layers (triangle (n, s), distance (n, s) [m]) hit by the samples of pixels; triangle -1 for no hit.
 
     x, y: (n,) columns and rows of the pixels. Layers of blended surfaces come first, the nearest first; the last layer
-    holds the opaque surfaces. Rays pass through masked-out texels and back faces of one-sided materials.
+    holds the opaque surfaces, even if there are none. Rays pass through masked-out texels and back faces of one-sided
+    materials.
     """
     count, n = len(x), samples.count
     fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
@@ -82,9 +83,8 @@ def trace_samples(
         opaque = solid & ~blended
         layers[-1][active[opaque]], distances[-1][active[opaque]] = triangle[opaque], distance[opaque]
         active = active[~opaque]
-    return [
-        (t.reshape(count, n), d.reshape(count, n)) for t, d in zip(layers, distances, strict=True) if np.any(t >= 0)
-    ]
+    found = [(t.reshape(count, n), d.reshape(count, n)) for t, d in zip(layers, distances, strict=True)]
+    return [layer for layer in found[:-1] if np.any(layer[0] >= 0)] + found[-1:]
 
 
 def group_samples(

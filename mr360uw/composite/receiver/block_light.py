@@ -22,6 +22,7 @@ from mr360uw.composite.receiver.receiver_kernel import (
     PixelImages,
     gather_images,
 )
+from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
@@ -54,9 +55,19 @@ def corner_light(
 
 
 def free_images(
-    shot: Shot, ground: Ground, corner: Floats, j: Indices, i: Indices, light: AmbientLight | None, cache: Cache
+    shot: Shot,
+    ground: Ground,
+    corner: Floats,
+    j: Indices,
+    i: Indices,
+    light: AmbientLight | None,
+    cache: Cache,
+    gaps: Gaps,
 ) -> PixelImages:
-    """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate."""
+    """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate.
+
+    Partly covered pixels take it in their gaps.
+    """
     rough = ground.rough[j, i]
     near = _near_bodies(shot, ground, j, i)
     change = np.ptp(ground.four(corner[..., FREE], j, i), axis=1).max(axis=-1)
@@ -77,7 +88,14 @@ def free_images(
         parts.append((uneven, free))
     if np.any(rough):
         parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
-    return gather_images(len(j), 3, parts)
+    images = gather_images(len(j), 3, parts)
+    own = np.flatnonzero(images.at >= 0)
+    some, block = ground.gaps_in(gaps, j[own], i[own])
+    if len(block):
+        places = ground.intersect(shot, *some.place.T)
+        at = images.at[own][block], some.row % BLOCK, some.column % BLOCK
+        images.image[at] = _free(shot, light, places, cache)
+    return images
 
 
 def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[np.bool_]:

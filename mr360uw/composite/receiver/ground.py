@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
 
@@ -66,13 +67,13 @@ class Ground:
         if not np.any(new):
             return
         j, i = np.nonzero(self.corners_of(new) & ~self._loaded_corner)
-        self.corner_point[j, i], self.corner_normal[j, i] = self._intersect(
+        self.corner_point[j, i], self.corner_normal[j, i] = self.intersect(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
         )
         self._loaded_corner[j, i] = True
         j, i = np.nonzero(new)
         below = np.minimum(BLOCK * (j + 1), self._height)
-        self.middle_point[j, i], self.middle_normal[j, i] = self._intersect(
+        self.middle_point[j, i], self.middle_normal[j, i] = self.intersect(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
         corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
@@ -84,7 +85,7 @@ class Ground:
             self._classify(shot, j, i)
         self._loaded_block |= new
 
-    def _intersect(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    def intersect(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
         distance, normal = self._shape.meet(shot, x, y)
@@ -118,6 +119,13 @@ class Ground:
             self._image_at[nj, ni] = len(self._images) + np.arange(len(nj))
             self._images = np.concatenate([self._images, found.astype(np.float32)])
         return self._images[self._image_at[j, i]]
+
+    def gaps_in(self, gaps: Gaps, j: Indices, i: Indices) -> tuple[Gaps, Indices]:
+        """Return the gaps within blocks (n,), and for each the number of its block among these."""
+        number = np.full((self.rows, self.columns), -1)
+        number[j, i] = np.arange(len(j))
+        block = number[gaps.row // BLOCK, gaps.column // BLOCK]
+        return gaps.some(np.flatnonzero(block >= 0)), block[block >= 0]
 
     def between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return corner values (R + 1, C + 1, k) interpolated to the pixels of blocks, (n, BLOCK, BLOCK, k)."""

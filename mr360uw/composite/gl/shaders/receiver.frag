@@ -1,11 +1,13 @@
-// Light on the receiver in listed blocks of SIDE x SIDE samples, SPACING pixels apart: sun visibility, caustics and, on
+// Light on the receiver in listed blocks of side x side samples, `spacing` pixels apart: sun visibility, caustics and, on
 // request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
-uniform sampler2D blocks, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
+uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
+uniform int side;
+uniform float spacing;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
 uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
@@ -29,8 +31,8 @@ layout(location = 3) out vec4 added;  // light of lamps over the plate's own
 #endif
 
 void main() {
-    ivec2 p = ivec2(gl_FragCoord.xy), block = p / SIDE;
-    vec2 place = texelFetch(blocks, block, 0).xy + (vec2(p - block * SIDE) + 0.5) * float(SPACING);
+    ivec2 p = ivec2(gl_FragCoord.xy), block = p / side;
+    vec2 place = texelFetch(blocks, block, 0).xy + (vec2(p - block * side) + 0.5) * spacing;
     vec3 direction = world_from_camera * direction_from_frame(place, frame_size);
 #if defined(PLANE)
     float distance_m = plane_height / direction.y;
@@ -47,14 +49,15 @@ void main() {
 #endif
     vec3 right = world_from_camera * direction_from_frame(place + vec2(1.0, 0.0), frame_size);
     vec3 below = world_from_camera * direction_from_frame(place + vec2(0.0, 1.0), frame_size);
-    Footprint area = Footprint(point, mat2x3(pixel_step(point, normal, right, 1.0), pixel_step(point, normal, below, 1.0)));
+    mat2x3 steps = mat2x3(pixel_step(point, normal, right, 1.0), pixel_step(point, normal, below, 1.0));
+    Footprint area = footprint_of(point, steps, vec2(0.0), texelFetch(areas, block, 0).xyz);
 #endif
     float seen = 1.0;
 #if defined(SHADOW)
     float halo = -1.0;
 #if defined(HALO)
     vec4 corners = texelFetch(halos, block, 0);  // at the block's corners; negative: found for each pixel
-    vec2 at = (vec2(p - block * SIDE) + 0.5) / float(SIDE), ends = mix(corners.xz, corners.yw, at.x);
+    vec2 at = (vec2(p - block * side) + 0.5) / float(side), ends = mix(corners.xz, corners.yw, at.x);
     if (corners.x >= 0.0) halo = mix(ends.x, ends.y, at.y);
 #endif
     seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, halo, 1, true);
