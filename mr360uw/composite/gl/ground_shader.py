@@ -61,7 +61,9 @@ class GroundShader:
         """
         shape = None if _on_plane(shot, wanted) else ground.pixels(shot, j, i)
         area = np.tile(WHOLE_PIXEL[2:], (len(j), 1))
-        return self._samples(shot, BLOCK * np.stack([i, j], axis=-1), area, halo, shape, wanted, side, BLOCK // side)
+        return self._samples(
+            shot, float(BLOCK) * np.stack([i, j], axis=-1), area, halo, shape, wanted, side, BLOCK // side
+        )
 
     def at_gaps(self, shot: Shot, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> list[NDArray[np.float32]]:
         """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""

@@ -47,6 +47,8 @@ _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 _OUTLINE = 0.25
 """Least range of the blocked fraction within a smallest square that is taken for a jump at an outline. Twice as large
 leaves dark pixels around bodies; half as large brightens steep shadows."""
+_BELOW = 0.98
+"""Blocked fraction below a body that stands on the ground. Less takes in the steep shadow at the foot of a wall."""
 _BESIDE = 0.35
 """Part of that range, from the least, that counts as beside the body. Half of it takes in places a millimetre from the
 foot of a card for a whole pixel; a fifth leaves too few samples around the corners of boxes."""
@@ -206,8 +208,9 @@ def _beside_outlines(sample: NDArray[np.int32], share: Floats) -> tuple[NDArray[
     sample: (n, 9) of squares. share: (samples,) blocked fraction, of which those beside a body have the least.
     """
     low, high = share[sample].min(axis=1, initial=np.inf), share[sample].max(axis=1, initial=0.0)
-    across = sample[high - low > _OUTLINE]
-    outside = share[across] <= (low + _BESIDE * (high - low))[high - low > _OUTLINE, None]
+    there = (high - low > _OUTLINE) & (high > _BELOW)
+    across = sample[there]
+    outside = share[across] <= (low + _BESIDE * (high - low))[there, None]
     row, column = np.divmod(np.arange(9), 3)
     away = (row[:, None] - row) ** 2 + (column[:, None] - column) ** 2
     far = np.where(outside[:, None], away, 9)  # (n, below, beside)
