@@ -63,7 +63,7 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     along = patches.low[1] + patches.root_m * patches.roots[1] * rng.uniform(size=400)
     x, z = (g.ravel() for g in np.meshgrid(across, along, indexing="ij"))
     point, step = np.stack([x, np.full_like(x, FLOOR_Y_M), z], axis=-1), np.array([1e-9, 0.0, 0.0])
-    beside = [patches.between(values, point + way * step, np.nan) for way in (-1.0, 1.0)]
+    beside = [patches.between(values, point + way * step, np.nan)[0] for way in (-1.0, 1.0)]
     there = np.isfinite(beside[0]) & np.isfinite(beside[1])
     assert np.count_nonzero(there) > 1000
     np.testing.assert_allclose(beside[0][there], beside[1][there], atol=1e-5)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import free_between
+from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
@@ -24,6 +24,7 @@ from mr360uw.composite.receiver.receiver_kernel import (
 )
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
@@ -65,15 +66,17 @@ def free_images(
     at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
+    crossed = _crossed(shot, ground, light, cache)
     uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
+    uneven |= crossed[j, i] & ~rough
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
         places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
         quarters = _free(shot, light, (_quartered(places[0]), _quartered(places[1])), cache)
-        free, sharp = enlarged(quarters), _missed_between(quarters) > SMOOTH
+        free, sharp = enlarged(quarters), crossed[of] | (_missed_between(quarters) > SMOOTH)
         if np.any(sharp):
-            free[sharp] = _free(shot, light, (places[0][sharp], places[1][sharp]), cache)
+            free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
         parts.append((uneven, free))
     if np.any(rough):
         parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
@@ -88,6 +91,21 @@ def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[
         near = placed.mesh.radius_m * placed.scale + ground.reach_m[j, i]
         near_any |= np.sum((ground.middle_point[j, i] - center) ** 2, axis=-1) < near**2
     return near_any
+
+
+def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cache) -> NDArray[np.bool_]:
+    """Return the mask (R, C) of blocks within which the ambient light that bodies leave jumps, or a pixel beside."""
+    crossed = np.zeros((ground.rows, ground.columns), np.bool_)
+    place = jumps_of_light(shot, light, cache)
+    if len(place):
+        width, height = shot.view.width, shot.view.height
+        x, y = frame_from_direction(place @ shot.view.world_from_camera, width, height)
+        wide = np.minimum(1.0 / np.maximum(np.sin(np.pi * y / height), 1.0 / BLOCK), BLOCK)  # near a pole [pixels]
+        for down in (-1.0, 1.0):
+            for right in (-1.0, 0.0, 1.0):
+                i, j = np.floor(x + right * wide).astype(np.int64) % width, np.floor(y + down).astype(np.int64)
+                crossed[np.clip(j, 0, height - 1) // BLOCK, i // BLOCK] = True
+    return crossed
 
 
 def _quartered(images: Floats) -> Floats:
