@@ -78,7 +78,11 @@ def test_new_light_keeps_what_is_sampled(
     new = changed(scene, environment=environment(0.3))
     expected = free_between(new, ambient_light(new, Cache()), point, normal, Cache())
     light = ambient_light(new, cache)
-    monkeypatch.setattr(Layout, "sweep", None)
+
+    def sweep(*_: object) -> None:
+        raise AssertionError("swept again")
+
+    monkeypatch.setattr(Layout, "sweep", sweep)
     np.testing.assert_array_equal(free_between(new, light, point, normal, cache), expected)
 
 

@@ -48,8 +48,10 @@ _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """Nested squares of ground, seen from above or (not up) from below. low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of
-    them. child: (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
+    """Nested squares of ground, seen from above or (not up) from below.
+
+    low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of them. child:
+    (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
 
     place: (samples, 3) [m] in the world; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
     """

@@ -72,8 +72,7 @@ def free_images(
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
-        quarters = _free(shot, light, (_quartered(places[0]), _quartered(places[1])), cache)
+        quarters = _free(shot, light, _quarter_places(shot, ground, *of), cache)
         free, sharp = enlarged(quarters), crossed[of] | (_missed_between(quarters) > SMOOTH)
         if np.any(sharp):
             free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
@@ -108,9 +107,11 @@ def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cach
     return crossed
 
 
-def _quartered(images: Floats) -> Floats:
-    """Return the values (n, B/2, B/2, k) between every four pixels of images (n, B, B, k) of straight lines."""
-    return np.asarray(0.5 * (images[:, ::2, ::2] + images[:, 1::2, 1::2]))
+def _quarter_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
+    """Return points and normals (n, B/2, B/2, 3) of the receiver between every four pixels of blocks."""
+    inside = np.arange(1.0, BLOCK, 2.0)
+    x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
+    return ground.meet(shot, *np.broadcast_arrays(x, np.minimum(y, shot.view.height)))
 
 
 def _missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
