@@ -95,7 +95,7 @@ float footprint_radius(mat2x3 sides) {
 
 // width of a ray over the footprint's
 float ray_grain(int count) {
-    return RAY_WIDTH * inversesqrt(float(count));
+    return min(RAY_WIDTH * inversesqrt(float(count)), 1.0);
 }
 
 // by how much a ray widens for a metre, over the radius of the disc at a metre
