@@ -308,6 +308,9 @@ def shading_case(name: str, rng: np.random.Generator) -> Case:
         "grazing_reflectance": ("grazing_reflectance(f)", columns, shading.grazing_reflectance(f0)),
         "lobe_axis": ("lobe_axis(n, v, k, a)", columns, shading.lobe_axis(normal, view, cosine, a)),
         "reflectance": ("reflectance(f, s)", columns, shading.reflectance(f0, split)),
+        "resolved_alpha": (
+            "resolved_alpha(a, f, v)", columns, shading.resolved_alpha(a, np.stack([f0, view], axis=1))
+        ),
         "highlight": (
             "highlight(f, q.x, q.y, q.z, q.w, r.x, r.y)", more, shading.highlight(f0, a, b, c, d, e, half_angle)
         ),

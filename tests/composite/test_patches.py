@@ -63,7 +63,7 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     along = patches.low[1] + patches.root_m * patches.roots[1] * rng.uniform(size=400)
     x, z = (g.ravel() for g in np.meshgrid(across, along, indexing="ij"))
     point, step = np.stack([x, np.full_like(x, FLOOR_Y_M), z], axis=-1), np.array([1e-9, 0.0, 0.0])
-    beside = [patches.between(values, point + way * step, np.nan) for way in (-1.0, 1.0)]
+    beside = [patches.between(values, point + way * step, np.nan)[0] for way in (-1.0, 1.0)]
     there = np.isfinite(beside[0]) & np.isfinite(beside[1])
     assert np.count_nonzero(there) > 1000
     np.testing.assert_allclose(beside[0][there], beside[1][there], atol=1e-5)
@@ -78,7 +78,11 @@ def test_new_light_keeps_what_is_sampled(
     new = changed(scene, environment=environment(0.3))
     expected = free_between(new, ambient_light(new, Cache()), point, normal, Cache())
     light = ambient_light(new, cache)
-    monkeypatch.setattr(Layout, "sweep", None)
+
+    def sweep(*_: object) -> None:
+        raise AssertionError("swept again")
+
+    monkeypatch.setattr(Layout, "sweep", sweep)
     np.testing.assert_array_equal(free_between(new, light, point, normal, cache), expected)
 
 

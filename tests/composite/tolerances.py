@@ -91,11 +91,11 @@ PIXEL_HOLES = 1e-3
 """Coverage inside a closed body: a ray that meets an edge exactly may pass both its triangles."""
 ALPHA = 0.02
 """Coverage, gl against the reference: less than one of 29 samples."""
-BLOCK_CODES = 14.0
-"""Largest error of the ground's pixels, in codes, where a body touches it: a shadow's edge there is as wide as a texel of
-the sun map. Ambient light jumps at the foot of an upright wall. With corners alone it is 30 to 100."""
-BLOCK_ERROR = 0.14
-"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.01 for bodies, 0.09 to 0.13 for balls a few
+BLOCK_CODES = 10.0
+"""Largest error of the ground's pixels, in codes: at narrow edges of shadows, 24 wide rays against 384 narrow ones, 5.8.
+With block corners alone it is 30 to 100."""
+BLOCK_ERROR = 0.04
+"""Sum of the errors of the ground's pixels over that of its changes: 0.001 to 0.013 for bodies, 0.02 for balls a few
 pixels wide. With corners alone 0.3 and 2."""
 EDGE_CODES = 1.2
 """Root mean square error of edge pixels in codes: coverage by 65 samples, times the contrast to the plate, leaves 0.9;
@@ -110,8 +110,8 @@ DISTANCE_EDGES = 0.985
 rim of the ball, which curves within a texel."""
 ROUNDED_NORMAL_DEG = 3.5
 """Mean error of normals of maps of 8 and 10 bits over the same scene: 9 to 21 degrees as they are."""
-HARD_EDGE = 0.07
-"""Lit fraction of a pixel by 24 wide rays or 384 narrow ones: a lattice's gaps at a straight edge, largest of 2 x 10^3."""
+HARD_EDGE = 0.05
+"""Lit fraction of a pixel at a straight edge, largest of 2 x 10^3: 0.039 by 24 wide rays, 0.022 by 384 narrow ones."""
 LAMP_WALL = 5e-3
 """Light of a lamp against the closed form: a pixel is lit at one of its samples, and tables are linear between nodes."""
 LAMP_GROUND = 1e-2

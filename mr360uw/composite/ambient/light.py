@@ -67,23 +67,42 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
 def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
     """Return what `free_of_bodies` does; on level ground interpolated between samples, within `patches.TOLERANCE`.
 
+    Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
     cache: keeps the samples and what bodies block there.
     """
+    patches = _patches(shot, light, cache)
+    if light is None or patches is None:
+        return free_of_bodies(shot, light, point, normal, cache)
+    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches)))
+    place = point.reshape(-1, 3)
+    free, jump = patches.between(values, place + shot.view.position, 1.0)
+    if np.any(jump):
+        free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
+    return free.reshape(point.shape)
+
+
+def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
+    """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
+    ambient light that bodies leave jumps.
+    """
+    patches = _patches(shot, light, cache)
+    return np.zeros((0, 3)) if patches is None else patches.jumps() - shot.view.position
+
+
+def _patches(shot: Shot, light: AmbientLight | None, cache: Cache) -> Patches | None:
+    """Return the patches of a shot's level ground; None where bodies block nothing, or the ground is not level."""
     receiver = shot.receiver
     if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
-        return free_of_bodies(shot, light, point, normal, cache)
+        return None
     camera = camera_place(shot.view.position, receiver.plane_y)
     asked = receiver.plane_y, camera, 2.0 * np.pi / shot.view.width, receiver.extent_m
     key = (light.layout, receiver.plane_y, camera.tobytes(), shot.view.width, receiver.extent_m)
-    patches = cache.get("ambient patches", key, lambda: make_patches(light.layout, *asked))
-    up = bool(camera[1] >= receiver.plane_y)
-    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches, up)))
-    return patches.between(values, point.reshape(-1, 3) + shot.view.position, 1.0).reshape(point.shape)
+    return cache.get("ambient patches", key, lambda: make_patches(light.layout, *asked))
 
 
-def _free_at(light: AmbientLight, patches: Patches, up: bool) -> Floats:
+def _free_at(light: AmbientLight, patches: Patches) -> Floats:
     """Return the fraction (samples, 3) of the ambient light that bodies leave at the samples of patches."""
-    blocked, layout = patches.blocked, light.layout
+    blocked, layout, up = patches.blocked, light.layout, patches.up
     table = level_table(light.table[..., :3], up=up).reshape(-1, 3)
     lost = (blocked.weights @ table.astype(np.float32)).astype(np.float64)
     for k, radiance, share in zip(layout.ground_bodies, light.sent, blocked.share, strict=True):

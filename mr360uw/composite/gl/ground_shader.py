@@ -69,7 +69,7 @@ class GroundShader:
         """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
         shape = None
         if not _on_plane(shot, wanted):
-            point, normal = ground.intersect(shot, *gaps.place.T)
+            point, normal = ground.meet(shot, *gaps.place.T)
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
         images = self._samples(shot, gaps.place - 0.5, gaps.area[:, 2:], halo, shape, wanted, 1, 1)

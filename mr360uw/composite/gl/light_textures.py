@@ -15,7 +15,7 @@ from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
 from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_uniforms
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.shadow import disc_offsets, pixel_offsets
+from mr360uw.composite.lighting.shadow import disc_offsets, wide_pixel_offsets
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import Shot
@@ -51,7 +51,7 @@ class LightTextures:
         roughness[:levels] = shot.environment.glossy_roughness[:levels]
         count = min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
         rays = np.zeros((MAXIMUM_SUN_SAMPLES, 4))
-        rays[:count, :2], rays[:count, 2:] = disc_offsets(count), pixel_offsets(count)
+        rays[:count, :2], rays[:count, 2:] = disc_offsets(count), wide_pixel_offsets(count)
         self._arrays = {"glossy_roughness": roughness, "rays": rays}
         self._uniforms = {
             "view__position": shot.view.position,

@@ -22,7 +22,9 @@ from mr360uw.types import Floats
 
 MINIMUM_ALPHA = 0.002
 """Least width of a lobe: narrower ones are not resolved in single precision."""
-PIXEL_POINTS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]) / np.sqrt(12.0)
+PIXEL_POINT = 0.28867513
+"""1/sqrt(12)."""
+PIXEL_POINTS = PIXEL_POINT * np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 """Places (4, 2) in a pixel, from its middle, of the Gauss-Legendre quadrature that is exact for cubic functions."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import free_between
+from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
@@ -25,6 +25,7 @@ from mr360uw.composite.receiver.receiver_kernel import (
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
@@ -76,15 +77,16 @@ def free_images(
     at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
+    crossed = _crossed(shot, ground, light, cache)
     uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
+    uneven |= crossed[j, i] & ~rough
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        places = ground.between(ground.corner_point, *of), ground.between(ground.corner_normal, *of)
-        quarters = _free(shot, light, (_quartered(places[0]), _quartered(places[1])), cache)
-        free, sharp = enlarged(quarters), _missed_between(quarters) > SMOOTH
+        quarters = _free(shot, light, _quarter_places(shot, ground, *of), cache)
+        free, sharp = enlarged(quarters), crossed[of] | (_missed_between(quarters) > SMOOTH)
         if np.any(sharp):
-            free[sharp] = _free(shot, light, (places[0][sharp], places[1][sharp]), cache)
+            free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
         parts.append((uneven, free))
     if np.any(rough):
         parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
@@ -92,7 +94,7 @@ def free_images(
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])
     if len(block):
-        places = ground.intersect(shot, *some.place.T)
+        places = ground.meet(shot, *some.place.T)
         at = images.at[own][block], some.row % BLOCK, some.column % BLOCK
         images.image[at] = _free(shot, light, places, cache)
     return images
@@ -108,9 +110,26 @@ def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[
     return near_any
 
 
-def _quartered(images: Floats) -> Floats:
-    """Return the values (n, B/2, B/2, k) between every four pixels of images (n, B, B, k) of straight lines."""
-    return np.asarray(0.5 * (images[:, ::2, ::2] + images[:, 1::2, 1::2]))
+def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cache) -> NDArray[np.bool_]:
+    """Return the mask (R, C) of blocks within which the ambient light that bodies leave jumps, or a pixel beside."""
+    crossed = np.zeros((ground.rows, ground.columns), np.bool_)
+    place = jumps_of_light(shot, light, cache)
+    if len(place):
+        width, height = shot.view.width, shot.view.height
+        x, y = frame_from_direction(place @ shot.view.world_from_camera, width, height)
+        wide = np.minimum(1.0 / np.maximum(np.sin(np.pi * y / height), 1.0 / BLOCK), BLOCK)  # near a pole [pixels]
+        for down in (-1.0, 1.0):
+            for right in (-1.0, 0.0, 1.0):
+                i, j = np.floor(x + right * wide).astype(np.int64) % width, np.floor(y + down).astype(np.int64)
+                crossed[np.clip(j, 0, height - 1) // BLOCK, i // BLOCK] = True
+    return crossed
+
+
+def _quarter_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
+    """Return points and normals (n, B/2, B/2, 3) of the receiver between every four pixels of blocks."""
+    inside = np.arange(1.0, BLOCK, 2.0)
+    x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
+    return ground.meet(shot, *np.broadcast_arrays(x, np.minimum(y, shot.view.height)))
 
 
 def _missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -67,13 +67,13 @@ class Ground:
         if not np.any(new):
             return
         j, i = np.nonzero(self.corners_of(new) & ~self._loaded_corner)
-        self.corner_point[j, i], self.corner_normal[j, i] = self.intersect(
+        self.corner_point[j, i], self.corner_normal[j, i] = self.meet(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
         )
         self._loaded_corner[j, i] = True
         j, i = np.nonzero(new)
         below = np.minimum(BLOCK * (j + 1), self._height)
-        self.middle_point[j, i], self.middle_normal[j, i] = self.intersect(
+        self.middle_point[j, i], self.middle_normal[j, i] = self.meet(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
         corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
@@ -85,7 +85,7 @@ class Ground:
             self._classify(shot, j, i)
         self._loaded_block |= new
 
-    def intersect(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    def meet(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
         distance, normal = self._shape.meet(shot, x, y)

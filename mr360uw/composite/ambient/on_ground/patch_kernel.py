@@ -57,10 +57,14 @@ def _value(sample: Any, kind: Any, u: Any, v: Any, values: Any, c: Any) -> Any:
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def look_up(place: Any, roots: Any, child: Any, kind: Any, sample: Any, values: Any, out: Any) -> None:
-    """Set `out` (n, k) to values (samples, k) at places (n, 2) in root squares; it stays where nothing is blocked."""
+def look_up(place: Any, roots: Any, child: Any, kind: Any, sample: Any, values: Any, out: Any, jump: Any) -> None:
+    """Set `out` (n, k) to values (samples, k) at places (n, 2) in root squares; it stays where nothing is blocked.
+
+    jump: (n,) set to whether values jump in the square.
+    """
     for n in range(len(place)):
         node, u, v, _ = _find(place[n, 0], place[n, 1], roots, child)
+        jump[n] = node >= 0 and kind[node] == JUMP_PATCH
         if node >= 0 and kind[node] != NOTHING:
             for c in range(out.shape[1]):
                 out[n, c] = _value(sample[node], kind[node], u, v, values, c)

@@ -59,13 +59,16 @@ _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """Nested squares. low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of
-    them. child: (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
+    """Nested squares of ground, seen from above or (not up) from below.
+
+    low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of them. child:
+    (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
 
     place: (samples, 3) [m] in the world; blocked: there. below, beside: (m,) samples below bodies at outlines, and for
     each the nearest that is not. hanging, leaf, at: of `patch_kernel.set_hanging`.
     """
 
+    up: bool
     low: Floats
     root_m: float
     roots: NDArray[np.int64]
@@ -87,12 +90,20 @@ class Patches:
         set_hanging(self.hanging, self.leaf, self.at, self.kind, self.sample, values)
         return values
 
-    def between(self, values: Floats, points: Floats, elsewhere: float) -> Floats:
-        """Return joined values at points (n, 3) of the world, (n, k); `elsewhere` where bodies block nothing."""
-        out = np.full((len(points), values.shape[-1]), elsewhere)
+    def between(self, values: Floats, points: Floats, elsewhere: float) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return joined values at points (n, 3) of the world, (n, k), and whether they jump near there, (n,).
+
+        elsewhere: the value where bodies block nothing.
+        """
+        out, jump = np.full((len(points), values.shape[-1]), elsewhere), np.zeros(len(points), np.bool_)
         place = (points[:, [0, 2]] - self.low) / self.root_m
-        look_up(place, self.roots, self.child, self.kind, self.sample, values, out)
-        return out
+        look_up(place, self.roots, self.child, self.kind, self.sample, values, out, jump)
+        return out, jump
+
+    def jumps(self) -> Floats:
+        """Return the places (n, 3) of the samples of the smallest squares, within which the blocked light jumps."""
+        leaf = (self.kind == JUMP_PATCH) & (self.child < 0)
+        return self.place[np.unique(self.sample[leaf])]
 
 
 def make_patches(layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
@@ -147,7 +158,7 @@ class _Builder:
         blocked = SkyWeights(weights, np.concatenate([part.share for part in self._parts], axis=1))
         jumps = np.flatnonzero((kind == JUMP_PATCH) & (child < 0))
         below, beside = _beside_outlines(sample[jumps], blocked.share.sum(axis=0))
-        squares = self._low, self._root_m, self._roots, child, kind, sample, self._place
+        squares = self._up, self._low, self._root_m, self._roots, child, kind, sample, self._place
         return Patches(*squares, blocked, below, beside, hanging, leaf, at)
 
     def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:

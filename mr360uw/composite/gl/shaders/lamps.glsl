@@ -82,7 +82,8 @@ float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D c
     int k = !wanted || between == 0 ? count : 0;
     vec3 facing = cross(area.sides[0], area.sides[1]);
     float grain = ray_grain(count) * sqrt(abs(dot(facing, normalize(lamp.place - area.middle))));
-    mat2x3 sides = area.sides * ray_places(count);
+    vec2 places = ray_places(count);
+    mat2x3 sides = area.sides * places.x;
     float blocked = 0.0;
     while (k < count) {
         int left = between;
@@ -91,8 +92,9 @@ float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D c
             int lowest = left & -left, slot = lamp.first_slot + int(log2(float(lowest)) + 0.5);
             vec3 p = in_slot(casters, slot, area.middle + sides * rays[k].zw, middle);
             float spread = lamp.radius / middle;
-            most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p, spread * rays[k].xy,
-                                         grain * p.z / middle, spread * sqrt(PI / float(count))));
+            most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p,
+                                         places.y * spread * rays[k].xy, grain * p.z / middle,
+                                         spread * ray_widening(count)));
             left &= ~lowest;
         }
         blocked += most;

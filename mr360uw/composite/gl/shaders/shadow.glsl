@@ -4,6 +4,7 @@
 // bottom), the last two times the first, in metres above the lowest point. Its mip levels are means of 2x2, 4x4, ...
 // Loops test at their end, because software drivers execute a body once more to leave.
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
+const float RAY_WIDTH = 1.2;  // width of a ray over that of the part of footprint and disc that it represents
 const float SHARPEST = 0.2;   // least width of a sharpened edge, as a fraction of RAMP
 const float SMALLEST = 4.0;   // texels across the last level of a slot
 const int MAXIMUM_STEPS = 16;
@@ -45,7 +46,7 @@ vec3 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, 
 vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, float width) {
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     float wanted = max(width / (RAMP * texel), SHARPEST);
-    float texels = clamp(power_below(wanted), 1.0, slot_size / SMALLEST);
+    float texels = clamp(power_below(wanted * sqrt(2.0)), 1.0, slot_size / SMALLEST);
     vec2 place = (at - caster.center) / caster.half_size * 0.5 + 0.5;
     vec3 column = sun_texel(sun_map, caster, slot_size, texels, place);
     vec2 ends = column.yz / max(column.x, 1e-6) + caster.reach.x;
@@ -92,15 +93,21 @@ float footprint_radius(mat2x3 sides) {
     return 0.5 * (length(sides[0]) + length(sides[1]));
 }
 
-// width of a ray, over the footprint's: that of the part that it represents
+// width of a ray over the footprint's
 float ray_grain(int count) {
-    return inversesqrt(float(count));
+    return min(RAY_WIDTH * inversesqrt(float(count)), 1.0);
 }
 
-// factor on the places of rays of that width, such that they have the second moments of the footprint together
-float ray_places(int count) {
-    float grain = ray_grain(count);
-    return sqrt(max(1.0 - grain * grain, 0.0));
+// by how much a ray widens for a metre, over the radius of the disc at a metre
+float ray_widening(int count) {
+    return RAY_WIDTH * sqrt(PI / float(count));
+}
+
+// factors on the places of rays in the footprint and on their directions, such that rays of that width have the second
+// moments of both together: a square's is 1/12 of its squared side, a disc's 1/4 of its squared radius
+vec2 ray_places(int count) {
+    float grain = ray_grain(count), widening = ray_widening(count);
+    return sqrt(max(1.0 - vec2(grain * grain, widening * widening / 3.0), 0.0));
 }
 
 // bits of the bodies that may occlude part of the light's disc from part of a ball about p. gap: distance [m] to the
@@ -143,7 +150,8 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
 // tangent of the disc's radius
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, mat2x3 sides,
                      vec2 middle, vec4 rays[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
-    float gap, blocked = 0.0, widening = spread * sqrt(PI / float(count)), places = ray_places(count);
+    float gap, blocked = 0.0, widening = spread * ray_widening(count);
+    vec2 places = ray_places(count);
     float grain = ray_grain(count) * sqrt(abs(determinant(mat2(sides[0].xy, sides[1].xy))));
     bool umbra;
     int between = bodies_between(sun_map, casters, caster_count, slot_size, p, footprint_radius(sides),
@@ -153,11 +161,12 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
         int left = between;
         float most = 0.0;
         vec4 ray = rays[every * min(k, count - 1)];
-        vec3 start = p + sides * (places * ray.zw);
+        vec3 start = p + sides * (places.x * ray.zw);
+        vec2 slope = middle + places.y * spread * ray.xy;
         do {
             int lowest = left & -left;
             Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
-            float one = sun_blocked(sun_map, caster, slot_size, start, middle + spread * ray.xy, grain, widening);
+            float one = sun_blocked(sun_map, caster, slot_size, start, slope, grain, widening);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;
         } while (left != 0 && most < 1.0);
