@@ -49,7 +49,9 @@ ENVIRONMENT_COLUMNS = 64
 """Size of the environment maps."""
 
 MAXIMUM_SUN_SAMPLES = 32
-"""Most directions over a light's disc: the length of the shaders' array of them."""
+"""Most directions over a light's disc."""
+MAXIMUM_SUN_RAYS = 128
+"""Most rays towards a light's disc from a footprint: the length of the shaders' array of them."""
 
 MAXIMUM_GLOSSY_LEVELS = 8
 """Most roughnesses that the environment is filtered at: the length of the shaders' array of them."""

@@ -353,7 +353,7 @@ def test_sound_that_the_output_cannot_hold_is_told_before_the_first_frame(scene:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a file system of a limited size and signals")
-def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
+def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(scene: Path) -> None:
     import resource
 
     def limit() -> None:
@@ -369,12 +369,14 @@ def test_a_full_disk_is_told_and_leaves_nothing(scene: Path) -> None:
     done = subprocess.run(composite(out), capture_output=True, text=True, preexec_fn=limit)
     assert done.returncode == 2
     assert "out.mkv" in done.stderr
-    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
+    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == ["out.mkv.mr360uw"]
+    assert subprocess.run(composite(out), capture_output=True).returncode == 0
+    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == ["out.mkv"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
-def test_an_interrupted_run_leaves_nothing(scene: Path, number: signal.Signals) -> None:
+def test_a_run_interrupted_before_anything_is_finished_leaves_nothing(scene: Path, number: signal.Signals) -> None:
     def heeding() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell has its jobs in the background ignore it
 
@@ -388,7 +390,7 @@ def test_an_interrupted_run_leaves_nothing(scene: Path, number: signal.Signals) 
         text=True,
         preexec_fn=heeding,  # noqa: PLW1509 - no other thread is at work here
     )
-    while not list(scene.parent.glob("out*.part")):
+    while not list(scene.parent.glob("out.mp4.mr360uw/run.json")):
         assert running.poll() is None, running.communicate()
         time.sleep(0.01)
     running.send_signal(number)
@@ -412,5 +414,5 @@ def test_an_interrupt_within_a_callback_stops_the_run_at_the_next_frame() -> Non
 
 def test_help_names_every_command() -> None:
     done = subprocess.run([sys.executable, "-m", "mr360uw", "--help"], capture_output=True, text=True, check=True)
-    for command in ("composite", "new", "check", "sample", "analyse", "caustics", "schema", "info"):
+    for command in ("composite", "clean", "new", "check", "sample", "analyse", "caustics", "schema", "info"):
         assert command in done.stdout

@@ -78,7 +78,8 @@ def test_no_filament_runs_through_an_umbra(render: Any, water: Any, rng: np.rand
     shown, calm, ambient = plate_of(scene, waves)
     layer = render(replace(scene, pattern=PlatePattern(Still(shown), calm, 1.2, 1.0)))
     left = render(scene)
-    umbra = (left.ratio[..., 1] < 1.01 * left.ratio[..., 1].min()) & (layer.alpha == 0.0)
+    # footprints that lie in the umbra wholly: a hundredth of the sun's light would carry filaments
+    umbra = (left.ratio[..., 1] < 1.002 * left.ratio[..., 1].min()) & (layer.alpha == 0.0)
     assert umbra.sum() > 50
     got = over(shown, layer)
     np.testing.assert_allclose(got[umbra], ambient[umbra], rtol=tol.PATTERN_UMBRA)

@@ -71,12 +71,12 @@ def test_the_shadow_is_that_of_the_suns_disc() -> None:
     )
     layer = render_layer(scene)
     rows, columns = np.nonzero((layer.ratio[..., 0] < 0.99) & (layer.alpha == 0.0))
-    d = directions(scene.view.width, scene.view.height)[rows, columns]
-    point = d * (-1.2 / d[:, 1])[:, None]
     rays = RayScene(occluding(scene.objects, np.zeros(3)))
     rng = np.random.default_rng(1)
-    truth = np.zeros(len(point))
+    truth = np.zeros(len(rows))
     for direction in disc_directions(SUN.direction, SUN.half_angle_rad, 2048)[rng.permutation(2048)[:1024]]:
+        d = scene.view.directions(columns + rng.uniform(), rows + rng.uniform())
+        point = d * (-1.2 / d[:, 1])[:, None]
         truth += ~rays.occluded(point, np.broadcast_to(direction, point.shape)) / 1024
     penumbra = (truth > 0.005) & (truth < 0.995)
     assert penumbra.sum() > 20

@@ -19,13 +19,16 @@ from mr360uw.composite.lighting.shadow import disc_offsets, wide_pixel_offsets
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import Shot
-from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_SAMPLES
+from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_RAYS, MAXIMUM_SUN_SAMPLES
 from mr360uw.gl.context import set_uniforms, texture_array_from_array, texture_from_array
 from mr360uw.types import CausticStack, Floats, MediumTable
 
 if TYPE_CHECKING:
     import moderngl
 
+_NARROW = 512
+"""Width of a frame [pixels] below which a pixel's footprint is so large that more rays are cast from it, in proportion:
+with 24, noise at the edges of shadows exceeds two code values in one pixel of five hundred at a width of 128."""
 _BIASED_SLOT = 256
 """Texels across a slot in which `PlacedObject.bias_m` is 1.5 texels."""
 
@@ -49,8 +52,9 @@ class LightTextures:
         self.defines |= {"LAMPS": len(lamps)} if lamps else {}
         roughness = np.ones(MAXIMUM_GLOSSY_LEVELS)
         roughness[:levels] = shot.environment.glossy_roughness[:levels]
-        count = min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
-        rays = np.zeros((MAXIMUM_SUN_SAMPLES, 4))
+        finer = int(np.clip(round(_NARROW / shot.view.width), 1, MAXIMUM_SUN_RAYS // MAXIMUM_SUN_SAMPLES))
+        count = finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
+        rays = np.zeros((MAXIMUM_SUN_RAYS, 4))
         rays[:count, :2], rays[:count, 2:] = disc_offsets(count), wide_pixel_offsets(count)
         self._arrays = {"glossy_roughness": roughness, "rays": rays}
         self._uniforms = {

@@ -3,7 +3,7 @@
 // distance to the nearest such body [m]. Held to composite/lighting/sun.py.
 #include "composite/gl/shaders/sun.glsl"
 uniform sampler2D places, beam, sun_map, casters;
-uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform View view;
 uniform Sun sun;
 uniform Shadows shadows;

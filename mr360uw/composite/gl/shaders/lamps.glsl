@@ -66,7 +66,7 @@ vec3 in_slot(sampler2D casters, int slot, vec3 point, out float middle) {
 
 // visible fraction of a lamp, a mean over a footprint; undefined unless `wanted`. A point lamp has one ray
 float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D casters,
-                      vec4 rays[MAXIMUM_SUN_SAMPLES], Footprint area, bool wanted) {
+                      vec4 rays[MAXIMUM_SUN_RAYS], Footprint area, bool wanted) {
     int between = 0, number = 0;
     float middle, radius = footprint_radius(area.sides);
     while (number < lamp.slots) {

@@ -11,7 +11,7 @@ uniform vec2 frame_size;
 uniform int count;
 uniform float filter_width;
 uniform bool blended;
-uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform float glossy_roughness[MAXIMUM_GLOSSY_LEVELS];
 uniform View view;
 uniform Sun sun;

@@ -10,7 +10,7 @@ uniform int side;
 uniform float spacing;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
-uniform vec4 rays[MAXIMUM_SUN_SAMPLES];
+uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform View view;
 uniform Sun sun;
 uniform Shadows shadows;

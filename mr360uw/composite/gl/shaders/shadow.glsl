@@ -149,7 +149,7 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
 // rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
 // tangent of the disc's radius
 float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, mat2x3 sides,
-                     vec2 middle, vec4 rays[MAXIMUM_SUN_SAMPLES], int count, int every, float spread, bool wanted) {
+                     vec2 middle, vec4 rays[MAXIMUM_SUN_RAYS], int count, int every, float spread, bool wanted) {
     float gap, blocked = 0.0, widening = spread * ray_widening(count);
     vec2 places = ray_places(count);
     float grain = ray_grain(count) * sqrt(abs(determinant(mat2(sides[0].xy, sides[1].xy))));

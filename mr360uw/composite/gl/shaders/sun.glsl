@@ -63,7 +63,7 @@ vec3 in_sun_axes(Sun sun, View view, vec3 point) {
 }
 
 // visible fraction of a disc about the sun, a mean over a footprint about p, in the sun's axes, over each `every`-th ray
-float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec4 rays[MAXIMUM_SUN_SAMPLES], vec3 p,
+float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec4 rays[MAXIMUM_SUN_RAYS], vec3 p,
                 mat2x3 sides, float half_angle, int every, bool wanted) {
     return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sides, sun.slope, rays,
                           (shadows.samples + every - 1) / every, every, tan(half_angle), wanted);
@@ -72,7 +72,7 @@ float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, 
 // visible fraction of the beam, a mean over a footprint. halo: visible fraction of the halo if known, else -1: then it
 // is computed over each `every`-th ray
 float visibility(Sun sun, Shadows shadows, View view, MediumTable medium, sampler2D beam, sampler2D sun_map,
-                 sampler2D casters, vec4 rays[MAXIMUM_SUN_SAMPLES], Footprint area, float halo, int every,
+                 sampler2D casters, vec4 rays[MAXIMUM_SUN_RAYS], Footprint area, float halo, int every,
                  bool wanted) {
     vec3 p = in_sun_axes(sun, view, area.middle);
     mat2x3 sides = sun.axes * area.sides;
