@@ -3,9 +3,24 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Literal
 
 from mr360uw.errors import ParameterError
+
+
+class Eye(StrEnum):
+    """Eyes of a stereo plate."""
+
+    left = "left"
+    right = "right"
+
+
+class ImageFormat(StrEnum):
+    """File formats of exported maps."""
+
+    png = "png"
+    exr = "exr"
 
 
 def frame_range(text: str | None) -> tuple[int, int | None]:

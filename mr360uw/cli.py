@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import signal
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mr360uw.arguments import frame_range, worker_count
+from mr360uw.arguments import Eye, ImageFormat, frame_range, worker_count
 from mr360uw.errors import Mr360uwError, ParameterError
 
 app = typer.Typer(
@@ -37,21 +36,7 @@ SetOption = Annotated[
 ]
 
 
-class Eye(StrEnum):
-    """Eyes of a stereo plate."""
-
-    left = "left"
-    right = "right"
-
-
 EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
-
-
-class ImageFormat(StrEnum):
-    """File formats of exported maps."""
-
-    png = "png"
-    exr = "exr"
 
 
 def main() -> None:

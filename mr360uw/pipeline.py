@@ -133,10 +133,9 @@ def composite_video(
             kept = total - sum(stop - start for start, stop in left)
             if left:
                 doubts = _find_facts(loaded, video, work, times, progress).notes
-                job = Job(scene, target, work, renderer.name, pattern, tuple(left))
                 done = _counted(progress, kept, total)
-                opened = OpenJob(job, video, loaded, renderer)
-                times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
+                opened = OpenJob(Job(scene, target, work, renderer.name, pattern, left), video, loaded, renderer)
+                times.merge(_alone(opened, done) if crew is None else crew.render(opened.job, done))
             notes = _completed(work, target, video, scene, parts, overwrite=overwrite)
     plan = loaded.plan
     return Report(
@@ -188,14 +187,14 @@ def _check_pictures(*patterns: Path | None) -> None:
             raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
 
 
-def _left(work: WorkFolder, out: Path, parts: list[Part]) -> list[Part]:
+def _left(work: WorkFolder, out: Path, parts: list[Part]) -> tuple[Part, ...]:
     """Return the parts that are not complete yet."""
     if out.suffix.lower() in PICTURE_SUFFIXES:
         name = numbered if is_pattern(out) else lambda path, _: path
         done = {(k, k + 1) for k in work.pictures() if name(out, k).exists()}
     else:
         done = {(segment.start, segment.stop) for segment in work.segments()}
-    return [part for part in parts if part not in done]
+    return tuple(part for part in parts if part not in done)
 
 
 def _find_facts(

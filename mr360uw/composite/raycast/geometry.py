@@ -165,9 +165,8 @@ def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours
 def surface(
     shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, area: Floats, pixel: float
 ) -> Hits:
-    """Return the surfaces at frame coordinates (n,) on given triangles.
-
-    area: (n, 5) of the frame that each represents (`sampling.frame_areas`). pixel: filter width of textures [pixels].
+    """Return the surfaces at frame coordinates (n,) on given triangles. area: (n, 5) of the frame that each represents
+    (`sampling.frame_areas`). pixel: filter width of textures [pixels].
     """
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
