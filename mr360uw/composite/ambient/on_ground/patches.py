@@ -4,9 +4,6 @@
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
 falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
 itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
-
-At the outline of a body on the ground the light jumps. Samples just below the body take the value beside it, so that
-the dark below, which is not visible, does not reach out into the last pixels of visible ground.
 """
 
 from __future__ import annotations
@@ -44,14 +41,6 @@ _FINEST = 0.5
 """Least distance of samples, in pixels across the frame."""
 _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 """Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
-_OUTLINE = 0.25
-"""Least range of the blocked fraction within a smallest square that is taken for a jump at an outline. Twice as large
-leaves dark pixels around bodies; half as large brightens steep shadows."""
-_BELOW = 0.98
-"""Blocked fraction below a body that stands on the ground. Less takes in the steep shadow at the foot of a wall."""
-_BESIDE = 0.35
-"""Part of that range, from the least, that counts as beside the body. Half of it takes in places a millimetre from the
-foot of a card for a whole pixel; a fifth leaves too few samples around the corners of boxes."""
 _AT = 0.25 * np.arange(3) + 0.5 * np.arange(2)[:, None]
 _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), _AT * (2.0 * _AT - 1.0)], axis=-1)
 """Weights (2, 3, 3) of a side's three samples at those of its halves."""
@@ -64,8 +53,7 @@ class Patches:
     low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of them. child:
     (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
 
-    place: (samples, 3) [m] in the world; blocked: there. below, beside: (m,) samples below bodies at outlines, and for
-    each the nearest that is not. hanging, leaf, at: of `patch_kernel.set_hanging`.
+    place: (samples, 3) [m] in the world; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
     """
 
     up: bool
@@ -77,16 +65,13 @@ class Patches:
     sample: NDArray[np.int32]
     place: Floats
     blocked: SkyWeights
-    below: NDArray[np.int32]
-    beside: NDArray[np.int32]
     hanging: NDArray[np.int64]
     leaf: NDArray[np.int64]
     at: Floats
 
     def joined(self, values: Floats) -> Floats:
-        """Return values (samples, k) for `between`: continued below outlines, and without steps between patches."""
+        """Return values (samples, k) for `between`, without steps between patches."""
         values = values.copy()
-        values[self.below] = values[self.beside]
         set_hanging(self.hanging, self.leaf, self.at, self.kind, self.sample, values)
         return values
 
@@ -156,10 +141,8 @@ class _Builder:
         hanging, leaf, at = self._hanging(child, kind)
         weights = np.concatenate([part.weights for part in self._parts])
         blocked = SkyWeights(weights, np.concatenate([part.share for part in self._parts], axis=1))
-        jumps = np.flatnonzero((kind == JUMP_PATCH) & (child < 0))
-        below, beside = _beside_outlines(sample[jumps], blocked.share.sum(axis=0))
         squares = self._up, self._low, self._root_m, self._roots, child, kind, sample, self._place
-        return Patches(*squares, blocked, below, beside, hanging, leaf, at)
+        return Patches(*squares, blocked, hanging, leaf, at)
 
     def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
         """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
@@ -211,26 +194,6 @@ class _Builder:
         hanging = np.flatnonzero(leaf[:, 0] >= 0)
         hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
         return hanging, leaf[hanging, 0], at[hanging]
-
-
-def _beside_outlines(sample: NDArray[np.int32], share: Floats) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return samples that lie below bodies at their outlines (m,), and for each the nearest that does not (m,).
-
-    sample: (n, 9) of squares. share: (samples,) blocked fraction, of which those beside a body have the least.
-    """
-    low, high = share[sample].min(axis=1, initial=np.inf), share[sample].max(axis=1, initial=0.0)
-    there = (high - low > _OUTLINE) & (high > _BELOW)
-    across = sample[there]
-    outside = share[across] <= (low + _BESIDE * (high - low))[there, None]
-    row, column = np.divmod(np.arange(9), 3)
-    away = (row[:, None] - row) ** 2 + (column[:, None] - column) ** 2
-    far = np.where(outside[:, None], away, 9)  # (n, below, beside)
-    square, k = np.nonzero(~outside)
-    nearest = np.argmin(far[square, k], axis=1)
-    below, beside = across[square, k], across[square, nearest]
-    order = np.lexsort((beside, away[k, nearest], below))
-    below, first = np.unique(below[order], return_index=True)
-    return below, beside[order][first]
 
 
 def _plans(layout: Layout, ground_y: float) -> Floats:
