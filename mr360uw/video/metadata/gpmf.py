@@ -13,14 +13,15 @@ def gpmf_payloads(path: str | Path) -> bytes:
 
     Raises `VideoError` where the video has no such track.
     """
-    import av
     import av.error
+
+    from mr360uw.video.read.probe import open_local
 
     path = Path(path)
     if path.suffix.lower() in (".bin", ".gpmf"):
         return path.read_bytes()
     try:
-        with av.open(str(path)) as container:
+        with open_local(path) as container:
             tracks = [s for s in container.streams if s.type == "data" and "GoPro MET" in str(s.metadata)]
             if tracks:
                 return b"".join(bytes(packet) for packet in container.demux(tracks[0]) if packet.size)
