@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
+import multiprocessing
 from pathlib import Path
 
 import numpy as np
@@ -47,19 +45,16 @@ def test_two_workers_make_the_same_frames_as_one_process(scene: Scene, alone: li
     np.testing.assert_array_equal(pictures(out), alone)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="kills a process")
 def test_the_part_of_a_worker_that_dies_is_given_to_another(
     scene: Scene, alone: list[np.ndarray], tmp_path: Path
 ) -> None:
-    import psutil
-
     out, killed = tmp_path / "out.mkv", []
 
     def kill_one(done: int, total: int | None) -> None:  # noqa: ARG001 - as progress is called
-        workers = [p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline())]
+        workers = multiprocessing.active_children()
         if not killed and workers and (work_path(out) / "facts.npz").exists():
             killed.append(workers[0].pid)
-            os.kill(workers[0].pid, signal.SIGKILL)
+            workers[0].kill()
 
     uw.composite_video(scene, out, backend="reference", workers=2, progress=kill_one)
     assert killed
