@@ -14,7 +14,7 @@ from mr360uw.composite.lighting.shading import (
 )
 from mr360uw.composite.lighting.shadow import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import Texture, make_texture, texture_level, texture_lookup
+from mr360uw.composite.mesh.texture import Texture, make_texture, texture_lookup, texture_taps, trilinear
 from mr360uw.composite.reference import render_aovs
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
@@ -135,8 +135,32 @@ def test_lookups_at_texel_centres_and_wraps() -> None:
     uv = np.array([[2.5, 1.5]]) / 4
     for wrap, away in (("repeat", uv + np.array([1, -2])), ("clamp", uv), ("mirror", 2.0 - uv)):
         texture = make_texture(image, srgb=False, wrap=(wrap, wrap))
-        np.testing.assert_allclose(texture_lookup(texture, away, np.zeros(1))[0, :3], 1.0, atol=tol.HALF_FLOAT)
-    assert texture_level(texture, np.array([[0.25, 0]]), np.array([[0, 1.0]]))[0] == pytest.approx(1.0)
+        np.testing.assert_allclose(trilinear(texture, away, np.zeros(1))[0, :3], 1.0, atol=tol.HALF_FLOAT)
+
+
+def test_a_long_footprint_is_looked_up_several_times_at_the_level_of_its_width() -> None:
+    texture = make_texture(np.zeros((64, 64, 3), np.uint8), srgb=False)
+    turn = np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
+    # half axes of 2 and 6 texels, whichever way the ellipse lies on the map and the pixel's axes lie in it
+    for axes in (np.eye(2), turn):
+        du, dv = (axes @ np.diag([2.0, 6.0]) @ turn) / 64
+        level, count, offset = texture_taps(texture, du, dv)
+        assert level == pytest.approx(1.0)
+        assert count == 5
+        assert np.linalg.norm(offset) * 64 == pytest.approx(4.0)
+        assert abs(offset @ turn[1]) * 64 == pytest.approx(4.0)
+    assert texture_taps(texture, np.array([0.1, 0.0]), np.array([0.0, 0.1]))[1] == 1
+
+
+def test_thin_lines_at_a_grazing_angle_are_as_dark_at_every_pixel() -> None:
+    image = np.full((256, 256, 3), 255, np.uint8)
+    image[:, 128] = 0
+    texture = make_texture(image, srgb=False)
+    # pixels of 16 x 2 texels, moved along the longer axis by less than a pixel: a box would read 1/16 of the line
+    uv = np.stack([(128.5 + np.linspace(-7.0, 7.0, 29)) / 256, np.full(29, 0.5)], -1)
+    read = texture_lookup(texture, uv, np.tile([8.0 / 256, 0.0], (29, 1)), np.tile([0.0, 1.0 / 256], (29, 1)))[:, 0]
+    inside = np.abs(uv[:, 0] * 256 - 128.5) < 6.0
+    np.testing.assert_allclose(1.0 - read[inside], 1.0 / 16, atol=0.03)  # 8 lookups, each with a tent of 2 texels
 
 
 @pytest.mark.usefixtures("gl")
@@ -155,7 +179,7 @@ def test_texture_lookup_on_the_device_is_the_references(rng: np.random.Generator
         )  # fmt: skip
         du, dv = np.zeros((COUNT, 2)), np.zeros((COUNT, 2))
         du[:, 0], dv[:, 1] = change[:, 0], change[:, 1]
-        expected = texture_lookup(texture, uv, texture_level(texture, du, dv))
+        expected = texture_lookup(texture, uv, du, dv)
         np.testing.assert_allclose(got, expected, atol=tol.TEXTURE_TWIN)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Textures: linear light, box-filtered levels, trilinear lookup with a footprint.
+"""Textures: linear light, box-filtered levels, anisotropic lookup with a footprint.
 
 The footprint is computed from the rays of the neighbouring pixels (Igehy 1999), so it includes the stretch of the
 equirectangular frame. On the device: texture.glsl, with all levels of all maps in one store.
@@ -18,6 +18,8 @@ from mr360uw.types import Floats
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
+LARGEST_COUNT = 8
+"""Lookups along a pixel's longer axis, at most. Twin: texture.glsl."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,21 +94,44 @@ def bilinear_level(texture: Texture, level: int, uv: Floats) -> Floats:
     return upper * (1.0 - fy) + lower * fy
 
 
-def texture_level(texture: Texture, du: ArrayLike, dv: ArrayLike) -> Floats:
-    """Return the fractional level (...,) for changes of (u, v), each (..., 2), from one pixel to the next.
+def texture_taps(texture: Texture, du: ArrayLike, dv: ArrayLike) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Return (levels (...,), counts (...,), offsets (..., 2) in u and v) of the lookups along a pixel's longer axis.
 
-    The geometric mean of both footprints, with the shorter one at least a sixteenth of the longer: the longer alone
-    would blur surfaces at grazing angles.
+    du, dv: changes of (u, v), each (..., 2), over half a pixel along its columns and rows. They span an ellipse on the
+    map (Heckbert 1989, section 3): its shorter half axis sets the level, its longer one how many lookups are spread
+    from -offset to +offset, so that a surface at a grazing angle is neither blurred nor undersampled. A pixel that is
+    as long as wide has one lookup; none has more than `LARGEST_COUNT`.
     """
     size = np.asarray(texture.size, np.float64)
-    a, b = (np.linalg.norm(np.asarray(change) * size, axis=-1) for change in (du, dv))
-    longer = np.maximum(a, b)
-    extent = np.sqrt(longer * np.maximum(np.minimum(a, b), longer / 16.0))
-    return np.clip(np.log2(np.maximum(extent, 1e-6)), 0.0, len(texture.levels) - 1.0)
+    a, b = np.asarray(du, np.float64) * size, np.asarray(dv, np.float64) * size
+    p, q, r = np.sum(a * a, -1), np.sum(a * b, -1), np.sum(b * b, -1)
+    half_sum, spread = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
+    longer = np.sqrt(half_sum + spread)
+    shorter = np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]) / np.maximum(longer, 1e-30)
+    # axes of the ellipse in the plane of (du, dv): the angle of a turn that makes the two perpendicular
+    angle = 0.5 * np.arctan2(2.0 * q, p - r)
+    axis = np.cos(angle)[..., None] * np.asarray(du) + np.sin(angle)[..., None] * np.asarray(dv)
+    extent = np.maximum(np.maximum(shorter, 2.0 * longer / (LARGEST_COUNT + 1.0)), 1.0)
+    beyond = np.maximum(longer - extent, 0.0)
+    count = 1 + np.ceil(2.0 * beyond / extent - 1e-4).astype(np.int64)
+    level = np.minimum(np.log2(extent), len(texture.levels) - 1.0)
+    return level, np.minimum(count, LARGEST_COUNT), (beyond / np.maximum(longer, 1e-30))[..., None] * axis
 
 
-def texture_lookup(texture: Texture, uv: ArrayLike, level: ArrayLike) -> Floats:
-    """Return the texture (..., 4) at coordinates (..., 2) and fractional levels (...,), trilinear."""
+def texture_lookup(texture: Texture, uv: ArrayLike, du: ArrayLike, dv: ArrayLike) -> Floats:
+    """Return the texture (..., 4) at coordinates (..., 2), trilinear, averaged along the pixel's longer axis."""
+    uv = np.asarray(uv, np.float64)
+    level, count, offset = texture_taps(texture, du, dv)
+    result = np.zeros((*level.shape, 4))
+    for k in range(int(count.max(initial=1))):
+        used = k < count
+        place = (2.0 * k - (count[used] - 1.0)) / np.maximum(count[used] - 1.0, 1.0)
+        result[used] += trilinear(texture, uv[used] + place[:, None] * offset[used], level[used])
+    return result / count[..., None]
+
+
+def trilinear(texture: Texture, uv: ArrayLike, level: ArrayLike) -> Floats:
+    """Return the texture (..., 4) at coordinates (..., 2) and fractional levels (...,)."""
     uv, level = np.asarray(uv, np.float64), np.asarray(level, np.float64)
     result = np.zeros((*level.shape, 4))
     for k in range(len(texture.levels)):

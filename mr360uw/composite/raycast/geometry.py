@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import Texture, texture_level, texture_lookup
+from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_bodies
@@ -134,7 +134,7 @@ def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats,
 
 
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
-    return texture_lookup(texture, uv, texture_level(texture, change[:, 0], change[:, 1]))
+    return texture_lookup(texture, uv, change[:, 0], change[:, 1])
 
 
 def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats) -> Floats:

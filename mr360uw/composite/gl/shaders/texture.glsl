@@ -1,7 +1,8 @@
-// Trilinear lookup of texture maps. Held to composite/mesh/texture.py.
+// Trilinear lookup of texture maps, averaged along the longer axis of the pixel. Held to composite/mesh/texture.py.
 // All levels of all maps lie in one store, row after row; a map is (address / 64, width, height, wrap).
 const int STORE_COLUMNS = 4096;
 const int STORE_ALIGNMENT = 64;
+const float LARGEST_COUNT = 8.0;
 
 // in floating point, because software drivers divide integers one lane at a time
 int periodic(int index, int period) {
@@ -31,17 +32,9 @@ vec4 bilinear_level(sampler2D store, int address, ivec2 size, ivec2 wrap, vec2 u
                mix(stored(store, lower + i0), stored(store, lower + i1), f.x), f.y);
 }
 
-float texture_level(vec2 size, vec2 du, vec2 dv) {
-    float a = length(du * size), b = length(dv * size);
-    float longer = max(a, b);
-    float extent = sqrt(longer * max(min(a, b), longer / 16.0));
-    return clamp(log2(max(extent, 1e-6)), 0.0, floor(log2(max(size.x, size.y)) + 1e-4));
-}
-
-vec4 texture_lookup(sampler2D store, vec4 map, vec2 uv, vec2 du, vec2 dv) {
+vec4 trilinear(sampler2D store, vec4 map, vec2 uv, float level) {
     ivec2 size = ivec2(map.yz);
     ivec2 wrap = ivec2(int(mod(map.w, 3.0)), int(map.w / 3.0));
-    float level = texture_level(map.yz, du, dv);
     int address = int(map.x) * STORE_ALIGNMENT;
     for (int k = int(level); k > 0; --k) {
         address += size.x * size.y;
@@ -52,4 +45,23 @@ vec4 texture_lookup(sampler2D store, vec4 map, vec2 uv, vec2 du, vec2 dv) {
     if (fraction == 0.0) return value;
     vec4 coarser = bilinear_level(store, address + size.x * size.y, max(size >> 1, ivec2(1)), wrap, uv);
     return mix(value, coarser, fraction);
+}
+
+// du, dv: changes over half a pixel
+vec4 texture_lookup(sampler2D store, vec4 map, vec2 uv, vec2 du, vec2 dv) {
+    vec2 a = du * map.yz, b = dv * map.yz;
+    float p = dot(a, a), q = dot(a, b), r = dot(b, b);
+    float longer = sqrt(0.5 * (p + r) + length(vec2(0.5 * (p - r), q)));
+    float shorter = abs(a.x * b.y - a.y * b.x) / max(longer, 1e-30);
+    float extent = max(max(shorter, 2.0 * longer / (LARGEST_COUNT + 1.0)), 1.0);
+    float level = min(log2(extent), floor(log2(max(map.y, map.z)) + 1e-4));
+    float beyond = max(longer - extent, 0.0);
+    int count = min(1 + int(ceil(2.0 * beyond / extent - 1e-4)), int(LARGEST_COUNT));
+    if (count == 1) return trilinear(store, map, uv, level);
+    float angle = 0.5 * atan(2.0 * q, p - r);
+    vec2 offset = beyond / longer * (cos(angle) * du + sin(angle) * dv);
+    vec4 sum = vec4(0.0);
+    for (int k = 0; k < count; ++k)
+        sum += trilinear(store, map, uv + offset * (2.0 * float(k) / float(count - 1) - 1.0), level);
+    return sum / float(count);
 }
