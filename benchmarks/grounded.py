@@ -265,15 +265,18 @@ def furnace() -> None:
             }
             where = "in the air" if floor is None else "over a white floor"
             print(f"  {name:10} {where:19} " + "   ".join(f"{key} {value:.5f}" for key, value in worst.items()))
-    card = placed(box((0.8, 1e-3, 0.6), diffuse(tuple(map(float, FLOOR_ALBEDO)))), (0.0, FLOOR_Y_M + 5e-4, -1.3))
+    paint = diffuse(tuple(map(float, FLOOR_ALBEDO)))
     for sky in SKIES.values():
-        shot = Shot(
-            View(WIDTH, WIDTH // 2), (card,), lights(sky)["known"], tuple(filter(None, [sky.sun])),
-            receiver=Receiver(plane_y=FLOOR_Y_M),
-        )  # fmt: skip
         plate = sky.plate()
-        worst = {key: np.abs(over(plate, render(shot)) / plate - 1.0).max() for key, render in both.items()}
-        print(f"  flush card {sky.name:19} " + "   ".join(f"{key} {value:.5f}" for key, value in worst.items()))
+        for thickness_m in (1e-3, 1e-4):  # its side face is seen too, and has light of its own
+            card = placed(box((0.8, thickness_m, 0.6), paint), (0.0, FLOOR_Y_M + 0.5 * thickness_m, -1.3))
+            shot = Shot(
+                View(WIDTH, WIDTH // 2), (card,), lights(sky)["known"], tuple(filter(None, [sky.sun])),
+                receiver=Receiver(plane_y=FLOOR_Y_M),
+            )  # fmt: skip
+            worst = {key: np.abs(over(plate, render(shot)) / plate - 1.0).max() for key, render in both.items()}
+            found = "   ".join(f"{key} {value:.5f}" for key, value in worst.items())
+            print(f"  flush card, {1e3 * thickness_m:.1f} mm, {sky.name:13} {found}")
 
 
 # --- the plate's own caustics --------------------------------------------------------------------------------------
