@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from mr360uw.arguments import Eye, ImageFormat, frame_range, worker_count
+from mr360uw.arguments import Eye, ImageFormat, frame_range, variants, view_of, worker_count
 from mr360uw.errors import Mr360uwError, ParameterError
 
 app = typer.Typer(
@@ -36,6 +36,11 @@ SetOption = Annotated[
 ]
 
 
+ScaleOption = Annotated[float | None, typer.Option(help="size over the plate's, for drafts, as in 0.25")]
+FrameOption = Annotated[int | None, typer.Option(help="number of the frame; default: 0")]
+TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
+ViewOption = Annotated[str | None, typer.Option(help="yaw,pitch,fov in degrees; default: the whole panorama")]
+SizeOption = Annotated[str, typer.Option(help="of a view, in pixels")]
 EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
@@ -65,6 +70,7 @@ def composite(
     frames: FramesOption = None,
     backend: BackendOption = "auto",
     overrides: SetOption = None,
+    scale: ScaleOption = None,
     overwrite: OverwriteOption = False,
     layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
@@ -77,9 +83,9 @@ def composite(
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
-    from mr360uw.scene.model import load_scene
+    from mr360uw.scene.model import at_scale, load_scene
 
-    loaded = load_scene(scene, overrides or ())
+    loaded = at_scale(load_scene(scene, overrides or ()), scale)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         return
@@ -91,6 +97,54 @@ def composite(
     if report_file is not None:
         report.save(report_file)
     typer.echo(str(report))
+
+
+@app.command()
+def still(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="picture to write: .png, .jpg, .exr")],
+    frame: FrameOption = None,
+    time_s: TimeOption = None,
+    view: ViewOption = None,
+    size: SizeOption = "1280x720",
+    scale: ScaleOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
+    from mr360uw.preview.still import save_still
+    from mr360uw.scene.model import at_scale, load_scene
+
+    loaded = at_scale(load_scene(scene, overrides or ()), scale)
+    seen = view_of(view, size)
+    save_still(out, loaded, frame=frame, time_s=time_s, view=seen, backend=backend, overwrite=overwrite)
+    typer.echo(f"wrote {out}")
+
+
+@app.command()
+def sweep(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="sheet to write: .png or .jpg; a page .html goes beside it")],
+    overrides: Annotated[list[str], typer.Option("--set", help="key and its values, as in --set sea.wind_speed=2,4,8")],
+    frame: FrameOption = None,
+    time_s: TimeOption = None,
+    view: ViewOption = None,
+    size: SizeOption = "1280x720",
+    scale: ScaleOption = None,
+    backend: BackendOption = "auto",
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
+    from mr360uw.preview.contact_sheet import sweep as write_sweep
+    from mr360uw.progress import terminal_progress
+
+    with terminal_progress() as progress:
+        written = write_sweep(
+            scene, out, variants(overrides), scale=scale, frame=frame, time_s=time_s,
+            view=view_of(view, size), backend=backend, overwrite=overwrite, progress=progress,
+        )  # fmt: skip
+    typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 
 @app.command()

@@ -10,12 +10,14 @@ from mr360uw.errors import VideoError
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.read.images import is_pattern, matching_files
+from mr360uw.video.read.scaled import scaled
 
 
 def open_plate(scene: Scene) -> VideoReader:
-    """Return the scene's plate, opened with the scene's transfer curve, eye and frame rate; raise `VideoError`."""
+    """Return the scene's plate with its transfer curve, eye, frame rate and scale; raise `VideoError`."""
     plate = scene.plate
-    return open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
+    video = open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
+    return scaled(video, plate.scale)
 
 
 def keep_inputs(scene: Scene, *outputs: Path) -> None:

@@ -41,6 +41,9 @@ class PlateSettings(Parameters):
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
     eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
+    scale: float = parameter(
+        1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0
+    )
 
 
 class CameraSettings(Parameters):
@@ -144,6 +147,13 @@ def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", li
     if missing:
         raise SceneError(where, missing)
     return scene
+
+
+def at_scale(scene: Scene, scale: float | None) -> Scene:
+    """Return a scene that works on frames of `scale` times its plate's size; itself for None."""
+    if scale is None:
+        return scene
+    return scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": scale})})
 
 
 def files_of(scene: Scene) -> list[Path]:

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Variants of a scene side by side, as one labelled picture and as a page."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.files import write_whole
+from mr360uw.preview.perspective import Perspective
+from mr360uw.preview.still import check_output, render_still
+from mr360uw.progress import Progress
+from mr360uw.scene.inputs import keep_inputs
+from mr360uw.scene.model import at_scale, load_scene
+from mr360uw.video.write.image_writer import picture_codes
+
+LARGEST_SHEET = 64
+"""Pictures on a sheet, at most."""
+_COLUMNS = 4
+_CELL_WIDTH = 640
+_LABEL_ROWS, _GAP = 26, 4
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; background: #181818; color: #ebebeb; margin: 1.5em; }
+h1 { font-size: 1.3em; } main { display: flex; flex-wrap: wrap; gap: 1em; } figure { margin: 0; flex: 1 1 400px; }
+img { width: 100%; display: block; } figcaption { padding: .3em 0; font-family: ui-monospace, monospace; }
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variant:
+    """A picture of a scene with some keys changed. codes: (h, w, 3) uint8. label: the changes."""
+
+    label: str
+    codes: NDArray[np.uint8]
+
+
+def sweep(
+    scene: Path,
+    out: Path,
+    changes: Sequence[tuple[str, ...]],
+    *,
+    scale: float | None = None,
+    frame: int | None = None,
+    time_s: float | None = None,
+    view: Perspective | None = None,
+    backend: str = "auto",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Render one frame of a scene file with each set of overrides; write a labelled sheet and a page, return the paths.
+
+    out: a PNG or JPEG; the page goes beside it as .html and holds its pictures. changes: overrides of each variant, as
+    `load_scene` takes them; all are checked before the first is rendered. scale: size of the frames over the plate's.
+    Raises what `render_still` raises, `ParameterError` for more than `LARGEST_SHEET` variants.
+    """
+    if len(changes) > LARGEST_SHEET:
+        raise ParameterError(
+            f"--set - makes too many pictures (got {len(changes)}) - leave values out until there are {LARGEST_SHEET}"
+        )
+    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise ParameterError(f"{out} - is no name of a sheet (got {out.suffix!r}) - end it in .png or .jpg")
+    page = out.with_suffix(".html")
+    for path in (out, page):
+        check_output(path, overwrite=overwrite)
+    scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
+    keep_inputs(scenes[0], out.absolute(), page.absolute())
+    found = []
+    for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
+        picture = render_still(one, frame=frame, time_s=time_s, view=view, backend=backend)
+        found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
+        if progress is not None:
+            progress(number, len(scenes))
+    write_whole(out, _encoded(contact_sheet(found), out.suffix))
+    write_whole(page, contact_page(scene.name, found))
+    return [out, page]
+
+
+def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
+    """Return variants in rows of up to four, (h, w, 3) uint8, each with its label below."""
+    import cv2
+
+    cell = np.max([one.codes.shape[:2] for one in variants], axis=0) + np.array([_LABEL_ROWS + _GAP, _GAP])
+    columns = min(_COLUMNS, len(variants))
+    sheet = np.full((-(-len(variants) // columns) * cell[0] + _GAP, columns * cell[1] + _GAP, 3), 24, np.uint8)
+    for number, one in enumerate(variants):
+        row, column = _GAP + cell[0] * (number // columns), _GAP + cell[1] * (number % columns)
+        height, width = one.codes.shape[:2]
+        sheet[row : row + height, column : column + width] = one.codes
+        label = one.label.encode("ascii", "replace").decode()
+        (length, _), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 1)
+        size = min(0.55, (width - 2 * _GAP) / max(length, 1))
+        place = int(column + _GAP), int(row + height + _LABEL_ROWS - 8)
+        cv2.putText(sheet, label, place, cv2.FONT_HERSHEY_SIMPLEX, size, (235, 235, 235), 1, cv2.LINE_AA)
+    return sheet
+
+
+def contact_page(title: str, variants: Sequence[Variant]) -> str:
+    """Return a page (HTML, complete in itself) of variants with their labels."""
+    figures = "\n".join(
+        f'<figure><img alt="{html.escape(one.label)}" src="data:image/png;base64,'
+        f'{base64.b64encode(_encoded(one.codes, ".png")).decode()}"><figcaption>{html.escape(one.label)}</figcaption>'
+        "</figure>"
+        for one in variants
+    )
+    return f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title><style>{_STYLE}</style></head>
+<body><h1>{html.escape(title)}</h1>
+<main>
+{figures}
+</main></body></html>
+"""
+
+
+def _small(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    import cv2
+
+    height, width = codes.shape[:2]
+    if width <= _CELL_WIDTH:
+        return codes
+    size = (_CELL_WIDTH, max(1, round(height * _CELL_WIDTH / width)))
+    return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _encoded(codes: NDArray[np.uint8], suffix: str) -> bytes:
+    import cv2
+
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(codes[..., ::-1]))
+    assert done
+    return bytes(data)

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One composited frame of a scene, whole or as a view into it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.preview.perspective import Perspective, look
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import load
+from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoFrame
+from mr360uw.video.pixels.rgb import codes_from_linear
+from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.write.image_writer import write_picture
+
+
+def render_still(
+    scene: Scene,
+    *,
+    frame: int | None = None,
+    time_s: float | None = None,
+    view: Perspective | None = None,
+    backend: str = "auto",
+) -> VideoFrame:
+    """Return one composited frame of a scene's plate, or a view into it.
+
+    frame: its number, 0 by default; or time_s, for the frame that is shown then. The sun and the veil are measured in
+    this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
+    what `composite_video` raises.
+    """
+    if frame is not None and time_s is not None:
+        raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
+    with open_plate(scene) as video:
+        index = frame or 0
+        if time_s is not None:
+            index = int(time_s * float(video.frame_rate) + 1e-6)
+        video.check_range(index, index + 1)
+        loaded = load(scene, video.width, video.height, clip=False)
+        loaded.check(index + 1)
+        renderer, _ = make_backend(backend)
+        plate = next(iter(video.frames(index, index + 1)))
+        stages = frame_stages(loaded, ClipFacts.of_frame("scene", None), renderer, plate, 0.0)
+        picture = finished(stages).picture
+    return picture if view is None else _seen(picture, view)
+
+
+def save_still(
+    path: Path,
+    scene: Scene,
+    *,
+    frame: int | None = None,
+    time_s: float | None = None,
+    view: Perspective | None = None,
+    backend: str = "auto",
+    overwrite: bool = False,
+) -> None:
+    """Write a still (see `render_still`) as a picture, whose kind follows the suffix.
+
+    Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`.
+    """
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
+    check_output(path, overwrite=overwrite)
+    keep_inputs(scene, path.absolute())
+    write_picture(path, render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend))
+
+
+def check_output(path: Path, *, overwrite: bool) -> None:
+    """Raise `ParameterError` where the folder of an output is missing, `OutputExistsError` where it is there."""
+    if not path.absolute().parent.is_dir():
+        raise ParameterError(f"{path} - its folder is missing (got {path.parent}) - make it first")
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
+
+
+def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
+    """Return a view into a frame, in the frame's own codes."""
+    light, spec = look(picture.image_linear, view), picture.spec
+    if spec.bits == 32:
+        return replace(picture, yuv=None, native=None, rgb=light, wrap=False)
+    bits = 8 if spec.bits == 8 else 16
+    codes = codes_from_linear(light, spec.transfer, f"uint{bits}", picture.index)
+    return replace(picture, yuv=None, native=None, rgb=codes, spec=replace(spec, matrix="bt709", bits=bits), wrap=False)
