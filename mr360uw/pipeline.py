@@ -51,6 +51,12 @@ class FrameResult:
     caustics: CausticStack | None
     medium: MediumTable | None
 
+    def _repr_png_(self) -> bytes:
+        """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
+        from mr360uw.preview.thumbnail import thumbnail
+
+        return thumbnail(self.image_linear)
+
 
 def render_frame(
     plate: Floats,

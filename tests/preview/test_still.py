@@ -123,6 +123,14 @@ def test_bad_stills_are_refused_before_they_are_rendered(dive: SampleDive, tmp_p
             CliRunner().invoke(app, ["still", str(dive.scene), str(tmp_path / name)], catch_exceptions=False)
 
 
+def test_a_frame_shows_itself_in_a_notebook() -> None:
+    light = np.full((600, 1200, 3), 0.2, np.float32)
+    frame = uw.FrameResult(light, uw.Layer(600, 1200, ()), None, None, None)
+    shown = cv2.imdecode(np.frombuffer(frame._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
+    assert shown.shape == (512, 1024, 3)
+    assert np.all(shown == round(255.0 * (1.055 * 0.2 ** (1.0 / 2.4) - 0.055)))
+
+
 # --- sheets ----------------------------------------------------------------------------------------------------------
 
 
