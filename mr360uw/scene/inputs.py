@@ -13,9 +13,11 @@ from mr360uw.video.read.images import is_pattern, matching_files
 
 
 def open_plate(scene: Scene) -> VideoReader:
-    """Return the scene's plate, opened with the scene's transfer curve, eye and frame rate; raise `VideoError`."""
+    """Return the scene's plate, opened as its table says; raise `VideoError`."""
     plate = scene.plate
-    return open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
+    return open_video(
+        plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate, damaged=plate.damaged
+    )
 
 
 def keep_inputs(scene: Scene, *outputs: Path) -> None:

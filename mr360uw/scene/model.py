@@ -41,6 +41,9 @@ class PlateSettings(Parameters):
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
     eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
+    damaged: Literal["stop", "hold"] = parameter(
+        "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
+    )
 
 
 class CameraSettings(Parameters):
