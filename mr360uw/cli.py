@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import signal
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -46,16 +47,21 @@ def main() -> None:
     try:
         app()
     except Mr360uwError as error:
-        typer.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        _fail(str(error), error)
     except OSError as error:
         where = error.filename or "a file"
-        typer.echo(f"error: {where} - {error.strerror or error} - check the name, the rights and the space", err=True)
-        sys.exit(2)
+        _fail(f"{where} - {error.strerror or error} - check the name, the rights and the space", error)
     except SystemExit as done:
         if done.code == _INTERRUPTED:
             typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
         raise
+
+
+def _fail(text: str, error: Exception) -> NoReturn:
+    """Print an error and its notes; end with exit code 2."""
+    for line in (f"error: {text}", *getattr(error, "__notes__", ())):
+        typer.echo(line, err=True)
+    sys.exit(2)
 
 
 @app.command()
@@ -70,6 +76,7 @@ def composite(
     fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
     workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
+    mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
     report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
@@ -86,7 +93,8 @@ def composite(
     with terminal_progress() as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
-            progress=progress, fresh=fresh, workers=worker_count(workers), cluster=dask,
+            progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),
+            cluster=dask, mixed=mixed,
         )  # fmt: skip
     if report_file is not None:
         report.save(report_file)

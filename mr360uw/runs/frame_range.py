@@ -24,12 +24,18 @@ from mr360uw.video.write.writer import VideoWriter
 
 @dataclass
 class RunTimes:
-    """Seconds by stage, and counts of frames: all, without visible objects, and without a sun."""
+    """Seconds by stage, and counts of frames: all, those without visible objects, those without a sun.
+
+    held, concealed: frames whose plate was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     empty: int = 0
     sunless: int = 0
+    held: int = 0
+    concealed: int = 0
+    renderers: dict[str, int] = field(default_factory=dict)
 
     def add(self, stage: str, since: float) -> float:
         """Add the time since `since` to a stage; return the present time."""
@@ -41,9 +47,13 @@ class RunTimes:
         """Add what another part of the run took."""
         for stage, seconds in other.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        for name, frames in other.renderers.items():
+            self.renderers[name] = self.renderers.get(name, 0) + frames
         self.frames += other.frames
         self.empty += other.empty
         self.sunless += other.sunless
+        self.held += other.held
+        self.concealed += other.concealed
 
 
 @dataclass(frozen=True)
@@ -63,12 +73,14 @@ class RangeRenderer:
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
         """Render frames [start, stop) into a sink; done: is called after each."""
         behind: Behind[Stages] = Behind(lambda stages: self._write(stages, sink))
+        renderer = f"{self.backend.name} ({self.backend.device})"
         with one_blas_thread(), sink, behind:
             for stages in prefetch(self._read(start, stop)):
                 since = time.perf_counter()
                 next(stages)
                 self.times.add("render", since)
                 behind.put(stages)
+                self.times.renderers[renderer] = self.times.renderers.get(renderer, 0) + 1
                 done()
 
     def _read(self, start: int, stop: int) -> Iterator[Stages]:
@@ -93,6 +105,8 @@ class RangeRenderer:
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles
+        times.held += frame.plate.damage == "held"
+        times.concealed += frame.plate.damage == "concealed"
         times.sunless += frame.light is not None and frame.light.environment.sun is None
         if self.layers is not None and frame.variables is not None:
             parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
