@@ -36,7 +36,6 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
 
-
 EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
@@ -49,8 +48,7 @@ def main() -> None:
     except Mr360uwError as error:
         _fail(str(error), error)
     except OSError as error:
-        where = error.filename or "a file"
-        _fail(f"{where} - {error.strerror or error} - check the name, the rights and the space", error)
+        _fail(f"{error.filename or 'a file'} - {error.strerror or error} - check the name, rights and space", error)
     except SystemExit as done:
         if done.code == _INTERRUPTED:
             typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
@@ -124,12 +122,14 @@ def check(
     backend: BackendOption = "auto",
     overrides: SetOption = None,
 ) -> None:
-    """Check SCENE and every file it names, without rendering; print every problem, or the plan."""
+    """Check SCENE and every file it names, without rendering; print every problem, or the plan, and left-over parts."""
     from mr360uw.render.check import check_scene
+    from mr360uw.runs.work_folder import stale_notes
     from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
-    typer.echo(check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene)))
+    text = check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene))
+    typer.echo("\n".join([text, *stale_notes((out or scene).absolute().parent)]))
 
 
 @app.command()

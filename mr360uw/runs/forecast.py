@@ -57,7 +57,7 @@ class Forecast:
 
 
 def forecast_line(left: int, rate: float, size: float, needed: float, free: float) -> str:
-    """Return a forecast in words. left: frames. rate: frames/s. size, needed, free: bytes of the output and the disk."""
+    """Return a forecast in words. left: frames. rate: frames/s. size: of the output, needed, free: bytes on disk."""
     space = f"needs {_bytes(needed)} more while it is made"
     space += f", and only {_bytes(free)} are free" if needed > free else f" ({_bytes(free)} are free)"
     return f"about {_duration(left / rate)} for {left} frames at {rate:.2g} frames/s; writes {_bytes(size)}, {space}"

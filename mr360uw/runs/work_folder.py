@@ -138,6 +138,14 @@ def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
     return lines
 
 
+def stale_notes(where: Path) -> list[str]:
+    """Return a line for each folder of finished parts that a stopped run left in a folder."""
+    advice = "the same composite command goes on, mr360uw clean removes them"
+    return [
+        f"note      {path} - holds finished parts of a run that was stopped - {advice}" for path in stale_work(where)
+    ]
+
+
 def stale_work(where: Path) -> list[Path]:
     """Return the work folders in a folder that no run holds."""
     found = []

@@ -19,9 +19,9 @@ from mr360uw.types import YuvImage
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
-from mr360uw.video.read.decoding import Picture, pictures
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
 from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.picture_order import Picture, pictures
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens video files, with a message on the cause where one does not open."""
+"""Opens video files by name, with a message on the cause where one does not open."""
 
 from __future__ import annotations
 
@@ -28,6 +28,11 @@ _COPY_AGAIN = "copy it again; a recording that was interrupted needs a repair to
 def open_local(path: Path) -> Any:
     """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`."""
     return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO)
+
+
+def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -> Any:
+    """Return FFmpeg's container of a new file of a kind such as "mp4"; raise `FFmpegError` or `OSError`."""
+    return av.open(f"file:{path}", "w", format=kind, options=options or {})
 
 
 def check_file(path: Path) -> None:
