@@ -159,7 +159,7 @@ def composite_video(
         plan=plan,
         seconds=time.perf_counter() - began,
         stage_s=times.seconds,
-        notes=(*loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
+        notes=(*video.doubts, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
         empty_frames=times.empty if plan.layer.runs else 0,
         sunless_frames=times.sunless if plan.sun.runs else 0,
         held_frames=times.held,

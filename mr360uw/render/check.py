@@ -137,7 +137,7 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",
-        *(f"note      {note}" for note in (*video.notes, *loaded.notes, *filter(None, [fallback]))),
+        *(f"note      {note}" for note in (*video.notes, *video.doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
     for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)

@@ -97,13 +97,15 @@ class Output:
         start = self.span[0]
         if self.is_pictures:
             count = len(work.pictures())
-            return f"finished: {count} frames, as {self.path} - the same command makes the others" if count else ""
+            return (
+                f"finished: {count} frames, as {self.path} - the same command does not make them again" if count else ""
+            )
         segments = _leading([s for s in work.segments() if s.stop <= self.span[1]], start)
         if not segments:
             return ""
         path = work.path / f"finished{self.path.suffix}"
         count = segments[-1].stop - start
-        again = "the same command goes on from there"
+        again = "the same command does not make them again"
         try:
             self._join(segments, path, work.path, overwrite=True)
         except VideoError as error:

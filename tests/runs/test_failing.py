@@ -71,7 +71,7 @@ def test_what_is_finished_before_a_lost_frame_is_playable(whole: Path, hurt: Pat
     assert 8 < count <= LOST + 1
     finished = work_path(out) / "finished.mkv"
     assert caught.value.__notes__ == [
-        f"finished: frames 0:{count} ({count} frames), playable as {finished} - the same command goes on from there"
+        f"finished: frames 0:{count} ({count} frames), playable as {finished} - the same command does not make them again"
     ]
     assert not out.exists()
     np.testing.assert_array_equal(luma(finished), luma(whole)[:count])

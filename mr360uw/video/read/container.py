@@ -13,6 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import av
+
 from mr360uw.color import Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
@@ -25,6 +27,9 @@ from mr360uw.video.read.picture_order import Picture, pictures
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
+
+_SOUND_LONGER_S = 1.0
+"""Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""
 
 
 class ContainerReader(VideoReader):
@@ -50,6 +55,7 @@ class ContainerReader(VideoReader):
             spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
             self._rotation = int(first.rotation) % 360
             self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
+            self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
             self._wrap = equirectangular
             others = [s for s in container.streams if s.type not in ("video", "audio")]
@@ -88,6 +94,18 @@ class ContainerReader(VideoReader):
         """Number of frames from the first on whose data are in the file; see `VideoReader`."""
         complete = self.index.complete_frames(self.path.stat().st_size)
         return complete if complete == self.frame_count else max(0, complete - self._reorder)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A note where the pictures end well before the header says; see `VideoReader`."""
+        if self._listed is not None or self._announced_s is None or not self.frame_count:
+            return ()
+        short_s = self._announced_s - float((int(self.index.stamp.max()) - self.start_pts) * self.time_base)
+        if short_s < _SOUND_LONGER_S:
+            return ()
+        return (
+            f"{self.path} - its pictures end {short_s:.1f} s before the end that its header names: is it cut short?",
+        )
 
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the clip does not hold all of these frames."""

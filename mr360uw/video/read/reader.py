@@ -24,6 +24,11 @@ class VideoReader(Clip, ABC):
         """Number of frames from the first on whose data are there; less than `frame_count` in a file cut short."""
         return self.frame_count
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Notes on signs that the plate is not all there, one line each."""
+        return ()
+
     @abstractmethod
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the plate does not hold all of these frames."""
