@@ -70,9 +70,8 @@ def test_what_is_finished_before_a_lost_frame_is_playable(whole: Path, hurt: Pat
     count = caught.value.index
     assert 8 < count <= LOST + 1
     finished = work_path(out) / "finished.mkv"
-    assert caught.value.__notes__ == [
-        f"finished: frames 0:{count} ({count} frames), playable as {finished} - the same command does not make them again"
-    ]
+    again = "the same command does not make them again"
+    assert caught.value.__notes__ == [f"finished: frames 0:{count} ({count} frames), playable as {finished} - {again}"]
     assert not out.exists()
     np.testing.assert_array_equal(luma(finished), luma(whole)[:count])
     with pytest.raises(DamagedFrameError):  # once more: finished parts are kept, and the file is made again
