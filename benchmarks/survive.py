@@ -146,11 +146,16 @@ def crash(kills: int, seed: int) -> list[str]:
                     "complete parts made again": kept < complete,
                     "more than one part incomplete": incomplete > 1,
                     "other files changed": _foreign_now(command.folder) != foreign,
-                    "left-over files": work_path(command.out).exists(),
+                    "left-over files": len(list(command.folder.iterdir())) != len(foreign) + _files_of(kind),
                 }
                 wrong += [f"{line}: {problem}" for problem, here in problems.items() if here]
         wrong += _two_at_once(dive, folder)
     return wrong
+
+
+def _files_of(kind: str) -> int:
+    """Return the number of files of an output."""
+    return CRASH_FRAMES if kind == "png" else 1
 
 
 def _foreign(folder: Path) -> dict[str, str]:

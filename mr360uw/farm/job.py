@@ -70,7 +70,9 @@ class OpenJob:
         """Render frames [start, stop), which are parts of the job; return what it took."""
         job, times = self.job, RunTimes()
         assert self._facts is not None, "the facts are stored before a job is opened"
-        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, times)
+        # a folder beside the output is on the disk of layers that are beside it too
+        scratch = job.work.path if job.layers is not None and job.layers.parent == job.out.parent else None
+        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, scratch, times)
         renderer.render(start, stop, self._sink(start), done)
         return times
 

@@ -20,6 +20,7 @@ from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
+from mr360uw.video.write.creating import check_target
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
@@ -103,7 +104,7 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
     """
     if out is not None:
         keep_inputs(scene, out)
-        _check_folder(out)
+        check_target(out, video.path)
     kinds: list[str] = []
     problem = ""
     names = [f"out{suffix}" for suffix in _SUFFIXES] if out is None else [out.name]
@@ -119,16 +120,6 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
     if out is not None:
         return str(out)
     return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures"
-
-
-def _check_folder(out: Path) -> None:
-    """Raise `VideoError` where no file can be made beside an output."""
-    if not out.parent.is_dir():
-        raise VideoError(f"{out} - there is no such folder (got {out.parent}) - make it, or name another")
-    if not os.access(out.parent, os.W_OK):
-        raise VideoError(
-            f"{out} - the folder may not be written (got {out.parent}) - change its rights, or name another"
-        )
 
 
 def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: str) -> str:

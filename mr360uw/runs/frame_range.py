@@ -60,7 +60,8 @@ class RunTimes:
 class RangeRenderer:
     """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate's frame alone.
 
-    layers: pattern of layered EXR files that are written beside the frames, or None. times: are added to.
+    layers: pattern of layered EXR files that are written beside the frames, or None; scratch: folder of incomplete
+    ones, None for their own. times: are added to.
     """
 
     loaded: Loaded
@@ -68,6 +69,7 @@ class RangeRenderer:
     backend: Backend
     video: VideoReader
     layers: Path | None
+    scratch: Path | None
     times: RunTimes
 
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
@@ -110,7 +112,8 @@ class RangeRenderer:
         times.sunless += frame.light is not None and frame.light.environment.sun is None
         if self.layers is not None and frame.variables is not None:
             parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
-            write_exr(numbered(self.layers, frame.plate.index), parts, attributes={"comments": RECIPE})
+            file = numbered(self.layers, frame.plate.index)
+            write_exr(file, parts, attributes={"comments": RECIPE}, folder=self.scratch)
             since = times.add("layers", since)
         sink.write(frame.picture)
         times.add("encode", since)

@@ -71,7 +71,7 @@ class PictureSink(VideoWriter):
     def __init__(self, work: WorkFolder, start: int, pattern: Path, like: Clip) -> None:
         self.path = pattern
         self._work, self._start = work, start
-        self._writer = ImageWriter(pattern, like, overwrite=True)
+        self._writer = ImageWriter(pattern, like, overwrite=True, folder=work.path)
 
     def write(self, frame: VideoFrame) -> None:
         """Write the frame's picture."""

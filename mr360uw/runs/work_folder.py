@@ -91,7 +91,7 @@ def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[W
     finally:
         keeps = not done and _has_work(path)
         lock.release()
-        if not keeps:
+        if not keeps and path.exists():
             shutil.rmtree(path)
 
 
