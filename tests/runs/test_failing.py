@@ -161,7 +161,7 @@ def test_a_folder_that_vanishes_is_an_error(whole: Path, tmp_path: Path, stage: 
 
     if stage == "before":
         folder.rmdir()
-    with pytest.raises((VideoError, OSError), match="No such file|folder is missing"):
+    with pytest.raises((VideoError, OSError), match=r"No such file|folder is missing"):
         uw.composite_video(bare(whole), out, progress=vanish)
     assert not folder.exists()
     assert not list(tmp_path.rglob("out.mkv"))
