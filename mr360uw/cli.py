@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import signal
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -35,7 +36,6 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
 
-
 ScaleOption = Annotated[float | None, typer.Option(help="size over the plate's, for drafts, as in 0.25")]
 FrameOption = Annotated[int | None, typer.Option(help="number of the frame; default: 0")]
 TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
@@ -51,16 +51,20 @@ def main() -> None:
     try:
         app()
     except Mr360uwError as error:
-        typer.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        _fail(str(error), error)
     except OSError as error:
-        where = error.filename or "a file"
-        typer.echo(f"error: {where} - {error.strerror or error} - check the name, the rights and the space", err=True)
-        sys.exit(2)
+        _fail(f"{error.filename or 'a file'} - {error.strerror or error} - check the name, rights and space", error)
     except SystemExit as done:
         if done.code == _INTERRUPTED:
             typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
         raise
+
+
+def _fail(text: str, error: Exception) -> NoReturn:
+    """Print an error and its notes; end with exit code 2."""
+    for line in (f"error: {text}", *getattr(error, "__notes__", ())):
+        typer.echo(line, err=True)
+    sys.exit(2)
 
 
 @app.command()
@@ -76,6 +80,7 @@ def composite(
     fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
     workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
+    mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
     report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
 ) -> None:
@@ -92,7 +97,8 @@ def composite(
     with terminal_progress() as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
-            progress=progress, fresh=fresh, workers=worker_count(workers), cluster=dask,
+            progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),
+            cluster=dask, mixed=mixed,
         )  # fmt: skip
     if report_file is not None:
         report.save(report_file)
@@ -170,12 +176,14 @@ def check(
     backend: BackendOption = "auto",
     overrides: SetOption = None,
 ) -> None:
-    """Check SCENE and every file it names, without rendering; print every problem, or the plan."""
+    """Check SCENE and every file it names, without rendering; print every problem, or the plan, and left-over parts."""
     from mr360uw.render.check import check_scene
+    from mr360uw.runs.work_folder import stale_notes
     from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
-    typer.echo(check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene)))
+    text = check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene))
+    typer.echo("\n".join([text, *stale_notes((out or scene).absolute().parent)]))
 
 
 @app.command()

@@ -26,6 +26,18 @@ class VideoError(Mr360uwError):
     """A plate that cannot be read or an output that cannot be written."""
 
 
+class DamagedFrameError(VideoError):
+    """A frame of a plate that cannot be decoded; `index` is its number."""
+
+    def __init__(self, message: str, index: int) -> None:
+        super().__init__(message)
+        self.index = index
+
+    def __reduce__(self) -> tuple[type[DamagedFrameError], tuple[str, int]]:
+        """Return how the error is made again in another process."""
+        return DamagedFrameError, (str(self), self.index)
+
+
 class MeshError(Mr360uwError):
     """A mesh, texture or height map that cannot be used."""
 

@@ -10,31 +10,33 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.errors import ParameterError
 from mr360uw.farm.crew import make_crew
-from mr360uw.farm.job import Job, OpenJob, Part
+from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts, first_pass
+from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_pattern import calm_series
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
+from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
-from mr360uw.runs.sinks import joined_bounds, segment_bounds
+from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
-from mr360uw.video import VideoFrame, VideoReader, create_video
-from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video import VideoFrame, VideoReader
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,41 +110,52 @@ def composite_video(
     overwrite: bool = False,
     layers: str | Path | None = None,
     progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
     fresh: bool = False,
     workers: int | Literal["auto"] = 1,
     cluster: str | None = None,
+    mixed: bool = False,
 ) -> Report:
     """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
 
     out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Until then
     finished parts lie in a folder beside it: the same call goes on after a run that was stopped, unless `fresh`.
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
-    workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead.
-    progress: is called over the clip an extra time if there is a first pass. Raises `VideoError`, `OutputExistsError`,
-    `SceneError`, `MeshError`, `ParameterError`; then no output is there, of sequences the pictures that were complete.
+    workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
+    each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
+    there is a first pass. tell: gets a line on the time and the disk space that a long run will take.
+
+    Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
+    sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
     """
     began, target = time.perf_counter(), Path(out).absolute()
-    pattern = None if layers is None else _layers_pattern(Path(layers).absolute(), target)
+    pattern = None if layers is None else Path(layers).absolute()
     keep_inputs(scene, target, *([] if pattern is None else [pattern]))
     with open_plate(scene) as video:
         span = video.check_range(*frames)
-        parts, total = _parts(target, video, scene, span, overwrite=overwrite), span[1] - span[0]
+        output = Output(target, pattern, video, scene, span, overwrite)
+        output.check_layers()
+        parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         loaded.check(span[1])
         renderer, fallback = make_backend(backend)
         crew = make_crew(workers, cluster, len(parts))
-        inputs = input_fingerprints(scene)
-        with work_folder(target, work_keys(scene, inputs, renderer.name), fresh=fresh) as work:
+        inputs = input_fingerprints(loaded)
+        keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
+        with work_folder(target, keys, fresh=fresh) as work:
             if not (work.resumed or overwrite):
-                _check_pictures(target, pattern)
-            left, times, doubts = _left(work, target, parts), RunTimes(), tuple[str, ...]()
+                output.check_pictures()
+            left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                doubts = _find_facts(loaded, video, work, times, progress).notes
-                done = _counted(progress, kept, total)
-                opened = OpenJob(Job(scene, target, work, renderer.name, pattern, left), video, loaded, renderer)
-                times.merge(_alone(opened, done) if crew is None else crew.render(opened.job, done))
-            notes = _completed(work, target, video, scene, parts, overwrite=overwrite)
+                doubts = _find_facts(loaded, video, span, work, times, progress).notes
+                forecast = None if tell is None else Forecast(tell, output, work, total - kept)
+                done = _counted(progress, forecast, kept, total)
+                job = Job(scene, target, work, "auto" if mixed else renderer.name, pattern, left)
+                opened = OpenJob(job, video, loaded, renderer)
+                with _noting_what_is_finished(output, work):
+                    times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
+            notes = output.complete(work, parts)
     plan = loaded.plan
     return Report(
         out=Path(out),
@@ -152,68 +165,41 @@ def composite_video(
         plan=plan,
         seconds=time.perf_counter() - began,
         stage_s=times.seconds,
-        notes=(*loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
+        notes=(*video.doubts, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
         empty_frames=times.empty if plan.layer.runs else 0,
         sunless_frames=times.sunless if plan.sun.runs else 0,
+        held_frames=times.held,
+        concealed_frames=times.concealed,
         kept_frames=kept,
         workers=1 if crew is None else crew.count,
+        renderers=times.renderers,
         inputs=inputs,
     )
 
 
-def _layers_pattern(pattern: Path, out: Path) -> Path:
-    """Return the pattern of layered files; raise if it is the output's, or no pattern of EXR files."""
-    if pattern == out or (is_pattern(pattern) and pattern.resolve() == out.resolve()):
-        raise ParameterError(f"{pattern} - is the name of the output too - give the layers one of their own")
-    if not is_pattern(pattern) or pattern.suffix.lower() != ".exr":
-        raise ParameterError(f"{pattern} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
-    return pattern
-
-
-def _parts(out: Path, video: VideoReader, scene: Scene, span: Part, *, overwrite: bool) -> list[Part]:
-    """Return the parts of an output that are complete on their own; raise `VideoError` if it cannot be made."""
-    pictures = out.suffix.lower() in PICTURE_SUFFIXES
-    create_video(out, video, scene.output, overwrite=overwrite or is_pattern(out)).abort()
-    if not pictures:
-        rate = float(video.frame_rate)
-        return segment_bounds(*span, max(1, round(scene.output.segment_s * rate)))
-    if not is_pattern(out) and span[1] - span[0] > 1:
-        raise VideoError(
-            f"{out} - one picture cannot hold several frames (got {span[0]}:{span[1]}) - name a pattern such as "
-            f"{out.stem}_%04d{out.suffix}, or one frame"
-        )
-    return segment_bounds(*span, 1)
-
-
-def _check_pictures(*patterns: Path | None) -> None:
-    """Raise `OutputExistsError` where files of a pattern are there."""
-    for pattern in patterns:
-        there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
-        if there:
-            raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
-
-
-def _left(work: WorkFolder, out: Path, parts: list[Part]) -> tuple[Part, ...]:
-    """Return the parts that are not complete yet."""
-    if out.suffix.lower() in PICTURE_SUFFIXES:
-        name = numbered if is_pattern(out) else lambda path, _: path
-        done = {(k, k + 1) for k in work.pictures() if name(out, k).exists()}
-    else:
-        done = {(segment.start, segment.stop) for segment in work.segments()}
-    return tuple(part for part in parts if part not in done)
+@contextmanager
+def _noting_what_is_finished(output: Output, work: WorkFolder) -> Iterator[None]:
+    """A context whose exceptions get a note on what is finished, which is made playable."""
+    try:
+        yield
+    except Exception as error:
+        note = output.finished_part(work)
+        if note:
+            error.add_note(note)
+        raise
 
 
 def _find_facts(
-    loaded: Loaded, video: VideoReader, work: WorkFolder, times: RunTimes, progress: Progress | None
+    loaded: Loaded, video: VideoReader, span: Part, work: WorkFolder, times: RunTimes, progress: Progress | None
 ) -> ClipFacts:
-    """Return the clip's facts, measured into the work folder unless they are there."""
+    """Return the facts of the clip's frames `span`, measured into the work folder unless they are there."""
     stored = work.facts()
     if stored is not None:
         return stored
     since, plan = time.perf_counter(), loaded.plan
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     calm = calm_series(loaded) if not video.is_still else None
-    facts = first_pass(loaded.surroundings, video, progress, calm=calm, **wanted)
+    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=span, **wanted)
     work.keep_facts(facts)
     times.add("first pass", since)
     return facts
@@ -227,27 +213,14 @@ def _alone(opened: OpenJob, done: Callable[[], None]) -> RunTimes:
     return times
 
 
-def _counted(progress: Progress | None, kept: int, total: int) -> Callable[[], None]:
+def _counted(progress: Progress | None, forecast: Forecast | None, kept: int, total: int) -> Callable[[], None]:
     """Return a function that reports one more frame as done."""
     count: Iterator[int] = itertools.count(kept + 1)
 
     def done() -> None:
         if progress is not None:
             progress(next(count), total)
+        if forecast is not None:
+            forecast.frame_done()
 
     return done
-
-
-def _completed(
-    work: WorkFolder, out: Path, video: VideoReader, scene: Scene, parts: list[Part], *, overwrite: bool
-) -> tuple[str, ...]:
-    """Join the segments of a video under its name; return what the output lacks of the plate, one line each."""
-    if out.suffix.lower() in PICTURE_SUFFIXES:
-        return create_video(out, video, overwrite=True).notes
-    wanted = set(parts)
-    segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
-    from mr360uw.video.write.container_writer import ContainerWriter
-
-    with ContainerWriter(out, video, scene.output, overwrite=overwrite, folder=work.path) as writer:
-        writer.write_segments(segments)
-    return writer.notes

@@ -72,7 +72,7 @@ def test_only_gl_modules_of_a_physics_package_import_opengl(package: str) -> Non
 def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
-    writing = {ROOT / "files.py": {"contextlib", "os", "secrets"}}
+    writing = {ROOT / "files.py": {"contextlib", "contextvars", "os", "secrets"}}
     compiled = {ROOT / "yuv" / "decode_kernels.py": {"numba"}}
     for name in GROUND:
         for path in (ROOT / name).rglob("*.py") if (ROOT / name).is_dir() else [ROOT / f"{name}.py"]:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from mr360uw.errors import ParameterError
-from mr360uw.farm.job import Job, OpenJob, Part
+from mr360uw.farm.job import Job, OpenJob
 from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.sinks import Part
 
 _RETRIES = 1
 """Workers that may die over a part, beside the first."""

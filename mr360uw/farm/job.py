@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from mr360uw.errors import GlError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.frame_range import RangeRenderer, RunTimes
-from mr360uw.runs.sinks import PictureSink, SegmentSink
+from mr360uw.runs.sinks import Part, PictureSink, SegmentSink
 from mr360uw.runs.work_folder import WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
@@ -19,14 +21,12 @@ from mr360uw.video import VideoReader
 from mr360uw.video.read.images import PICTURE_SUFFIXES
 from mr360uw.video.write.writer import VideoWriter
 
-Part = tuple[int, int]
-"""Frames [start, stop) of a clip."""
-
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A run over a clip. backend: name of the renderer; all processes use the same, so that frames do not flicker.
+    """A run over a clip.
 
+    backend: name of the renderer; all processes use the same, so that frames do not flicker, except with "auto".
     layers: pattern of layered EXR files, or None. parts: of the clip, each complete on its own. All paths absolute; the
     clip's facts lie in the work folder.
     """
@@ -63,14 +63,16 @@ class OpenJob:
         self.video = open_plate(job.scene) if video is None else video
         size = self.video.width, self.video.height
         self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
-        self.backend = make_backend(job.backend)[0] if backend is None else backend
+        self.backend = _backend_of_worker(job.backend) if backend is None else backend
         self._facts = job.work.facts()
 
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
         """Render frames [start, stop), which are parts of the job; return what it took."""
         job, times = self.job, RunTimes()
         assert self._facts is not None, "the facts are stored before a job is opened"
-        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, times)
+        # a folder beside the output is on the disk of layers that are beside it too
+        scratch = job.work.path if job.layers is not None and job.layers.parent == job.out.parent else None
+        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, scratch, times)
         renderer.render(start, stop, self._sink(start), done)
         return times
 
@@ -79,3 +81,14 @@ class OpenJob:
         if job.out.suffix.lower() in PICTURE_SUFFIXES:
             return PictureSink(job.work, start, job.out, self.video)
         return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)
+
+
+def _backend_of_worker(name: str) -> Backend:
+    """Return a worker's renderer; `GlError` where it lacks the one that the others render with."""
+    try:
+        return make_backend(name)[0]
+    except GlError as error:
+        raise GlError(
+            f"worker {platform.node()} - has no OpenGL, which the run renders with (got: {error}) - give --backend "
+            "reference, or --mixed to let each worker take the renderer that it has"
+        ) from error

@@ -17,8 +17,9 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from mr360uw.errors import VideoError
-from mr360uw.farm.job import Job, OpenJob, Part
+from mr360uw.farm.job import Job, OpenJob
 from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.sinks import Part
 
 _TRIES = 2
 """Workers that may die over a part."""

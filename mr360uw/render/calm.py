@@ -13,7 +13,7 @@ from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 
 FRAMES = 240
-"""Frames of a clip, from its start, that its mean is taken over: ten seconds, several periods of the waves."""
+"""Frames that the mean of a clip is taken over, from the first that is read on: ten seconds, many periods of waves."""
 _EVERY = 4
 """Frames between those that are read: a sixth of a second, in which caustics move by their own width."""
 _LEAST_FRAMES = 8
@@ -42,7 +42,7 @@ class CalmPlate:
 
 
 class CalmSeries:
-    """Collects the first frames of a clip.
+    """Collects the first frames of a clip, or of a range.
 
     height_m: of the camera above the ground. contrast: standard deviation over mean of the light on the ground that the
     scene's sea makes.
@@ -50,6 +50,11 @@ class CalmSeries:
 
     def __init__(self, height_m: float, contrast: float) -> None:
         self._height_m, self._contrast = height_m, contrast
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all frames; the next one is the first."""
+        self._first = 0
         self._sum: Floats | None = None
         self._small: list[Floats] = []
         self._variance: list[float] = []
@@ -58,7 +63,10 @@ class CalmSeries:
         """Take a frame in, where it is one of those that count."""
         import cv2
 
-        if self._sum is not None and (frame.index >= FRAMES or frame.index % _EVERY):
+        if self._sum is None:
+            self._first = frame.index
+        place = frame.index - self._first
+        if place >= FRAMES or place % _EVERY:
             return
         linear = frame.image_linear
         self._sum = linear.copy() if self._sum is None else self._sum + linear

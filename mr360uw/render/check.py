@@ -20,6 +20,7 @@ from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
+from mr360uw.video.write.creating import check_target
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
@@ -43,9 +44,8 @@ def check_scene(
 ) -> str:
     """Return the stages of a run with the reason for each, as text.
 
-    Opens every file that a run opens. The output is opened too and removed again; a file already at `out` is left as
-    it is. Without `out`, the text lists the containers that can hold the result. Raises `SceneError`, of the file
-    `where`, with one line for each problem.
+    Opens every file that a run opens; nothing is written beside them. Without `out`, the text lists the containers that
+    can hold the result. Raises `SceneError`, of the file `where`, with one line for each problem.
     """
     found = _Problems()
     video = found.of(lambda: open_plate(scene))
@@ -98,22 +98,27 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
-    """Return a description of the output, or of the possible ones; raise `VideoError` if none can be opened."""
+    """Return a description of the output, or of the possible ones; raise `VideoError` if none can be opened.
+
+    Outputs are tried in a temporary folder: beside real files nothing is written.
+    """
     if out is not None:
         keep_inputs(scene, out)
-        create_video(out, video, scene.output, overwrite=True).abort()
-        return str(out)
+        check_target(out, video.path)
     kinds: list[str] = []
     problem = ""
+    names = [f"out{suffix}" for suffix in _SUFFIXES] if out is None else [out.name]
     with TemporaryDirectory() as folder:
-        for suffix in _SUFFIXES:
+        for name in names:
             try:
-                create_video(Path(folder) / f"out{suffix}", video, scene.output).abort()
-                kinds.append(suffix)
+                create_video(Path(folder) / name, video, scene.output).abort()
+                kinds.append(Path(name).suffix)
             except VideoError as error:
-                problem = problem or str(error).removeprefix(folder + os.sep)
+                problem = problem or str(error).replace(folder + os.sep, "" if out is None else f"{out.parent}{os.sep}")
     if not kinds:
         raise VideoError(problem)
+    if out is not None:
+        return str(out)
     return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures"
 
 
@@ -123,7 +128,7 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",
-        *(f"note      {note}" for note in (*video.notes, *loaded.notes, *filter(None, [fallback]))),
+        *(f"note      {note}" for note in (*video.notes, *video.doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
     for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import SceneError
+from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
@@ -20,6 +21,10 @@ from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
 from mr360uw.video import VideoReader
+
+MARGIN_S = 10.0
+"""Time [s] on either side of the frames asked for that is measured too: several times what the sun and the gain are
+smoothed over (2 to 4 s). Twice as large, the first pass of a short range takes twice as long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,17 +40,18 @@ class FixedSun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipFacts:
-    """Measurements over a whole clip, which make a frame look the same whatever range is rendered.
+    """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
     frame by frame. calm: the ground without its caustics, or None if it is found frame by frame. notes: doubts about
-    them.
+    them. first: frame that the track and the gain begin with.
     """
 
     sun: SunTrack | FixedSun | None = None
     gain: Floats | None = None
     calm: CalmPlate | None = None
     notes: tuple[str, ...] = ()
+    first: int = 0
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
@@ -54,11 +60,21 @@ class ClipFacts:
 
     def sun_at(self, index: int) -> Sun | Literal["scene"] | None:
         """Return the sun of frame `index`, None if its shot has none; "scene" if there is no track."""
-        return "scene" if self.sun is None else self.sun.at(index)
+        return "scene" if self.sun is None else self.sun.at(index - self.first)
 
     def gain_at(self, index: int) -> Floats | None:
-        """Return the veil's gain (3,) of frame `index`, or None; frames after the last take the last."""
-        return None if self.gain is None else self.gain[min(index, len(self.gain) - 1)]
+        """Return the veil's gain (3,) of frame `index`, or None; frames outside the measured ones take the nearest."""
+        return None if self.gain is None else self.gain[min(max(index - self.first, 0), len(self.gain) - 1)]
+
+
+def measured_range(video: VideoReader, start: int, stop: int) -> tuple[int, int]:
+    """Return the frames [a, b) that the first pass reads for frames [start, stop): these and a margin on either side.
+
+    The margin ends where the clip ends or, in a file that is cut short, its data.
+    """
+    margin = math.ceil(MARGIN_S * float(video.frame_rate))
+    end = stop if video.intact_frames is None else min(video.intact_frames, stop + margin)
+    return max(0, start - margin), max(stop, end)
 
 
 def first_pass(
@@ -69,42 +85,79 @@ def first_pass(
     sun: bool = True,
     gain: bool = True,
     calm: CalmSeries | None = None,
+    frames: tuple[int, int] | None = None,
 ) -> ClipFacts:
-    """Return the facts of a clip. sun, gain: whether each is measured. calm: collects the ground without caustics.
+    """Return the facts of a clip, or of its frames [a, b).
 
-    The sun is the scene's stored track or measured in a pass over the whole clip, whatever range is rendered; the gain
-    is fitted in the same pass. With nothing to measure there is no pass. Raises `SceneError` if the stored track
-    belongs to another clip.
+    sun, gain: whether each is measured. calm: collects the ground without caustics. frames: are read with a margin on
+    either side (`measured_range`), which ends at a frame that cannot be decoded; default: the whole clip.
+
+    The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
+    is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
     stored = surroundings.scene.light.track
     track = _stored_track(stored, video) if sun and stored is not None else None
-    camera, medium = surroundings.camera, surroundings.medium if gain else None
-    reads_sun = sun and track is None
-    if not reads_sun and medium is None and calm is None:
+    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, calm)
+    if not (wanted.sun or wanted.gain or calm is not None):
         return ClipFacts(track)
-    whole = reads_sun or medium is not None or video.frame_count is None
+    begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
+    while True:
+        try:
+            facts = _measured(surroundings, video, progress, wanted, begin, end)
+        except DamagedFrameError as error:
+            if frames is None or frames[0] <= error.index < frames[1]:
+                raise
+            begin, end = (error.index + 1, end) if error.index < frames[0] else (begin, error.index)
+            continue
+        return facts if track is None else replace(facts, sun=track.since(begin))
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """Which facts a pass measures."""
+
+    sun: bool
+    gain: bool
+    calm: CalmSeries | None
+
+
+def _measured(
+    surroundings: Surroundings,
+    video: VideoReader,
+    progress: Progress | None,
+    wanted: _Measured,
+    begin: int,
+    end: int | None,
+) -> ClipFacts:
+    """Return the facts of frames [begin, end)."""
+    camera, calm = surroundings.camera, wanted.calm
+    if not (wanted.sun or wanted.gain) and end is not None:
+        end = min(end, begin + FRAMES)
+    if calm is not None:
+        calm.clear()
     suns: list[SunMeasurement] = []
     maps = _MapSeries()
     with one_blas_thread():
-        for frame in prefetch(video.frames(0, None if whole else min(video.frame_count or FRAMES, FRAMES))):
+        for frame in prefetch(video.frames(begin, end)):
             world_from_camera = camera.at(frame.time_s)[1]
-            if reads_sun:
+            if wanted.sun:
                 light = surroundings.light.of(frame.pixels, time_s=frame.time_s)
                 suns.append(measure_sun(light, frame.time_s, world_from_camera))
-            if medium is not None:
+            if wanted.gain and (medium := surroundings.medium) is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
                 up = world_from_camera[1]
                 maps.add(here, level_view(frame.pixels, up), plate_map(frame.pixels, up))
             if calm is not None:
                 calm.add(frame)
             if progress is not None:
-                progress(frame.index + 1, video.frame_count)
+                progress(frame.index + 1 - begin, None if end is None else end - begin)
     confidence = surroundings.scene.light.minimum_confidence
     return ClipFacts(
-        track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else track,
-        maps.gain(float(video.frame_rate)) if medium is not None else None,
+        track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else None,
+        maps.gain(float(video.frame_rate)) if wanted.gain else None,
         calm.result() if calm is not None else None,
-        tuple(filter(None, [maps.doubt()])) if medium is not None else (),
+        tuple(filter(None, [maps.doubt()])) if wanted.gain else (),
+        begin,
     )
 
 

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from mr360uw.composite import SceneObject, load_objects
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
+from mr360uw.files import files_read
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -21,7 +23,8 @@ from mr360uw.types import View
 class Loaded:
     """A scene resolved for frames of width x height [pixels].
 
-    notes: warnings about its files and the placement of its objects.
+    notes: warnings about its files and the placement of its objects. object_files: that its objects were read from,
+    with the textures and buffers that these name. other_files: that all else was read from, as far as loaders note it.
     """
 
     scene: Scene
@@ -35,6 +38,8 @@ class Loaded:
     caustic_depths: CausticDepths
     plan: Plan
     notes: tuple[str, ...]
+    object_files: tuple[Path, ...]
+    other_files: tuple[Path, ...]
 
     def view(self, time_s: float) -> View:
         """Return the camera's view at a time."""
@@ -63,9 +68,11 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     clip: whether the plate has several frames, for a first pass. Raises `SceneError`, `MeshError`, `VideoError` or
     `ParameterError`.
     """
-    objects = load_objects(scene.objects)
-    receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
-    surroundings = load_surroundings(scene)
+    with files_read() as object_files:
+        objects = load_objects(scene.objects)
+    with files_read() as other_files:
+        receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
+        surroundings = load_surroundings(scene)
     medium = surroundings.medium
     still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
     ground = still.at(0) if still is not None else None
@@ -85,6 +92,8 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
             scene, facts, None if surroundings.medium is None else surroundings.medium.unit_table, clip=clip
         ),
         notes=(*found, *placement_notes(scene, objects, surroundings.camera, height)),
+        object_files=tuple(object_files),
+        other_files=tuple(other_files),
     )
 
 

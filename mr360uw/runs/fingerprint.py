@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mr360uw.render.loaded import Loaded
 from mr360uw.scene.inputs import input_files
 from mr360uw.scene.model import Scene, files_of
 
@@ -50,24 +52,31 @@ def input_file(path: Path) -> InputFile:
     return InputFile(path, size, found.hexdigest())
 
 
-def input_fingerprints(scene: Scene) -> tuple[InputFile, ...]:
-    """Return the fingerprints of all files that a scene reads, each once."""
-    paths = dict.fromkeys(file for path in files_of(scene) for file in input_files(path))
+def input_fingerprints(loaded: Loaded) -> tuple[InputFile, ...]:
+    """Return the fingerprints of all files that a scene reads, each once: those it names, and those that these name."""
+    paths = dict.fromkeys([*_named(loaded.scene), *loaded.object_files, *loaded.other_files])
     return tuple(input_file(path) for path in paths if path.is_file())
 
 
-def work_keys(scene: Scene, inputs: tuple[InputFile, ...], backend: str) -> WorkKeys:
-    """Return the keys of a scene's work by a renderer."""
+def work_keys(loaded: Loaded, inputs: tuple[InputFile, ...], backend: str, measured: tuple[int, int]) -> WorkKeys:
+    """Return the keys of a scene's work by a renderer. measured: frames [a, b) that its first pass reads."""
     from mr360uw import __version__
 
+    scene = loaded.scene
     tables = scene.model_dump(mode="json")
     for name in _JOINED:
         del tables["output"][name]
     part = scene.model_copy(update={"objects": (), "lamps": (), "holdouts": ()})
-    read = {file for path in files_of(part) for file in input_files(path)}
-    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, [_mark(f) for f in inputs if f.path in read]]
-    pictures = [__version__, tables, [_mark(f) for f in inputs], backend]
+    read = {*_named(part), *loaded.other_files}
+    of_first_pass = [_mark(f) for f in inputs if f.path in read]
+    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, of_first_pass, measured]
+    pictures = [__version__, tables, [_mark(f) for f in inputs], measured, backend]
     return WorkKeys(_hash(first), _hash(pictures))
+
+
+def _named(scene: Scene) -> Iterator[Path]:
+    """Yield the files that a scene names."""
+    return (file for path in files_of(scene) for file in input_files(path))
 
 
 def _mark(file: InputFile) -> list[Any]:

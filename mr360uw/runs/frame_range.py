@@ -24,12 +24,18 @@ from mr360uw.video.write.writer import VideoWriter
 
 @dataclass
 class RunTimes:
-    """Seconds by stage, and counts of frames: all, without visible objects, and without a sun."""
+    """Seconds by stage, and counts of frames: all, those without visible objects, those without a sun.
+
+    held, concealed: frames whose plate was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     empty: int = 0
     sunless: int = 0
+    held: int = 0
+    concealed: int = 0
+    renderers: dict[str, int] = field(default_factory=dict)
 
     def add(self, stage: str, since: float) -> float:
         """Add the time since `since` to a stage; return the present time."""
@@ -41,16 +47,21 @@ class RunTimes:
         """Add what another part of the run took."""
         for stage, seconds in other.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        for name, frames in other.renderers.items():
+            self.renderers[name] = self.renderers.get(name, 0) + frames
         self.frames += other.frames
         self.empty += other.empty
         self.sunless += other.sunless
+        self.held += other.held
+        self.concealed += other.concealed
 
 
 @dataclass(frozen=True)
 class RangeRenderer:
     """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate's frame alone.
 
-    layers: pattern of layered EXR files that are written beside the frames, or None. times: are added to.
+    layers: pattern of layered EXR files that are written beside the frames, or None; scratch: folder of incomplete
+    ones, None for their own. times: are added to.
     """
 
     loaded: Loaded
@@ -58,17 +69,20 @@ class RangeRenderer:
     backend: Backend
     video: VideoReader
     layers: Path | None
+    scratch: Path | None
     times: RunTimes
 
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
         """Render frames [start, stop) into a sink; done: is called after each."""
         behind: Behind[Stages] = Behind(lambda stages: self._write(stages, sink))
+        renderer = f"{self.backend.name} ({self.backend.device})"
         with one_blas_thread(), sink, behind:
             for stages in prefetch(self._read(start, stop)):
                 since = time.perf_counter()
                 next(stages)
                 self.times.add("render", since)
                 behind.put(stages)
+                self.times.renderers[renderer] = self.times.renderers.get(renderer, 0) + 1
                 done()
 
     def _read(self, start: int, stop: int) -> Iterator[Stages]:
@@ -93,10 +107,13 @@ class RangeRenderer:
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles
+        times.held += frame.plate.damage == "held"
+        times.concealed += frame.plate.damage == "concealed"
         times.sunless += frame.light is not None and frame.light.environment.sun is None
         if self.layers is not None and frame.variables is not None:
             parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
-            write_exr(numbered(self.layers, frame.plate.index), parts, attributes={"comments": RECIPE})
+            file = numbered(self.layers, frame.plate.index)
+            write_exr(file, parts, attributes={"comments": RECIPE}, folder=self.scratch)
             since = times.add("layers", since)
         sink.write(frame.picture)
         times.add("encode", since)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mr360uw.files import write_whole
@@ -18,7 +18,9 @@ class Report:
     """Summary of a run. seconds: wall time. stage_s: seconds of each stage, summed over frames; stages overlap.
 
     frames: of the output, of which `kept_frames` were there from a run that was stopped; the other counts are of the
-    frames made by this run. inputs: the files that the scene reads.
+    frames made by this run. held_frames: the plate's could not be decoded, and the last good one stands for it;
+    concealed_frames: the decoder guessed a part of it. renderers: frames by renderer and device. inputs: the files that
+    the scene reads.
     """
 
     out: Path
@@ -31,8 +33,11 @@ class Report:
     notes: tuple[str, ...] = ()
     empty_frames: int = 0
     sunless_frames: int = 0
+    held_frames: int = 0
+    concealed_frames: int = 0
     kept_frames: int = 0
     workers: int = 1
+    renderers: dict[str, int] = field(default_factory=dict)
     inputs: tuple[InputFile, ...] = ()
 
     def __str__(self) -> str:
@@ -47,6 +52,14 @@ class Report:
             lines.append(f"  in {self.empty_frames} frames nothing was visible: they went through untouched")
         if self.sunless_frames:
             lines.append(f"  in {self.sunless_frames} frames no sun was found: no caustics, no shadows there")
+        if self.held_frames:
+            lines.append(
+                f"  {self.held_frames} frames of the plate could not be decoded: the last good one is repeated"
+            )
+        if self.concealed_frames:
+            lines.append(f"  in {self.concealed_frames} frames of the plate the decoder guessed what is damaged")
+        if len(self.renderers) > 1:
+            lines += [f"  {frames} frames by {name}" for name, frames in sorted(self.renderers.items())]
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -64,8 +77,11 @@ class Report:
                 "kept_from_a_stopped_run": self.kept_frames,
                 "nothing_visible": self.empty_frames,
                 "no_sun_found": self.sunless_frames,
+                "repeated_for_lost_ones": self.held_frames,
+                "guessed_in_part_by_the_decoder": self.concealed_frames,
             },
             "renderer": {"name": self.backend, "device": self.device, "workers": self.workers},
+            "frames_by_renderer": self.renderers,
             "seconds": round(self.seconds, 3),
             "seconds_by_stage": {name: round(s, 3) for name, s in self.stage_s.items()},
             "plan": {name: {"runs": stage.runs, "why": stage.why} for name, stage in self.plan.stages.items()},

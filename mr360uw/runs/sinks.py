@@ -4,24 +4,29 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from pathlib import Path
 
+from mr360uw.errors import VideoError
 from mr360uw.runs.work_folder import WorkFolder
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
 from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.segment import SegmentWriter
 from mr360uw.video.write.writer import VideoWriter
 
+Part = tuple[int, int]
+"""Frames [start, stop) of a clip."""
 
-def segment_bounds(start: int, stop: int, length: int) -> list[tuple[int, int]]:
+
+def segment_bounds(start: int, stop: int, length: int) -> list[Part]:
     """Return the parts [a, b) of a range: cut at multiples of `length`, so that ranges share the parts inside them."""
     cuts = [start, *range((start // length + 1) * length, stop, length), stop]
     return list(itertools.pairwise(cuts))
 
 
-def joined_bounds(parts: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def joined_bounds(parts: list[Part]) -> list[Part]:
     """Return ascending parts with those that follow each other made one."""
-    found: list[tuple[int, int]] = []
+    found: list[Part] = []
     for start, stop in parts:
         follows = bool(found) and found[-1][1] == start
         found.append((found.pop()[0] if follows else start, stop))
@@ -31,7 +36,7 @@ def joined_bounds(parts: list[tuple[int, int]]) -> list[tuple[int, int]]:
 class SegmentSink(VideoWriter):
     """Frames of a range as segments in a work folder, each complete as soon as its last frame is encoded."""
 
-    def __init__(self, work: WorkFolder, parts: list[tuple[int, int]], like: Clip, settings: EncodeSettings) -> None:
+    def __init__(self, work: WorkFolder, parts: list[Part], like: Clip, settings: EncodeSettings) -> None:
         self.path = work.path
         self._stops, self._clip, self._settings = dict(parts), like, settings
         self._writer: SegmentWriter | None = None
@@ -53,8 +58,10 @@ class SegmentSink(VideoWriter):
             self._writer.finish()
 
     def abort(self) -> None:
-        """Remove the segment that is not complete."""
+        """End the segment that is not complete with the frames that it has, or remove it where that fails."""
         if self._writer is not None:
+            with suppress(VideoError):  # of a disk that is full; the error that ends the run says so
+                self._writer.cut()
             self._writer.abort()
 
 
@@ -64,7 +71,7 @@ class PictureSink(VideoWriter):
     def __init__(self, work: WorkFolder, start: int, pattern: Path, like: Clip) -> None:
         self.path = pattern
         self._work, self._start = work, start
-        self._writer = ImageWriter(pattern, like, overwrite=True)
+        self._writer = ImageWriter(pattern, like, overwrite=True, folder=work.path)
 
     def write(self, frame: VideoFrame) -> None:
         """Write the frame's picture."""

@@ -20,7 +20,7 @@ _SUN = "sun_"
 
 def save_facts(facts: ClipFacts, path: Path) -> None:
     """Write a clip's facts, with a track of the sun or none, to a file (NumPy .npz)."""
-    arrays: dict[str, Any] = {"notes": np.array(facts.notes, dtype=np.str_)}
+    arrays: dict[str, Any] = {"notes": np.array(facts.notes, dtype=np.str_), "first": np.array(facts.first)}
     if isinstance(facts.sun, SunTrack):
         arrays |= {_SUN + field.name: getattr(facts.sun, field.name) for field in dataclasses.fields(SunTrack)}
     if facts.gain is not None:
@@ -45,4 +45,4 @@ def load_facts(path: Path) -> ClipFacts | None:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    return ClipFacts(SunTrack(**of_sun) if of_sun else None, arrays.get("gain"), calm, notes)
+    return ClipFacts(SunTrack(**of_sun) if of_sun else None, arrays.get("gain"), calm, notes, int(arrays["first"]))

@@ -91,7 +91,7 @@ def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[W
     finally:
         keeps = not done and _has_work(path)
         lock.release()
-        if not keeps:
+        if not keeps and path.exists():
             shutil.rmtree(path)
 
 
@@ -136,6 +136,14 @@ def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
             shutil.rmtree(path)
         lines.append(f"{'found' if dry_run else 'removed'} {path} ({size / 1e6:.1f} MB)")
     return lines
+
+
+def stale_notes(where: Path) -> list[str]:
+    """Return a line for each folder of finished parts that a stopped run left in a folder."""
+    advice = "the same composite command goes on, mr360uw clean removes them"
+    return [
+        f"note      {path} - holds finished parts of a run that was stopped - {advice}" for path in stale_work(where)
+    ]
 
 
 def stale_work(where: Path) -> list[Path]:

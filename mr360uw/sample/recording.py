@@ -26,13 +26,12 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
 
     Values above 1 clip, as in a camera. The file appears when it is complete.
     """
-    import av
-
     from mr360uw.video import SphericalMetadata, write_spherical
+    from mr360uw.video.read.probe import create_local
 
     count = 0
     with whole_file(path) as partial:
-        with av.open(str(partial), "w", format="mp4") as container:
+        with create_local(partial, "mp4") as container:
             sound = container.add_stream("aac", rate=_SOUND_RATE_HZ)
             sound.layout = "mono"
             video = container.add_stream("libx264", rate=frame_rate, options={"crf": "14", "preset": "veryfast"})

@@ -14,9 +14,11 @@ from mr360uw.video.read.scaled import scaled
 
 
 def open_plate(scene: Scene) -> VideoReader:
-    """Return the scene's plate with its transfer curve, eye, frame rate and scale; raise `VideoError`."""
+    """Return the scene's plate, opened as its table says; raise `VideoError`."""
     plate = scene.plate
-    video = open_video(plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate)
+    video = open_video(
+        plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate, damaged=plate.damaged
+    )
     return scaled(video, plate.scale)
 
 

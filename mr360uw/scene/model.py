@@ -44,6 +44,9 @@ class PlateSettings(Parameters):
     scale: float = parameter(
         1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0
     )
+    damaged: Literal["stop", "hold"] = parameter(
+        "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
+    )
 
 
 class CameraSettings(Parameters):

@@ -69,13 +69,14 @@ def write_exr(
     full_size: tuple[int, int] | None = None,
     origin: tuple[int, int] = (0, 0),
     attributes: Mapping[str, Any] | None = None,
+    folder: Path | None = None,
 ) -> None:
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
 
     parts: {part: {channel: array}}, or one linear image (H, W, 3 or 4). float16 channels are stored as half, float32
     as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
     that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
-    frame. attributes: more header entries (numbers, strings).
+    frame. attributes: more header entries (numbers, strings). folder: of the temporary file; default: that of `path`.
     """
     import OpenEXR
 
@@ -102,7 +103,7 @@ def write_exr(
             own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
     try:
-        with whole_file(path) as part:
+        with whole_file(path, folder=folder) as part:
             OpenEXR.File(made).write(str(part))
     except (RuntimeError, ValueError, OSError) as error:
         raise VideoError(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,8 @@ class VideoFrame:
     it. time_s: seconds since the first frame. duration: in units of time_base, 0 where unknown. spec: how the codes
     are read. yuv: the planes (views, read-only) or None for RGB plates. rgb: code values (H, W, 3) of an RGB plate,
     uint8 or uint16, or linear float32, else None. native: the decoder's frame that owns exactly these planes, if any.
-    wrap: the left and right edges meet (a full panorama).
+    wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
+    ("concealed"), or the frame could not be decoded and is the last good one ("held").
     """
 
     index: int
@@ -44,6 +45,7 @@ class VideoFrame:
     rgb: NDArray[Any] | None = None
     native: Any = None
     wrap: bool = True
+    damage: Literal["none", "concealed", "held"] = "none"
 
     @classmethod
     def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:

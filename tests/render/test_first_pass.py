@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mr360uw.errors import DamagedFrameError
 from mr360uw.render.camera import CameraPath
-from mr360uw.render.first_pass import first_pass
+from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
 from mr360uw.render.surroundings import load_surroundings
+from mr360uw.runs.stored_facts import load_facts, save_facts
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Sun
+from mr360uw.video import VideoFrame
 from tests.ibl.plates import clipped, sky
 from tests.scenes import scene_with
 from tests.tolerances import FLOAT64
@@ -68,6 +72,52 @@ def test_frames_of_a_range_take_the_sun_of_the_whole_clip(folder: Path) -> None:
         assert isinstance(b, Sun)
         np.testing.assert_array_equal(a.direction, b.direction)
         np.testing.assert_array_equal(a.irradiance, b.irradiance)
+
+
+def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, read = scene_of(folder), list[tuple[int, int | None]]()
+    monkeypatch.setattr("mr360uw.render.first_pass.MARGIN_S", 2.1 / RATE)
+    with open_plate(scene) as video:
+        frames = video.frames
+        monkeypatch.setattr(video, "frames", lambda a=0, b=None: read.append((a, b)) or frames(a, b))
+        facts = first_pass(load_surroundings(scene), video, gain=False, frames=(5, 6))
+        assert read == [(2, 9)]
+        assert (facts.first, len(facts.sun)) == (2, 7)
+        assert facts.sun_at(5) is not None
+        assert facts.sun_at(0).direction == pytest.approx(facts.sun_at(2).direction, abs=0)
+        assert [measured_range(video, *span) for span in ((0, 1), (9, 10))] == [(0, 4), (6, 10)]
+    gain = ClipFacts(gain=np.arange(6.0).reshape(2, 3), first=4)
+    assert [gain.gain_at(k)[0] for k in (0, 4, 5, 9)] == [0.0, 0.0, 3.0, 3.0]
+
+
+def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path: Path) -> None:
+    scene = scene_of(folder)
+    with open_plate(scene) as video:
+        track = first_pass(load_surroundings(scene), video, gain=False).sun
+    later = track.since(3)
+    assert len(later) == FRAMES - 3
+    np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
+    save_facts(ClipFacts(later, first=3), tmp_path / "facts.npz")
+    facts = load_facts(tmp_path / "facts.npz")
+    np.testing.assert_array_equal(facts.sun_at(5).irradiance, track.at(5).irradiance)
+
+
+def test_a_margin_ends_where_frames_cannot_be_decoded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_of(folder)
+    with open_plate(scene) as video:
+        frames = video.frames
+
+        def damaged(start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
+            for frame in frames(start, stop):
+                if frame.index in (1, 8):
+                    raise DamagedFrameError("lost", frame.index)
+                yield frame
+
+        monkeypatch.setattr(video, "frames", damaged)
+        facts = first_pass(load_surroundings(scene), video, gain=False, frames=(3, 6))
+        assert (facts.first, len(facts.sun)) == (2, 6)
+        with pytest.raises(DamagedFrameError):
+            first_pass(load_surroundings(scene), video, gain=False, frames=(3, 9))
 
 
 def test_a_tracked_camera_turns_under_one_sun(folder: Path, tmp_path: Path) -> None:

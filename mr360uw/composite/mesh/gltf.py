@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError
+from mr360uw.files import note_read
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -140,7 +141,7 @@ def open_gltf(path: Path) -> Gltf:
 
 def _chunks(path: Path) -> tuple[bytes, bytes]:
     """Return the JSON and the binary of a file (section 4.4)."""
-    data = path.read_bytes()
+    data = note_read(path).read_bytes()
     if path.suffix.lower() != ".glb":
         return data, b""
     magic, version, _ = struct.unpack_from("<4sII", data)
@@ -160,7 +161,7 @@ def _resource(path: Path, uri: str, what: str) -> bytes:
     file = path.parent / unquote(uri)
     if not file.is_file():
         raise MeshError(f"{path} - a {what} is missing (got {uri!r}) - put it beside the mesh")
-    return file.read_bytes()
+    return note_read(file).read_bytes()
 
 
 def _check_extensions(path: Path, tree: dict[str, Any]) -> None:

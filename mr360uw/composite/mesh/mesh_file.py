@@ -17,6 +17,7 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.obj_material import obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.errors import MeshError
+from mr360uw.files import note_read
 from mr360uw.types import Floats
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -55,9 +56,15 @@ def read_mesh_file(path: Path) -> MeshFile:
 def _load_scene(path: Path) -> Any:
     import trimesh
 
+    class Noting(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        """Finds the files that a mesh names, and notes them."""
+
+        def absolute(self, name: str) -> Path:
+            return note_read(super().absolute(name))
+
     try:
         with _quiet_trimesh():
-            return trimesh.load_scene(path, process=False)
+            return trimesh.load_scene(note_read(path), resolver=Noting(path), process=False)
     except Exception as error:  # trimesh does not catch the exceptions of its parsers
         raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
 

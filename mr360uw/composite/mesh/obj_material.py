@@ -13,6 +13,7 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.mesh.texture_file import pixels
 from mr360uw.errors import MeshError
+from mr360uw.files import note_read
 
 _NOT_DRAWN = ("map_d", "map_bump", "bump", "norm", "map_ks", "map_ke", "map_pr", "map_pm", "pr", "pm")
 
@@ -21,7 +22,7 @@ def obj_notes(path: Path) -> tuple[str, ...]:
     """Return notes on unsupported properties in the libraries of an OBJ; raise `MeshError` if an image is missing."""
     notes: dict[str, None] = {}
     for library in _libraries(path):
-        for line in library.read_text("utf-8", errors="replace").splitlines():
+        for line in note_read(library).read_text("utf-8", errors="replace").splitlines():
             word, _, value = line.strip().partition(" ")
             word, value = word.lower(), value.strip()
             if word == "map_kd" and not value.startswith("-"):

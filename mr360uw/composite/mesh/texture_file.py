@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.texture import Texture, make_texture
 from mr360uw.errors import MeshError
+from mr360uw.files import note_read
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -22,7 +23,7 @@ _PNG_DEPTH = 24
 def read_texture(path: Path, *, srgb: bool) -> Texture:
     """Return the texture of an image file; raise `MeshError`."""
     try:
-        data = path.read_bytes()
+        data = note_read(path).read_bytes()
     except OSError as error:
         raise MeshError(f"{path} - a texture cannot be read (got: {error!s:.120}) - give a PNG or JPEG") from error
     return make_texture(decode_image(data, str(path)), srgb=srgb)

@@ -12,7 +12,7 @@ is looked up by frame, so that any frame range renders the same.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +106,11 @@ class SunTrack:
             float(self.half_angle_rad[k]),
             float(self.confidence[k]),
         )
+
+    def since(self, first: int) -> SunTrack:
+        """Return the track from frame `first` on, which becomes its frame 0."""
+        arrays = {f.name: getattr(self, f.name)[first:] for f in fields(self) if f.name != "cuts"}
+        return SunTrack(**arrays, cuts=tuple(cut - first for cut in self.cuts if cut > first))
 
 
 def track_suns(

@@ -75,10 +75,19 @@ def _extents(file: BinaryIO) -> Iterator[_Extent]:
         offset += header[2]
 
 
-def top_level_kinds(path: Path) -> list[str]:
-    """Return the kinds of the top-level boxes of a file; arbitrary or none where it is not an MP4 or QuickTime file."""
+def cut_short(path: Path) -> str:
+    """Return in what way an MP4 or QuickTime file ends early, in words; "" where it does not, or is another kind."""
     with path.open("rb") as file:
-        return [extent.kind.decode("latin-1") for extent in _extents(file)]
+        extents = list(_extents(file))
+        size = file.seek(0, 2)
+    if not extents or extents[0].kind not in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
+        return ""
+    last = extents[-1]
+    if last.offset + last.size > size and last.kind != b"mdat":
+        return f"its '{last.kind.decode('latin-1')}' index is incomplete"
+    if all(extent.kind != b"moov" for extent in extents):
+        return "it has no 'moov' index"
+    return f"{last.offset + last.size - size} bytes are missing" if last.offset + last.size > size else ""
 
 
 def parse_boxes(data: bytes) -> list[Box]:

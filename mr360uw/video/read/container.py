@@ -13,19 +13,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import av.error
+import av
 
 from mr360uw.color import Transfer
-from mr360uw.errors import VideoError
+from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
 from mr360uw.video.read.layout import Eye, panorama_crop
-from mr360uw.video.read.probe import open_container
-from mr360uw.video.read.reader import VideoReader, check_range
+from mr360uw.video.read.picture_order import Picture, pictures
+from mr360uw.video.read.probe import first_picture, open_container
+from mr360uw.video.read.reader import Damaged, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
+
+_SOUND_LONGER_S = 1.0
+"""Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""
 
 
 class ContainerReader(VideoReader):
@@ -35,16 +39,23 @@ class ContainerReader(VideoReader):
     """
 
     def __init__(
-        self, path: Path, transfer: Transfer | None = None, eye: Eye | None = None, equirectangular: bool = True
+        self,
+        path: Path,
+        transfer: Transfer | None = None,
+        eye: Eye | None = None,
+        equirectangular: bool = True,
+        damaged: Damaged = "stop",
     ) -> None:
+        self._damaged = damaged
         with open_container(path) as (container, stream):
             self._listed = container_index(stream) if has_full_index(container, stream) else None
-            first = _first_frame(path, container, stream)
+            first = first_picture(path, container, stream)
             context = stream.codec_context
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
             self._rotation = int(first.rotation) % 360
             self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
+            self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
             self._wrap = equirectangular
             others = [s for s in container.streams if s.type not in ("video", "audio")]
@@ -78,45 +89,100 @@ class ContainerReader(VideoReader):
         """Number of frames in the clip."""
         return self.index.frame_count
 
+    @property
+    def intact_frames(self) -> int:
+        """Number of frames from the first on whose data are in the file; see `VideoReader`."""
+        complete = self.index.complete_frames(self.path.stat().st_size)
+        return complete if complete == self.frame_count else max(0, complete - self._reorder)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A note where the pictures end well before the header says; see `VideoReader`."""
+        if self._listed is not None or self._announced_s is None or not self.frame_count:
+            return ()
+        short_s = self._announced_s - float((int(self.index.stamp.max()) - self.start_pts) * self.time_base)
+        if short_s < _SOUND_LONGER_S:
+            return ()
+        return (
+            f"{self.path} - its pictures end {short_s:.1f} s before the end that its header names: is it cut short?",
+        )
+
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the clip does not hold all of these frames."""
         start, stop = check_range(self.path, start, stop, self.frame_count)
-        complete = self.index.complete_frames(self.path.stat().st_size)
-        if stop > complete:
-            usable = max(0, complete - self._reorder)
+        if stop > self.intact_frames and self._damaged == "stop":
             raise VideoError(
-                f"{self.path} - the file is cut short (its data end at frame {complete} of {self.frame_count}) - "
-                f"get the complete file, or take frames 0:{usable}"
+                f"{self.path} - the file is cut short (its data end at frame {self.intact_frames} of "
+                f'{self.frame_count}) - get the complete file, set plate.damaged = "hold", or take frames '
+                f"0:{self.intact_frames}"
             )
         return start, stop
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop (to the end by default); see `VideoReader`."""
         start, stop = self.check_range(start, stop)
-        return self._decode(start, stop)
+        return self._held(start, stop) if self._damaged == "hold" else self._decoded(start, stop)
 
-    def _decode(self, start: int, stop: int) -> Iterator[VideoFrame]:
-        index = start - 1
-        try:
-            with open_container(self.path) as (container, stream):
-                for index, native in _numbered(container, stream, self.index, start):
-                    if index >= stop:
-                        return
-                    if index >= start:
-                        yield self._frame(index, native)
-                    if index == stop - 1:
-                        return
-        except av.error.FFmpegError as error:
-            raise VideoError(
-                f"{self.path} - cannot be decoded after frame {index} (got {error.strerror}) - the file is damaged; "
-                "get an intact copy or end the range there"
-            ) from error
-        raise VideoError(
-            f"{self.path} - the pictures end early (got {index + 1} of {self.frame_count} frames) - the file is "
-            f"damaged; get an intact copy or take frames 0:{index + 1}"
+    def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        """Yield frames; `DamagedFrameError` at the first that is lost."""
+        reached, reason = start, ""
+        with open_container(self.path) as (container, stream):
+            for picture in pictures(container, stream, self.index, start):
+                if picture.index < start:
+                    continue
+                reached, reason = picture.index, picture.reason
+                if picture.native is None:
+                    break
+                yield self._frame(picture.index, picture.pts, picture.native)
+                reached += 1
+                if reached == stop:
+                    return
+        raise DamagedFrameError(
+            f"{self.path} - cannot be decoded after frame {reached - 1} of {self.frame_count} (got "
+            f"{reason or 'no picture'}) - the file is damaged; get an intact copy, take frames 0:{reached}, or set "
+            'plate.damaged = "hold"',
+            reached,
         )
 
-    def _frame(self, index: int, native: Any) -> VideoFrame:
+    def _held(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        """Yield frames; the last good one, wherever it is, stands for those that are lost."""
+        entry, held = min(start, max(self.intact_frames - 1, 0)), None
+        while held is None:
+            first = entry
+            for picture in self._every_picture(entry):
+                first = min(first, picture.index)
+                held = picture if picture.native is not None else held
+                if picture.index < start:
+                    continue
+                if held is None:
+                    break
+                yield self._frame(picture.index, picture.pts, held.native, lost=picture.native is None)
+                if picture.index + 1 == stop:
+                    return
+            if first == 0:
+                raise DamagedFrameError(f"{self.path} - no picture can be decoded - get an intact copy", 0)
+            entry = first - 1
+
+    def _every_picture(self, start: int) -> Iterator[Picture]:
+        """Yield the pictures from one at or before `start` on, those too that are beyond the end of a cut file.
+
+        Decoded by one thread: what a decoder makes of damaged data depends on the order in which its threads run.
+        """
+        last = None
+        with open_container(self.path) as (container, stream):
+            stream.thread_type = "NONE"
+            for picture in pictures(container, stream, self.index, start):
+                # pictures after a cut are decoded before those that are shown ahead of them, which are missing
+                if picture.index >= self.intact_frames:
+                    break
+                last = picture
+                yield picture
+        if last is not None:
+            step = max(1, round(1 / (self.frame_rate * self.time_base)))
+            for beyond in range(1, self.frame_count - last.index):
+                yield Picture(last.index + beyond, last.pts + step * beyond, None)
+
+    def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
             raise VideoError(
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "
@@ -130,14 +196,15 @@ class ContainerReader(VideoReader):
             planes = _turned(self._crop.apply(planes), self._rotation)
         return VideoFrame(
             index=index,
-            pts=native.pts,
+            pts=pts,
             time_base=self.time_base,
-            time_s=float((native.pts - self.start_pts) * self.time_base),
+            time_s=float((pts - self.start_pts) * self.time_base),
             duration=native.duration or 0,
             spec=self.spec,
             yuv=planes,
             native=native if untouched else None,
             wrap=self._wrap,
+            damage="held" if lost else "concealed" if native.is_corrupt else "none",
         )
 
 
@@ -147,56 +214,7 @@ def _turned(image: YuvImage, rotation: int) -> YuvImage:
     return YuvImage(image.y[::-1, ::-1], image.u[::-1, ::-1], image.v[::-1, ::-1], image.spec)
 
 
-def _numbered(container: Any, stream: Any, index: FrameIndex, start: int) -> Iterator[tuple[int, Any]]:
-    """Yield (index, frame) in order of presentation from a frame at or before `start`.
-
-    After a seek, pictures that are shown before the keyframe but decoded after it (an open group of pictures) count
-    as frames before it and are dropped: their references may be missing.
-    """
-    if start == 0:
-        yield from enumerate(frame for frame in container.decode(stream) if frame.pts is not None)
-        return
-    for entry in index.entry_points(start):
-        container.seek(int(index.stamp[entry]), stream=stream, backward=True)
-        packets = container.demux(stream)
-        head = []
-        for packet in packets:
-            head.append(packet)
-            key = head[0]
-            if len(head) > 1 and (packet.is_keyframe or packet.pts is None or (packet.dts or 0) >= key.pts):
-                break
-        position = index.position(head[0])
-        if position is None or not head[0].is_keyframe:
-            continue
-        leading = sum(p.pts is not None and p.pts < key.pts and not p.is_discard for p in head)
-        number = index.shown_before(position) + leading
-        if number <= start:
-            break
-    else:
-        container.seek(int(index.stamp[0]), stream=stream, backward=True)
-        yield from enumerate(frame for frame in container.decode(stream) if frame.pts is not None)
-        return
-    for packet in (*head, *packets):
-        for frame in packet.decode():
-            if frame.pts is not None and frame.pts >= key.pts:
-                yield number, frame
-                number += 1
-
-
 def _from_tag(stream: Any) -> SphericalMetadata | None:
     """V1 metadata as Matroska and WebM hold it: a tag of the track."""
     xml = next((text for key, text in stream.metadata.items() if key.upper() == V1_TAG), None)
     return from_xml(xml.encode()) if xml else None
-
-
-def _first_frame(path: Path, container: Any, stream: Any) -> Any:
-    try:
-        for frame in container.decode(stream):
-            if frame.pts is not None:
-                return frame
-            raise VideoError(f"{path} - the pictures have no time stamps - remux the clip to mp4 or mkv first")
-    except av.error.FFmpegError as error:
-        raise VideoError(
-            f"{path} - its pictures cannot be decoded (got {error.strerror}) - get an intact copy"
-        ) from error
-    raise VideoError(f"{path} - holds no picture that can be decoded - get an intact copy")

@@ -9,7 +9,7 @@ from pathlib import Path
 from mr360uw.color import Transfer
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye
-from mr360uw.video.read.reader import VideoReader
+from mr360uw.video.read.reader import Damaged, VideoReader
 
 
 def open_video(
@@ -20,6 +20,7 @@ def open_video(
     frame_rate: Fraction | float = 30,
     equirectangular: bool = True,
     depth: bool = False,
+    damaged: Damaged = "stop",
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
@@ -27,6 +28,7 @@ def open_video(
     transfer: curve from code values to linear light; by default sRGB, and none for EXR and HDR pictures.
     eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
     equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
+    damaged: "stop" raises at a frame of a video that cannot be decoded, "hold" repeats the last one that could.
 
     VideoError where the plate cannot be used.
     """
@@ -36,4 +38,4 @@ def open_video(
         return ImageReader(Path(path), files, rate, transfer, eye, equirectangular, depth)
     from mr360uw.video.read.container import ContainerReader
 
-    return ContainerReader(Path(path), transfer, eye, equirectangular)
+    return ContainerReader(Path(path), transfer, eye, equirectangular, damaged)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens video files, with a message on the cause where one does not open."""
+"""Opens video files by name, with a message on the cause where one does not open."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
-from mr360uw.video.metadata.mp4 import top_level_kinds
+from mr360uw.video.metadata.mp4 import cut_short
 
 _LOCAL_VIDEO = {
     "protocol_whitelist": "file",
@@ -22,9 +22,17 @@ _LOCAL_VIDEO = {
 """Names are names of files, never addresses; playlists and scripts, which name other files, are no videos."""
 
 
+_COPY_AGAIN = "copy it again; a recording that was interrupted needs a repair tool"
+
+
 def open_local(path: Path) -> Any:
     """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`."""
     return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO)
+
+
+def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -> Any:
+    """Return FFmpeg's container of a new file of a kind such as "mp4"; raise `FFmpegError` or `OSError`."""
+    return av.open(f"file:{path}", "w", format=kind, options=options or {})
 
 
 def check_file(path: Path) -> None:
@@ -49,6 +57,8 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         raise VideoError(_why_not(path, error)) from error
     with container:
         streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+        if not streams and (short := cut_short(path)):
+            raise VideoError(f"{path} - the file is cut short ({short}) - {_COPY_AGAIN}")
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
@@ -59,11 +69,24 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
 def _why_not(path: Path, error: Exception) -> str:
     if isinstance(error, PermissionError):
         return f"{path} - may not be read (got {error.strerror}) - check the file's permissions"
-    kinds = top_level_kinds(path)
-    if "ftyp" in kinds and "moov" not in kinds:
-        return (
-            f"{path} - the file is cut short (it has no 'moov' index) - copy it again; a recording that was "
-            "interrupted needs a repair tool"
-        )
+    short = cut_short(path)
+    if short:
+        return f"{path} - the file is cut short ({short}) - {_COPY_AGAIN}"
     reason = getattr(error, "strerror", None) or error
     return f"{path} - is not a video that FFmpeg can read (got {reason}) - name an mp4, mov, mkv or webm file"
+
+
+def first_picture(path: Path, container: Any, stream: Any) -> Any:
+    """Return the first frame of a file that has just been opened; VideoError where there is none."""
+    reason = "no picture"
+    try:
+        for frame in container.decode(stream):
+            if frame.pts is not None:
+                return frame
+            raise VideoError(f"{path} - the pictures have no time stamps - remux the clip to mp4 or mkv first")
+    except av.error.FFmpegError as error:
+        reason = error.strerror or str(error)
+    short = cut_short(path)
+    if short:
+        raise VideoError(f"{path} - the file is cut short before its first picture ({short}) - {_COPY_AGAIN}")
+    raise VideoError(f"{path} - its pictures cannot be decoded (got {reason}) - get an intact copy")

@@ -6,15 +6,28 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.video_frame import VideoFrame
 
+Damaged = Literal["stop", "hold"]
+"""What happens at a frame that cannot be decoded: an error, or the last good frame once more."""
+
 
 class VideoReader(Clip, ABC):
     """A plate; made by `open_video`. Its metadata: see `Clip`."""
+
+    @property
+    def intact_frames(self) -> int | None:
+        """Number of frames from the first on whose data are there; less than `frame_count` in a file cut short."""
+        return self.frame_count
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Notes on signs that the plate is not all there, one line each."""
+        return ()
 
     @abstractmethod
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:

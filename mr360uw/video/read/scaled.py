@@ -48,6 +48,16 @@ class _ScaledReader(VideoReader):
         """Number of frames; None for a still."""
         return self._plate.frame_count
 
+    @property
+    def intact_frames(self) -> int | None:
+        """Number of frames whose data are there; see `VideoReader`."""
+        return self._plate.intact_frames
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Notes on signs that the plate is not all there."""
+        return self._plate.doubts
+
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; see `VideoReader`."""
         return self._plate.check_range(start, stop)

@@ -18,6 +18,7 @@ from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
+from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import ENCODERS, EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.audio import CONTAINERS, AudioCopy, check_sound
@@ -79,7 +80,7 @@ class ContainerWriter(VideoWriter):
         like, settings = self._clip, self._settings
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
-        self._container = av.open(f"file:{self._part}", "w", format=kind, options=options)
+        self._container = create_local(self._part, kind, options)
         self._container.metadata.update(_title_tags(like))
         try:
             stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)

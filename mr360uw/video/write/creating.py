@@ -43,7 +43,7 @@ def create_video(
         if width is None or height is None:
             raise VideoError(f"{path} - the size of a new video is missing - give like, or width and height")
         like = _new_clip(path, width, height, frame_rate, sound)
-    _check_target(path, like.path)
+    check_target(path, like.path)
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return ImageWriter(path, like, overwrite)
     if path.exists() and not overwrite:
@@ -71,7 +71,8 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
     )
 
 
-def _check_target(path: Path, plate: Path) -> None:
+def check_target(path: Path, plate: Path) -> None:
+    """Raise `VideoError` where no output can be made under a name, whatever its kind."""
     folder = path.parent
     if not folder.is_dir():
         raise VideoError(f"{path} - the output folder is missing (got {folder}) - make it first")

@@ -28,10 +28,11 @@ class ImageWriter(VideoWriter):
 
     EXR: linear Rec.709 with the `envmap` attribute, in single precision for plates of floats, which then keep every
     bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked as panoramas (XMP).
+    folder: of incomplete pictures, on the same disk; default: that of `path`.
     """
 
-    def __init__(self, path: Path, like: Clip, overwrite: bool) -> None:
-        self.path, self._clip = path, like
+    def __init__(self, path: Path, like: Clip, overwrite: bool, folder: Path | None = None) -> None:
+        self.path, self._clip, self._folder = path, like, folder
         self._many = is_pattern(path)
         self._written = 0
         there = matching_files(path)[:1] if self._many else [(0, path)] if path.exists() else []
@@ -46,7 +47,7 @@ class ImageWriter(VideoWriter):
                 f"{self.path} - one picture cannot hold several frames - name a pattern such as "
                 f"{self.path.stem}_%04d{self.path.suffix}"
             )
-        write_picture(numbered(self.path, frame.index) if self._many else self.path, frame)
+        write_picture(numbered(self.path, frame.index) if self._many else self.path, frame, self._folder)
         self._written += 1
 
     def finish(self) -> None:
@@ -58,14 +59,17 @@ class ImageWriter(VideoWriter):
         """Nothing is left to remove: every picture is complete."""
 
 
-def write_picture(path: Path, frame: VideoFrame) -> None:
-    """Write a frame as a picture, by a temporary name and a rename; the kind follows the suffix."""
+def write_picture(path: Path, frame: VideoFrame, folder: Path | None = None) -> None:
+    """Write a frame as a picture, by a temporary name and a rename; the kind follows the suffix.
+
+    folder: of the temporary file; default: that of `path`.
+    """
     if path.suffix.lower() == ".exr":
         depth = np.float32 if frame.spec.bits == 32 else np.float16
-        write_exr(path, frame.image_linear.astype(depth, copy=False), latlong=frame.wrap)
+        write_exr(path, frame.image_linear.astype(depth, copy=False), latlong=frame.wrap, folder=folder)
         return
     try:
-        with whole_file(path) as part:
+        with whole_file(path, folder=folder) as part:
             part.write_bytes(_encoded(path, frame))
     except OSError as error:
         raise VideoError(

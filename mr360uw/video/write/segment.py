@@ -7,6 +7,8 @@ complete when its table is there.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -48,14 +50,16 @@ class SegmentWriter(VideoWriter):
     """
 
     def __init__(self, folder: Path, start: int, stop: int, like: Clip, settings: EncodeSettings) -> None:
-        self.path = folder / f"{start:08d}-{stop:08d}{_DATA}"
-        self._clip, self._left, self._segment = like, stop - start, (start, stop)
+        self.path = _data_path(folder, start, stop)
+        self._clip, self._left, self._span = like, stop - start, (start, stop)
         context = av.CodecContext.create(ENCODERS[settings.codec], "w")
         # parameter sets go into the header of the joined file, as its containers want
         context.flags |= av.codec.context.Flags.global_header
         self._encoder = Encoder(self.path, like, settings, context)
         self._packets: list[tuple[int, int, int, int]] = []
-        self._file: BinaryIO | None = self.path.open("wb")
+        self._complete = False
+        with self._errors():
+            self._file: BinaryIO = self.path.open("wb")
 
     def write(self, frame: VideoFrame) -> None:
         """Encode a frame."""
@@ -63,34 +67,53 @@ class SegmentWriter(VideoWriter):
         self._left -= 1
 
     def _keep(self, packets: list[Any]) -> None:
-        assert self._file is not None
-        try:
+        with self._errors():
             for packet in packets:
                 size = self._file.write(bytes(packet))
                 self._packets.append((packet.pts, packet.duration or 0, int(packet.is_keyframe), size))
+
+    def finish(self) -> None:
+        """Encode what is pending and write the table."""
+        if self._file.closed:
+            return
+        if self._left:
+            raise VideoError(f"{self.path} - lacks frames (got {self._left} too few) - render the segment again")
+        self._keep(self._encoder.flush())
+        with self._errors():
+            self._file.close()
+            with whole_file(self.path.with_suffix(_TABLE)) as part, part.open("wb") as table:
+                np.save(table, np.array(self._packets, np.int64))
+        self._complete = True
+
+    def cut(self) -> None:
+        """Complete the segment with the frames that it has, under a name that says so; without any it is removed."""
+        start, stop = self._span[0], self._span[1] - self._left
+        if not self._file.closed and stop > start:
+            with self._errors():
+                self.path = self.path.rename(_data_path(self.path.parent, start, stop))
+            self._left = 0
+            self.finish()
+        self.abort()
+
+    def abort(self) -> None:
+        """Remove the segment unless it is complete."""
+        if not self._complete:
+            with suppress(OSError):  # what is left in a buffer cannot be written where the disk is full
+                self._file.close()
+            self.path.unlink(missing_ok=True)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise VideoError(
                 f"{self.path} - cannot be written (got {error.strerror}) - check the space and the folder's rights"
             ) from error
 
-    def finish(self) -> None:
-        """Encode what is pending and write the table."""
-        if self._file is None:
-            return
-        if self._left:
-            raise VideoError(f"{self.path} - lacks frames (got {self._left} too few) - render the segment again")
-        self._keep(self._encoder.flush())
-        self._file.close()
-        self._file = None
-        with whole_file(self.path.with_suffix(_TABLE)) as part, part.open("wb") as table:
-            np.save(table, np.array(self._packets, np.int64))
 
-    def abort(self) -> None:
-        """Remove the segment unless it is complete."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-            self.path.unlink(missing_ok=True)
+def _data_path(folder: Path, start: int, stop: int) -> Path:
+    return folder / f"{start:08d}-{stop:08d}{_DATA}"
 
 
 def stored_segments(folder: Path) -> list[Segment]:

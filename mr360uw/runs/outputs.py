@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The output of a run: its parts, the names that it takes, and the file that its segments are joined into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.runs.sinks import Part, segment_bounds
+from mr360uw.runs.work_folder import WorkFolder
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoReader, create_video
+from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.write.segment import Segment
+
+
+@dataclass(frozen=True)
+class Output:
+    """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
+
+    path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None.
+    """
+
+    path: Path
+    layers: Path | None
+    video: VideoReader
+    scene: Scene
+    span: Part
+    overwrite: bool
+
+    @property
+    def is_pictures(self) -> bool:
+        """Whether the frames are pictures."""
+        return self.path.suffix.lower() in PICTURE_SUFFIXES
+
+    def picture(self, index: int) -> Path:
+        """Return the file of a frame's picture."""
+        return numbered(self.path, index) if is_pattern(self.path) else self.path
+
+    def parts(self) -> list[Part]:
+        """Return the parts that are complete on their own; raise `VideoError` if the output cannot be made."""
+        create_video(
+            self.path, self.video, self.scene.output, overwrite=self.overwrite or is_pattern(self.path)
+        ).abort()
+        if not self.is_pictures:
+            rate = float(self.video.frame_rate)
+            return segment_bounds(*self.span, max(1, round(self.scene.output.segment_s * rate)))
+        if not is_pattern(self.path) and self.span[1] - self.span[0] > 1:
+            raise VideoError(
+                f"{self.path} - one picture cannot hold several frames (got {self.span[0]}:{self.span[1]}) - name a "
+                f"pattern such as {self.path.stem}_%04d{self.path.suffix}, or one frame"
+            )
+        return segment_bounds(*self.span, 1)
+
+    def check_layers(self) -> None:
+        """Raise `ParameterError` where the layers are no pattern of EXR files, or have names of the output."""
+        layers = self.layers
+        if layers is None:
+            return
+        if not is_pattern(layers) or layers.suffix.lower() != ".exr":
+            raise ParameterError(f"{layers} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
+        own = {self.picture(index).resolve() for index in range(*self.span)}
+        identities = {_identity(path) for path in own if path.exists()}
+        files = {numbered(layers, index) for index in range(*self.span)}
+        for file in sorted(files):
+            if file.resolve() in own or (identities and file.exists() and _identity(file) in identities):
+                raise ParameterError(
+                    f"{layers} - is the name of the output too (got {file.name}) - give the layers one of their own"
+                )
+
+    def check_pictures(self) -> None:
+        """Raise `OutputExistsError` where numbered files of the output or of its layers are there."""
+        for pattern in (self.path, self.layers):
+            there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
+            if there:
+                raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
+
+    def left(self, work: WorkFolder, parts: list[Part]) -> tuple[Part, ...]:
+        """Return the parts that are not complete yet."""
+        if self.is_pictures:
+            done = {(k, k + 1) for k in work.pictures() if self.picture(k).exists()}
+        else:
+            done = {(segment.start, segment.stop) for segment in work.segments()}
+        return tuple(part for part in parts if part not in done)
+
+    def complete(self, work: WorkFolder, parts: list[Part]) -> tuple[str, ...]:
+        """Join the segments of a video under its name; return what the output lacks of the plate, one line each."""
+        if self.is_pictures:
+            return create_video(self.path, self.video, overwrite=True).notes
+        wanted = set(parts)
+        segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
+        return self._join(segments, self.path, work.path, overwrite=self.overwrite)
+
+    def finished_part(self, work: WorkFolder) -> str:
+        """Make what is finished of a run that failed playable; return a line on where it is, or "" for nothing."""
+        start = self.span[0]
+        if self.is_pictures:
+            count = len(work.pictures())
+            return (
+                f"finished: {count} frames, as {self.path} - the same command does not make them again" if count else ""
+            )
+        segments = _leading([s for s in work.segments() if s.stop <= self.span[1]], start)
+        if not segments:
+            return ""
+        path = work.path / f"finished{self.path.suffix}"
+        count = segments[-1].stop - start
+        again = "the same command does not make them again"
+        try:
+            self._join(segments, path, work.path, overwrite=True)
+        except VideoError as error:
+            return f"finished: {count} frames, kept in {work.path} - {again} (they cannot be joined yet: {error})"
+        return f"finished: frames {start}:{start + count} ({count} frames), playable as {path} - {again}"
+
+    def _join(self, segments: list[Segment], path: Path, folder: Path, *, overwrite: bool) -> tuple[str, ...]:
+        from mr360uw.video.write.container_writer import ContainerWriter
+
+        with ContainerWriter(path, self.video, self.scene.output, overwrite=overwrite, folder=folder) as writer:
+            writer.write_segments(segments)
+        return writer.notes
+
+
+def _leading(segments: list[Segment], start: int) -> list[Segment]:
+    """Return the segments that follow each other from frame `start` on, the longest where several begin together."""
+    longest = {segment.start: segment for segment in sorted(segments, key=lambda segment: segment.stop)}
+    found: list[Segment] = []
+    while (segment := longest.get(found[-1].stop if found else start)) is not None:
+        found.append(segment)
+    return found
+
+
+def _identity(file: Path) -> tuple[int, int]:
+    """Return the numbers by which a file is the same under another name, a hard link."""
+    found = file.stat()
+    return found.st_dev, found.st_ino

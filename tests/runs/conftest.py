@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import pytest
+
+from mr360uw.sample import SampleDive, sample_dive
+
+
+@pytest.fixture(scope="session")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> SampleDive:
+    """A sample dive of eight frames, 64x32: how runs go on does not depend on the size of the pictures."""
+    return sample_dive(tmp_path_factory.mktemp("dive"), width=64, frames=8)
