@@ -9,7 +9,7 @@ from __future__ import annotations
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -46,16 +46,22 @@ def main() -> None:
     try:
         app()
     except Mr360uwError as error:
-        typer.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        _fail(str(error))
+    except MemoryError:
+        _fail("memory - is too little for this input (got no more of it) - take a smaller plate, mesh or texture")
     except OSError as error:
-        where = error.filename or "a file"
-        typer.echo(f"error: {where} - {error.strerror or error} - check the name, the rights and the space", err=True)
-        sys.exit(2)
+        _fail(f"{error.filename or 'a file'} - {error.strerror or error} - check the name, the rights and the space")
     except SystemExit as done:
         if done.code == _INTERRUPTED:
             typer.echo("interrupted: finished parts are kept beside the output; the same command goes on", err=True)
         raise
+
+
+def _fail(message: str) -> NoReturn:
+    """Print an error without the control characters that names of files may hold, and leave with exit code 2."""
+    shown = "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in message)
+    typer.echo(f"error: {shown}", err=True)
+    sys.exit(2)
 
 
 @app.command()

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from mr360uw.composite.settings import Interpolation, LampSettings, ObjectSettings
 from mr360uw.errors import ParameterError
+from mr360uw.files import read_text
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
@@ -114,9 +115,10 @@ def read_camera_track(path: str | Path) -> Motion:
 
     path = Path(path)
     names = ("time_s", "x", "y", "z", "qx", "qy", "qz", "qw")
+    text = read_text(path, ParameterError)
     try:
-        table = np.genfromtxt(path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8")
-    except (OSError, ValueError) as error:
+        table = np.genfromtxt(text.splitlines(), delimiter=",", names=True, dtype=np.float64)
+    except (IndexError, ValueError, StopIteration) as error:
         raise ParameterError(
             f"{path} - cannot be read as CSV (got: {error!s:.120}) - give {', '.join(names)}"
         ) from error

@@ -42,6 +42,9 @@ def write_scene(
         raise OutputExistsError(f"{path} - is there already - name another with --out, or give --overwrite")
     if not path.parent.is_dir():
         raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
+    for name in (str(video), str(mesh)):
+        if any("\ud800" <= c <= "\udfff" for c in name):
+            raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
     with open_video(video, eye=eye):
         pass
     size = float(np.max(load_mesh(mesh).extent_m))
@@ -113,7 +116,7 @@ def toml_value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     text = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{text}"'
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in text) + '"'
 
 
 def _model_of(field: FieldInfo) -> type[BaseModel] | None:
