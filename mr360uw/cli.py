@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.arguments import Eye, ImageFormat, frame_range, worker_count
+from mr360uw.arguments import Eye, ImageFormat, check_report, frame_range, worker_count
 from mr360uw.errors import Mr360uwError, ParameterError
 
 app = typer.Typer(
@@ -34,8 +34,6 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an o
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
-
-
 EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
@@ -86,6 +84,7 @@ def composite(
     from mr360uw.scene.model import load_scene
 
     loaded = load_scene(scene, overrides or ())
+    check_report(report_file, loaded)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         return
@@ -106,11 +105,13 @@ def new(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
+    outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
     from mr360uw.scene.template import write_scene
 
-    path = write_scene(video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite)
+    chosen = None if eye is None else eye.value
+    path = write_scene(video, mesh, out, eye=chosen, overwrite=overwrite, outside_files=outside_files)
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.progress import Progress
@@ -45,6 +45,8 @@ def analyse_video(
     from mr360uw.medium.spectral.sensor import named_sensor
 
     source = Path(source)
+    if not source.name:
+        raise VideoError(f"{source} - is a folder - name a video, a picture or a scene file")
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
     page = Path(out) if out is not None else source.with_suffix(".html")
     if page.suffix.lower() != ".html":

@@ -106,6 +106,10 @@ class Scene(Parameters):
         return self
 
 
+_DIGITS = 9
+"""Most digits of the number of an entry; Python refuses to read thousands."""
+
+
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
@@ -173,9 +177,9 @@ def _override(data: dict[str, Any], text: str) -> None:
     table: Any = data
     for depth, part in enumerate(parents):
         if isinstance(table, list):
-            if not part.isdecimal() or int(part) >= len(table):
+            if not part.isdecimal() or len(part) > _DIGITS or int(part) >= len(table):
                 where = ".".join(parents[:depth])
-                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part}) - it has {len(table)}"])
+                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part:.20}) - it has {len(table)}"])
             table = table[int(part)]
         else:
             table = table.setdefault(part, {})

@@ -73,22 +73,21 @@ def models_of(annotation: Any) -> list[type[BaseModel]]:
     return []
 
 
-def _locate(root: type[BaseModel], location: Location) -> tuple[Location, list[type[BaseModel]], Any]:
+def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Location, list[type[BaseModel]], Any]:
     """Return a pydantic location without union tags, the models that could hold its last key, and the key's field."""
     clean: list[str | int] = []
     models: list[type[BaseModel]] = [root]
     field: Any = None
     owners = models
-    for part in location:
+    for k, part in enumerate(location, 1):
         if isinstance(part, int):
             clean.append(part)
             continue
         found = [f for m in models for n, f in m.model_fields.items() if part in (n, f.alias)]
         tagged = [m for m in models if part in _tags(m)]
-        if not found and tagged:
-            models = tagged
-            continue
-        if not found and not _is_key(part):
+        is_unknown_key = kind == "extra_forbidden" and k == len(location)
+        if not found and not is_unknown_key and (tagged or not _is_key(part)):
+            models = tagged or models
             continue
         owners, field = models, (found[0] if found else None)
         clean.append(part)
@@ -193,9 +192,9 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
     """Return one line for each problem, in the order of the file."""
     found: dict[Location, tuple[int, str]] = {}
     errors = error.errors(include_url=False)
-    unknown = {_locate(root, e["loc"])[0] for e in errors if e["type"] == "extra_forbidden"}
+    unknown = {_locate(root, e["loc"], e["type"])[0] for e in errors if e["type"] == "extra_forbidden"}
     for item in errors:
-        location, owners, field = _locate(root, item["loc"])
+        location, owners, field = _locate(root, item["loc"], item["type"])
         if item["type"] in _LENGTHS and isinstance(location[-1], int):
             location = location[:-1]  # it is the list that is too short
         help_text = (field.description or "") if field is not None else ""

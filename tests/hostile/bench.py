@@ -19,7 +19,8 @@ from tests.composite.gltf_files import one_square
 
 LONGEST_S = 10.0
 """Time in which bad input must be refused."""
-SCENE = """plate = "plate.png"
+SCENE = """[plate]
+path = "plate.png"
 [water]
 type = "none"
 [[object]]
