@@ -56,7 +56,7 @@ def read_mesh_file(path: Path, *, outside: bool = False) -> MeshFile:
         source = getattr(geometry.visual, "material", None)
         index = indices.setdefault(Same(source), len(materials))
         if index == len(materials):
-            materials.append(Material(double_sided=True) if source is None else simple_material(source))
+            materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))
     return MeshFile(tuple(parts), tuple(materials), notes)
 

@@ -13,7 +13,7 @@ import numpy as np
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.neighbours import neighbour
 from mr360uw.composite.mesh.texture import make_texture
-from mr360uw.composite.mesh.texture_file import check_image, pixels
+from mr360uw.composite.mesh.texture_file import check_image, decoded
 from mr360uw.errors import MeshError
 from mr360uw.files import read_data
 from mr360uw.limits import TEXT
@@ -62,14 +62,17 @@ class ObjNeighbours:
     __getitem__ = get
 
 
-def simple_material(source: Any) -> Material:
-    """Return a trimesh material's diffuse colour (encoded) or its image; middle grey without either."""
+def simple_material(source: Any, path: Path) -> Material:
+    """Return a trimesh material's diffuse colour (encoded) or its image; middle grey without either.
+
+    path: of the mesh file. Raises `MeshError` where the image is damaged.
+    """
     from mr360uw.color import decode
 
     image = getattr(source, "image", None)
     real = image is not None and max(image.size) > 2  # trimesh makes a 2 x 2 image if there is none
     if real:
-        texture = make_texture(pixels(image), srgb=True)
+        texture = make_texture(decoded(image, str(path)), srgb=True)
         return Material(base_color=(1.0, 1.0, 1.0, 1.0), base_map=texture, double_sided=True)
     diffuse = getattr(source, "diffuse", None)
     r, g, b = 0.5, 0.5, 0.5

@@ -168,6 +168,8 @@ class ImageReader(VideoReader):
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
                 f"{codes.dtype}) - use pictures of one size and depth"
             )
+        if self._wrap and codes.dtype.kind == "f" and not np.isfinite(codes.sum(dtype=np.float64)):
+            raise VideoError(f"{path} - holds samples that are no light (got NaN or infinity) - repair the picture")
         codes = self._crop.window(codes)
         codes.flags.writeable = False
         return codes
