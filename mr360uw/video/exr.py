@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
-from mr360uw.files import unreadable, whole_file
-from mr360uw.limits import DATA, PICTURE
+from mr360uw.files import whole_file
 from mr360uw.types import Floats
+from mr360uw.video.read.exr_header import check_exr
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x, y of red, green, blue and white (ITU-R BT.709-6): the primaries of all linear light here."""
@@ -29,41 +29,21 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
     A part without a name is called by its number. Channels R, G, B, (A) of a layer come as one array (H, W, 3 or 4)
     called "RGB" or "RGBA", or by the layer's name. Raises `VideoError`.
     """
+    import OpenEXR
+
     path = Path(path)
-    with _opened(path, header_only=True) as header:
-        _check_size(path, header)
-    with _opened(path) as file:
+    check_exr(path)
+    try:
+        file = OpenEXR.File(str(path))
+    except (RuntimeError, ValueError, TypeError, IndexError, OSError) as error:
+        raise VideoError(f"{path} - is not an EXR file that can be read (got {error}) - write it again") from error
+    with file:
         if not file.parts or not all(part.channels for part in file.parts):
-            raise VideoError(f"{path} - is cut short or damaged (its pixels cannot be read) - copy or write it again")
+            raise VideoError(f"{path} - is damaged (its pixels cannot be read) - copy or write it again")
         return {
             part.name() or str(number): {name: channel.pixels for name, channel in part.channels.items()}
             for number, part in enumerate(file.parts)
         }
-
-
-def _opened(path: Path, **options: bool) -> Any:
-    """Return OpenEXR's file of a path; raise `VideoError`."""
-    import OpenEXR
-
-    if reason := unreadable(path):
-        raise VideoError(f"{path} - {reason}")
-    try:
-        return OpenEXR.File(str(path), **options)
-    except (RuntimeError, ValueError, TypeError, IndexError, OSError) as error:
-        raise VideoError(f"{path} - is not an EXR file that can be read (got {error}) - write it again") from error
-
-
-def _check_size(path: Path, file: Any) -> None:
-    """Raise `VideoError` where the pictures that a file announces are too large, or are no pictures."""
-    unpacked = 0
-    for part in file.parts:
-        low, high = part.header["dataWindow"]
-        width, height = (max(int(b) - int(a) + 1, 0) for a, b in zip(low, high, strict=True))
-        if "deep" in str(part.header.get("type", "")):
-            raise VideoError(f"{path} - holds deep samples, several to a pixel - write it flattened")
-        PICTURE.check(str(path), width * height, VideoError)
-        unpacked += width * height * len(part.header["channels"]) * np.dtype(np.float32).itemsize
-    DATA.check(str(path), unpacked, VideoError)
 
 
 def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
