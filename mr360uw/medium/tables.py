@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import read_text
+from mr360uw.shapes import numbers
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class Spectrum:
 
     def __call__(self, wavelength_nm: ArrayLike) -> Array:
         """Return the value at wavelengths [nm]; raise `ParameterError` beyond the table."""
-        w = np.asarray(wavelength_nm, np.float64)
+        w = numbers("wavelength_nm", wavelength_nm).astype(np.float64, copy=False)
         low, high = self.wavelength_nm[0], self.wavelength_nm[-1]
         if w.size and (np.min(w) < low - 1e-9 or np.max(w) > high + 1e-9):
             raise ParameterError(

@@ -64,6 +64,22 @@ def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
     raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(sorted(channels))}) - write them")
 
 
+def _one_part(image: Floats) -> Mapping[str, Part]:
+    array = np.asarray(image)
+    return {"": {"RGBA"[: array.shape[-1] if array.ndim == 3 else 1]: array}}
+
+
+def _checked(where: str, values: Any) -> NDArray[Any]:
+    """Return a channel as a contiguous array; raise `VideoError` where it is no picture."""
+    array = np.asarray(values)
+    if array.dtype not in (np.float16, np.float32, np.uint32) or array.ndim not in (2, 3) or not array.size:
+        raise VideoError(
+            f"{where} - is no picture (got {array.dtype}, {array.shape}) - give float16, float32 or uint32, "
+            "(H, W) or (H, W, 3)"
+        )
+    return np.ascontiguousarray(array)
+
+
 def write_exr(
     path: str | Path,
     parts: Mapping[str, Part] | Floats,
@@ -84,7 +100,9 @@ def write_exr(
     import OpenEXR
 
     path = Path(path)
-    image_parts = parts if isinstance(parts, Mapping) else {"": {"RGBA"[: np.shape(parts)[-1]]: np.asarray(parts)}}
+    image_parts = parts if isinstance(parts, Mapping) else _one_part(parts)
+    if not (image_parts and all(image_parts.values())):
+        raise VideoError(f"{path} - has no channels (got none) - give an array for each")
     kind = "NO" if compression == "none" else compression.upper()
     header: dict[str, Any] = {
         "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
@@ -96,7 +114,7 @@ def write_exr(
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
     made = []
     for name, channels in image_parts.items():
-        arrays = {channel: np.ascontiguousarray(array) for channel, array in channels.items()}
+        arrays = {channel: _checked(f"{path} {channel}", array) for channel, array in channels.items()}
         height, width = next(iter(arrays.values())).shape[:2]
         own = dict(header)
         if full_size is not None:

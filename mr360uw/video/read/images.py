@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -146,9 +147,11 @@ class ImageReader(VideoReader):
 
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop), stop filled in; VideoError where the sequence does not hold all of these frames."""
-        count = max(start + 1, stop or 1) if self.is_still else len(self._files)
-        FRAMES.check(f"{self.path} frames", count, VideoError)
-        return check_range(self.path, start, stop, count)
+        if not self.is_still:
+            return check_range(self.path, start, stop, len(self._files))
+        start, stop = check_range(self.path, start, start + 1 if stop is None else stop, sys.maxsize)
+        FRAMES.check(f"{self.path} frames", stop, VideoError)
+        return start, stop
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop; a still repeats, one frame by default."""
