@@ -110,8 +110,9 @@ def new(
     """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
     from mr360uw.scene.template import write_scene
 
-    chosen = None if eye is None else eye.value
-    path = write_scene(video, mesh, out, eye=chosen, overwrite=overwrite, outside_files=outside_files)
+    path = write_scene(
+        video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite, outside_files=outside_files
+    )
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
 
 

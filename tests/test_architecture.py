@@ -15,7 +15,7 @@ import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
-    "files", "limits", "picture_size", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
+    "files", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
     "shapes", "yuv", "cache",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
@@ -75,9 +75,10 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
     files = {
-        ROOT / "files.py": {"contextlib", "os", "secrets", "stat"},
-        ROOT / "limits.py": {"os"},
-        ROOT / "picture_size.py": {"re", "struct"},
+        ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "reading" / "input_files.py": {"os", "stat"},
+        ROOT / "reading" / "limits.py": {"os"},
+        ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }
     compiled = {ROOT / "yuv" / "decode_kernels.py": {"numba"}}
     for name in GROUND:

@@ -17,7 +17,7 @@ from mr360uw.caustics.single_map import caustic_map
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
-from mr360uw.limits import FRAMES
+from mr360uw.reading.limits import FRAMES
 
 Array = NDArray[np.floating[Any]]
 ImageFormat = Literal["png", "exr"]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.files import read_text
+from mr360uw.reading.input_files import read_text
 from mr360uw.shapes import numbers
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ import numpy as np
 
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
-from mr360uw.limits import FRAMES, PICTURE
 from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
+from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.sample.dive_light import SENSOR, SUN_SHARE
 from mr360uw.sample.dive_plate import DivePlate
 from mr360uw.sample.dive_settings import DiveSettings

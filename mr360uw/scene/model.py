@@ -27,10 +27,10 @@ from mr360uw.composite.settings import (
     ReceiverSettings,
 )
 from mr360uw.errors import SceneError, VideoError
-from mr360uw.files import read_text, unreadable
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
 from mr360uw.video.settings import EncodeSettings
 

@@ -20,7 +20,7 @@ from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targe
 from mr360uw.composite.mesh.part import MeshFile, Part, Rigging
 from mr360uw.composite.mesh.skin import Body
 from mr360uw.errors import MeshError
-from mr360uw.limits import TRIANGLES
+from mr360uw.reading.limits import TRIANGLES
 
 
 def read_gltf(path: Path, *, outside: bool = False) -> MeshFile:

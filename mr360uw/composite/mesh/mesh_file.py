@@ -17,8 +17,8 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.obj_material import ObjNeighbours, obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.errors import MeshError
-from mr360uw.files import unreadable
-from mr360uw.limits import DATA, TRIANGLES
+from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.limits import DATA, TRIANGLES
 from mr360uw.types import Floats
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.texture import Texture, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.files import read_data
-from mr360uw.limits import TEXTURE
-from mr360uw.picture_size import picture_size
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import TEXTURE
+from mr360uw.reading.picture_size import picture_size
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _PNG = b"\x89PNG\r\n\x1a\n"

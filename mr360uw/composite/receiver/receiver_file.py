@@ -13,9 +13,9 @@ from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError
-from mr360uw.files import read_data
-from mr360uw.limits import PICTURE
-from mr360uw.picture_size import picture_size
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import PICTURE
+from mr360uw.reading.picture_size import picture_size
 from mr360uw.types import Floats
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.files import read_text, write_whole
+from mr360uw.files import write_whole
 from mr360uw.ibl.sun.track import SunTrack
+from mr360uw.reading.input_files import read_text
 from mr360uw.sphere import direction_from_angles
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mr360uw.errors import VideoError
-from mr360uw.files import read_data
+from mr360uw.reading.input_files import read_data
 
 
 def gpmf_payloads(path: str | Path) -> bytes:

@@ -15,8 +15,8 @@ from typing import BinaryIO
 import numpy as np
 
 from mr360uw.errors import VideoError
-from mr360uw.files import unreadable
-from mr360uw.limits import DATA, PICTURE
+from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.limits import DATA, PICTURE
 
 _MAGIC = 20000630
 _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer
 from mr360uw.errors import VideoError
-from mr360uw.files import read_data
-from mr360uw.limits import FRAMES, PICTURE
-from mr360uw.picture_size import picture_size
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import FRAMES, PICTURE
+from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.reader import VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame

@@ -13,7 +13,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
-from mr360uw.limits import PICTURE
+from mr360uw.reading.limits import PICTURE
 from mr360uw.video.metadata.mp4 import top_level_kinds
 
 _LOCAL_VIDEO = {

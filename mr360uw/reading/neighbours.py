@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mr360uw.errors import MeshError
-from mr360uw.files import unreadable
+from mr360uw.reading.input_files import unreadable
 
 
 def neighbour(path: Path, name: str, what: str, *, outside: bool, shown: str = "") -> Path:
