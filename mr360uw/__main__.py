@@ -1,6 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m mr360uw` is the command line."""
+"""`mr360uw` and `python -m mr360uw` are the command line."""
 
-from mr360uw.cli import main
+import os
+import sys
 
-main()
+_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+
+
+def main() -> None:
+    """Run the command line; an interrupt ends it without a traceback, also while its modules are still loading."""
+    _open_standard_streams()
+    try:
+        from mr360uw.cli import main as run
+
+        run()
+    except KeyboardInterrupt:
+        sys.exit(_INTERRUPTED)
+
+
+def _open_standard_streams() -> None:
+    """Open the null device where standard input, output or error is closed.
+
+    The next file to be opened would else take its number, and messages of libraries would be written into that file.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+
+
+if __name__ == "__main__":
+    main()

@@ -14,7 +14,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.arguments import Eye, ImageFormat, frame_range, variants, view_of, worker_count
+from mr360uw.arguments import Eye, ImageFormat, check_report, frame_range, variants, view_of, worker_count
 from mr360uw.errors import Mr360uwError, ParameterError
 
 app = typer.Typer(
@@ -35,7 +35,6 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an o
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
-
 ScaleOption = Annotated[float | None, typer.Option(help="size over the plate's, for drafts, as in 0.25")]
 FrameOption = Annotated[int | None, typer.Option(help="number of the frame; default: 0")]
 TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
@@ -52,6 +51,10 @@ def main() -> None:
         app()
     except Mr360uwError as error:
         _fail(str(error), error)
+    except MemoryError as error:
+        _fail(
+            "memory - is too little for this input (got no more) - take a smaller plate, mesh or texture", error
+        )
     except OSError as error:
         _fail(f"{error.filename or 'a file'} - {error.strerror or error} - check the name, rights and space", error)
     except SystemExit as done:
@@ -61,9 +64,9 @@ def main() -> None:
 
 
 def _fail(text: str, error: Exception) -> NoReturn:
-    """Print an error and its notes; end with exit code 2."""
+    """Print an error and its notes, without the control characters that names may hold; leave with exit code 2."""
     for line in (f"error: {text}", *getattr(error, "__notes__", ())):
-        typer.echo(line, err=True)
+        typer.echo("".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in line), err=True)
     sys.exit(2)
 
 
@@ -91,6 +94,7 @@ def composite(
     from mr360uw.scene.model import at_scale, load_scene
 
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
+    check_report(report_file, loaded)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         return
@@ -160,11 +164,14 @@ def new(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
+    outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
     from mr360uw.scene.template import write_scene
 
-    path = write_scene(video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite)
+    path = write_scene(
+        video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite, outside_files=outside_files
+    )
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear whole or not at all, and notes of the files that are read."""
+"""Files that appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError
 
 _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
-_NOTES: ContextVar[tuple[dict[Path, None], ...]] = ContextVar("files read", default=())
-"""The notes that are being taken in this thread, one inside the other."""
 
 
 @contextmanager
@@ -67,24 +64,3 @@ def write_whole(path: Path, data: str | bytes) -> None:
     """Write a small file; on failure nothing is left, and `OSError` names the file."""
     with whole_file(path) as part:
         part.write_bytes(data.encode() if isinstance(data, str) else data)
-
-
-@contextmanager
-def files_read() -> Iterator[dict[Path, None]]:
-    """Yield a dictionary whose keys become the files that `note_read` names on this thread within the context.
-
-    Loaders name every file that they open, so that a mesh's textures and buffers are found without knowing its format.
-    """
-    found: dict[Path, None] = {}
-    before = _NOTES.set((*_NOTES.get(), found))
-    try:
-        yield found
-    finally:
-        _NOTES.reset(before)
-
-
-def note_read(path: Path) -> Path:
-    """Note that a file is read; return its path."""
-    for found in _NOTES.get():
-        found[path] = None
-    return path

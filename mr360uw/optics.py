@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import number, numbers
 from mr360uw.sphere import unit
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ def _towards_light(direction: ArrayLike, refractive_index: float) -> Array:
 
 def check_refractive_index(refractive_index: float) -> None:
     """Raise `ParameterError` unless the index lies in (1, 4]."""
-    if not 1.0 < refractive_index <= 4.0:
+    if not 1.0 < number("refractive_index", refractive_index) <= 4.0:
         raise ParameterError(
             f"refractive_index - must lie above 1 and up to 4 (got {refractive_index}) - sea water has 1.34"
         )
@@ -90,8 +91,8 @@ def fresnel_transmittance(cos_air: ArrayLike, refractive_index: float) -> Array:
 
     cos_air: cosine of incidence; nothing passes at 0 and below, where a facet is turned away from the light.
     """
-    c_i = np.maximum(np.asarray(cos_air, np.float64), 0.0)
-    n = refractive_index
+    c_i = np.maximum(numbers("cos_air", cos_air).astype(np.float64, copy=False), 0.0)
+    n = number("refractive_index", refractive_index)
     c_t = np.sqrt(1.0 - (1.0 - c_i * c_i) / (n * n))
     return 2.0 * n * c_i * c_t * (1.0 / (c_i + n * c_t) ** 2 + 1.0 / (n * c_i + c_t) ** 2)
 
@@ -120,7 +121,7 @@ def sea_water_index(wavelength_nm: ArrayLike, temperature_c: float = 20.0, salin
 
     wavelength_nm: 400 to 700. temperature_c: 0 to 30. salinity: 0 to 35 (practical scale).
     """
-    w = np.asarray(wavelength_nm, np.float64)
+    w = numbers("wavelength_nm", wavelength_nm).astype(np.float64, copy=False)
     t, s = temperature_c, salinity
     return (
         1.31405

@@ -35,6 +35,7 @@ from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.shapes import real
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -81,7 +82,7 @@ def render_frame(
     shutter_s: exposure time, for motion blur. The scene is loaded on each call; for many frames use
     `render.loaded.load` and `render.frame.frame_stages`.
     """
-    plate = np.asarray(plate)
+    plate = real("plate", plate)
     if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
         raise ParameterError(
             f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"

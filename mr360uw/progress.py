@@ -65,7 +65,7 @@ def _pending_signals() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def _bar() -> Iterator[Progress]:
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda done, total: None  # noqa: ARG005 - the signature of Progress
         return
     from rich.console import Console

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of array arguments: checks whose messages name the argument, its shape and the one it should have."""
+"""Array arguments: checks whose messages name the argument, what it is, and what it should be.
+
+Public functions call them once where an array enters. They refuse what is no number and what is not finite; the test
+for that is one sum over the array.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,47 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 
+_NUMBERS = "fiu"
+
+
+def real(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Return values as an array of their own type; raise `ParameterError` unless they are real numbers, or NaN."""
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:  # lists of unequal lengths
+        raise ParameterError(f"{name} - must be an array of numbers (got: {error!s:.60}) - give one shape") from None
+    if array.dtype.kind not in _NUMBERS:
+        raise ParameterError(f"{name} - must be real numbers (got {array.dtype}: {values!r:.40}) - give numbers")
+    return array
+
+
+def is_finite(array: NDArray[Any]) -> bool:
+    """Return whether all numbers of an array are finite."""
+    if array.dtype.kind != "f":
+        return True
+    with np.errstate(all="ignore"):  # infinities cancel to NaN, and finite ones may overflow
+        return bool(np.isfinite(array.sum(dtype=np.float64)) or np.all(np.isfinite(array)))
+
+
+def numbers(name: str, values: ArrayLike, *, infinite: bool = False) -> NDArray[Any]:
+    """Return values as an array of their own type; raise `ParameterError` unless they are real, finite numbers.
+
+    infinite: they may be infinite, not NaN.
+    """
+    array = real(name, values)
+    if not is_finite(array) and not (infinite and not np.any(np.isnan(array))):
+        raise ParameterError(f"{name} - must be finite (got {array[~np.isfinite(array)].flat[0]}) - give numbers")
+    return array
+
+
+def number(name: str, value: Any) -> float:
+    """Return one number; raise `ParameterError` for other shapes, and as `numbers` does."""
+    return float(exactly(name, value, ()))
+
 
 def vectors(name: str, values: ArrayLike, size: int = 3) -> NDArray[Any]:
     """Return values as an array (..., size) of their own type; raise `ParameterError` for another last axis."""
-    array = np.asarray(values)
+    array = numbers(name, values)
     if array.ndim == 0 or array.shape[-1] != size:
         raise ParameterError(f"{name} - must be (..., {size}) (got shape {array.shape}) - give {size} numbers each")
     return array
@@ -21,16 +62,19 @@ def vectors(name: str, values: ArrayLike, size: int = 3) -> NDArray[Any]:
 
 def exactly(name: str, values: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[Any]:
     """Return values as an array of their own type; raise `ParameterError` unless they have one of the shapes."""
-    array = np.asarray(values)
+    array = numbers(name, values)
     if array.shape not in shapes:
         wanted = " or ".join(str(shape) for shape in shapes)
         raise ParameterError(f"{name} - must have the shape {wanted} (got {array.shape}) - reshape it")
     return array
 
 
-def common_shape(**arguments: ArrayLike) -> tuple[int, ...]:
-    """Return the shape to which arguments broadcast; raise `ParameterError` where they do not fit together."""
-    shapes = {name: np.shape(values) for name, values in arguments.items()}
+def common_shape(may_be_infinite: str = "", **arguments: ArrayLike) -> tuple[int, ...]:
+    """Return the shape to which arguments broadcast; raise `ParameterError` where they do not, or are no numbers.
+
+    may_be_infinite: the name of one that may.
+    """
+    shapes = {n: numbers(n, values, infinite=n == may_be_infinite).shape for n, values in arguments.items()}
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:

@@ -14,7 +14,10 @@ import pytest
 import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
-GROUND = {"files", "types", "constants", "sphere", "color", "errors", "parameters", "optics", "shapes", "yuv", "cache"}
+GROUND = {
+    "files", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
+    "shapes", "yuv", "cache",
+}  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
@@ -72,14 +75,19 @@ def test_only_gl_modules_of_a_physics_package_import_opengl(package: str) -> Non
 def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
-    writing = {ROOT / "files.py": {"contextlib", "contextvars", "os", "secrets"}}
+    files = {
+        ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "reading" / "files_read.py": {"contextlib", "contextvars"},
+        ROOT / "reading" / "input_files.py": {"os", "stat"},
+        ROOT / "reading" / "limits.py": {"os"},
+        ROOT / "reading" / "picture_size.py": {"re", "struct"},
+    }
     compiled = {ROOT / "yuv" / "decode_kernels.py": {"numba"}}
     for name in GROUND:
         for path in (ROOT / name).rglob("*.py") if (ROOT / name).is_dir() else [ROOT / f"{name}.py"]:
             used = {n.split(".")[0] for n in imports(path)}
-            assert used <= stands_on | library | compiled.get(path, set()) | writing.get(path, set()), path.relative_to(
-                ROOT
-            )
+            own = compiled.get(path, set()) | files.get(path, set())
+            assert used <= stands_on | library | own, path.relative_to(ROOT)
             mine = {n.split(".")[1] for n in imports(path) if n.startswith("mr360uw.")}
             assert mine <= GROUND, path.relative_to(ROOT)
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import number
 
 _STEP = 0.125
 """Interval of the ladder in sqrt(depth + `_NEAR_M`) [sqrt(m)]: 0.25 m at the surface, 0.56 m at 4 m, 0.9 m at 12 m.
@@ -47,7 +48,7 @@ def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]
 
     Raises `ParameterError` unless 0 < near_m <= far_m < infinity and count >= 1.
     """
-    if not (0.0 < near_m <= far_m < math.inf) or count < 1:
+    if not 0.0 < number("near_m", near_m) <= number("far_m", far_m) or number("count", count) < 1:
         raise ParameterError(
             f"stack - needs 0 < near <= far and a plane (got {near_m}, {far_m}, {count}) - correct the depths"
         )

@@ -17,6 +17,7 @@ from mr360uw.caustics.single_map import caustic_map
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
+from mr360uw.reading.limits import FRAMES
 
 Array = NDArray[np.floating[Any]]
 ImageFormat = Literal["png", "exr"]
@@ -92,6 +93,7 @@ def _free_paths(
         raise ParameterError(
             f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
         )
+    FRAMES.check("frames", frames, ParameterError)
     if image_format not in get_args(ImageFormat):
         raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
     names = ("caustic", "height", "normal")

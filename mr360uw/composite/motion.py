@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from mr360uw.composite.settings import Interpolation, LampSettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import level_matrix
+from mr360uw.medium.tables import read_table
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
@@ -114,18 +115,11 @@ def read_camera_track(path: str | Path) -> Motion:
 
     path = Path(path)
     names = ("time_s", "x", "y", "z", "qx", "qy", "qz", "qw")
-    try:
-        table = np.genfromtxt(path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise ParameterError(
-            f"{path} - cannot be read as CSV (got: {error!s:.120}) - give {', '.join(names)}"
-        ) from error
-    found = table.dtype.names or ()
-    missing = [name for name in names if name not in found]
+    table = read_table(path)
+    missing = [name for name in names if name not in table]
     if missing:
         raise ParameterError(f"{path} - columns are missing (got no {', '.join(missing)}) - give {', '.join(names)}")
-    rows: Any = np.atleast_1d(table)
-    columns = np.stack([rows[name] for name in names], axis=-1)
+    columns = np.stack([table[name] for name in names], axis=-1)
     if not np.all(np.isfinite(columns)) or not np.all(np.linalg.norm(columns[:, 4:], axis=-1) > 0.0):
         raise ParameterError(f"{path} - has entries that are no numbers, or quaternions of zero - correct the rows")
     _require_ascending(columns[:, 0], f"{path} time_s")

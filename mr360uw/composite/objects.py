@@ -103,7 +103,7 @@ def load_objects(all_settings: Iterable[ObjectSettings]) -> tuple[SceneObject, .
 
     @functools.cache
     def poses(look: ObjectSettings) -> tuple[Poses, ...]:
-        rigs = [read(path, look.unit, look.part) for path in _paths(look.mesh)]
+        rigs = [read(path, look.unit, look.part, outside=look.outside_files) for path in _paths(look.mesh)]
         return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
 
     return tuple(_scene_object(settings, poses(settings.model_copy(update=_AT_REST))) for settings in all_settings)
@@ -119,7 +119,7 @@ def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneOb
 
 def _paths(path: Path) -> list[Path]:
     """Return the file, or every file of a numbered pattern such as fish_%04d.glb, from the first number there is."""
-    if "%" not in path.name:
+    if "%" not in path.name or path.exists():
         return [path]
     found: list[Path] = []
     number = 0

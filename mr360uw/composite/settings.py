@@ -6,14 +6,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.parameters import Parameters, parameter
 
 Vector = tuple[float, float, float]
+Extent = Annotated[float, Field(gt=0.0, le=1e6)]
 Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera"]
 Interpolation = Literal["linear", "smooth"]
@@ -83,6 +84,7 @@ class ObjectSettings(Parameters):
         "auto", "vertex colours as a tint; auto: where there is no base texture"
     )
     part: str = parameter("", "draw only the parts whose name contains this")
+    outside_files: bool = parameter(False, "whether the mesh file may name files outside of its own folder")
 
     @field_validator("base_color")
     @classmethod
@@ -107,10 +109,11 @@ class ReceiverSettings(Parameters):
     position_m: Vector = parameter((0.0, 0.0, 0.0), "position of the mesh or centre of the height map", unit="m")
     rotation_deg: Vector = parameter((0.0, 0.0, 0.0), "(yaw, pitch, roll) of the mesh", unit="deg")
     scale: float = parameter(1.0, "factor on the mesh's size", unit="1", above=0.0, high=1e6)
-    size_m: tuple[float, float] = parameter((20.0, 20.0), "extent of the height map along x and z", unit="m")
+    size_m: tuple[Extent, Extent] = parameter((20.0, 20.0), "extent of the height map along x and z", unit="m")
     range_m: tuple[float, float] = parameter(
         (0.0, 1.0), "heights of black and white of the height map, or distances of a distance map in codes", unit="m"
     )
+    outside_files: bool = parameter(False, "whether the mesh file may name files outside of its own folder")
     shadow: bool = parameter(True, "whether the sun's shadow falls on it")
     occlusion: bool = parameter(True, "whether objects block ambient light on it")
     caustics: bool = parameter(False, "whether caustics are added to those the plate already shows")
@@ -120,6 +123,12 @@ class ReceiverSettings(Parameters):
     extent_m: float = parameter(
         30.0, "distance from the camera beyond which it is not changed", unit="m", above=0.0, high=1e4
     )
+
+    @model_validator(mode="after")
+    def _file_of_shape(self) -> ReceiverSettings:
+        if self.kind != "plane" and self.path is None:
+            raise ValueError(f"kind {self.kind!r} needs a file (got no path) - set receiver.path")
+        return self
 
 
 class HoldoutSettings(Parameters):

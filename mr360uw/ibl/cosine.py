@@ -22,7 +22,7 @@ from mr360uw.constants import ENVIRONMENT_COLUMNS as COLUMNS
 from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.published.harmonics import harmonic_irradiance
-from mr360uw.shapes import exactly
+from mr360uw.shapes import exactly, numbers
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
@@ -78,7 +78,7 @@ def _transform_matrix() -> NDArray[np.float64]:
 
 def filter_scale(radiance: ArrayLike) -> int:
     """Return k of a radiance map (32 k, 64 k, 3); raise `ParameterError` for other shapes."""
-    shape = np.shape(radiance)
+    shape = numbers("radiance", radiance).shape
     scale = shape[0] // ROWS if shape else 0
     if len(shape) != 3 or scale < 1 or shape != (ROWS * scale, COLUMNS * scale, 3):
         raise ParameterError(f"radiance - must be (32 k, 64 k, 3) (got shape {shape}) - use reduce_map first")

@@ -23,6 +23,7 @@ from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.optics import critical_cosine
+from mr360uw.shapes import is_finite, real
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -64,12 +65,12 @@ def region_ramp(elevation: ArrayLike, edge: float, ramp: float) -> Array:
 
 def checked_plate(plate: ArrayLike, where: str = "plate") -> NDArray[np.float32]:
     """Return a plate as float32 with negative samples (lossy codecs make them) at 0; raise on anything else."""
-    image = np.asarray(plate)
+    image = real(where, plate)
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
         raise ParameterError(f"{where} - must be an RGB image (got shape {image.shape}) - give (H, W, 3)")
     if not np.issubdtype(image.dtype, np.floating):
         raise ParameterError(f"{where} - must be linear floats (got {image.dtype}) - decode the code values first")
-    if not np.isfinite(np.sum(image, dtype=np.float64)):
+    if not is_finite(image):
         raise ParameterError(f"{where} - holds NaN or infinite samples - repair the picture")
     return np.maximum(image, 0.0, dtype=np.float32)
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import ZonalFilter, filter_scale
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
-from mr360uw.shapes import exactly
+from mr360uw.shapes import exactly, number
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
@@ -44,17 +44,22 @@ def glossy_filter(roughness: float, scale: int = 1) -> ZonalFilter:
     return ZonalFilter(lambda cosine: ggx_kernel(cosine, roughness), scale, normalised=True)
 
 
-def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
-    """Return a radiance map (32 k, 64 k, 3) filtered by the GGX lobe of `roughness` in [0.05, 1], (32, 64, 3)."""
-    if not MINIMUM_ROUGHNESS <= roughness <= 1.0:
+def _check_roughness(roughness: float) -> None:
+    if not MINIMUM_ROUGHNESS <= number("roughness", roughness) <= 1.0:
         raise ParameterError(
             f"roughness - outside [{MINIMUM_ROUGHNESS}, 1] (got {roughness!r}) - use the radiance itself for mirrors"
         )
+
+
+def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
+    """Return a radiance map (32 k, 64 k, 3) filtered by the GGX lobe of `roughness` in [0.05, 1], (32, 64, 3)."""
+    _check_roughness(roughness)
     return glossy_filter(float(roughness), filter_scale(radiance))(radiance)
 
 
 def glossy_beam(direction: ArrayLike, irradiance: ArrayLike, roughness: float) -> Floats:
     """Return the prefiltered radiance (32, 64, 3) of a beam: irradiance (3,) on a plane facing `direction` (3,)."""
+    _check_roughness(roughness)
     cosine = np.linspace(0.0, 1.0, 1 << 16)  # the kernel's integral, with 1 - cosine spaced as a square
     tail = np.square(1.0 - cosine)
     total = 2.0 * np.pi * np.trapezoid(ggx_kernel(1.0 - tail, roughness), tail)

@@ -79,6 +79,8 @@ def _split(
     plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, water: WaterLight | None
 ) -> Split | None:
     if isinstance(sun, str):
+        if sun != "detect":
+            raise ParameterError(f"sun - unknown (got {sun!r:.40}) - take 'detect', a direction, a Sun or None")
         if settings.sun == "none":
             return None
         if settings.sun == "date" and underwater:

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import Water
-from mr360uw.shapes import common_shape, exactly
+from mr360uw.shapes import common_shape, exactly, numbers
 
 Array = NDArray[np.float64]
 
 
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
     """Return the length (...,) [m] of a ray from `depth` that lies below the mean surface, at most `LONGEST_RAY_M`."""
-    common_shape(distance_m=distance, depth_m=depth, up=up)
+    common_shape("distance_m", distance_m=distance, depth_m=depth, up=up)
     s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance, depth, up)))
     out = np.divide(np.maximum(y, 0.0), mu, out=np.full(s.shape, LONGEST_RAY_M), where=mu > 0.0)
     return np.minimum(np.maximum(s, 0.0), np.minimum(out, LONGEST_RAY_M))
@@ -64,7 +64,7 @@ def multiple_scattering(
     Raises `ParameterError` for a negative distance or depth, or `up` outside [-1, 1].
     """
     check_ray(distance_m, depth_m, up)
-    w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
+    w = np.atleast_1d(numbers("wavelength_nm", wavelength_nm).astype(np.float64))
     s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
     radiance = closed_form(water.scattering(w), water.attenuation(w), water.diffuse_attenuation(w), s, y, mu)
     return exactly("surface_irradiance", surface_irradiance, (), w.shape) * radiance
@@ -72,7 +72,7 @@ def multiple_scattering(
 
 def check_ray(distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> None:
     """Raise `ParameterError` unless distance >= 0, 0 <= depth < infinity, -1 <= up <= 1, of shapes that fit."""
-    common_shape(distance_m=distance_m, depth_m=depth_m, up=up)
+    common_shape("distance_m", distance_m=distance_m, depth_m=depth_m, up=up)
     if not np.all(np.asarray(distance_m) >= 0.0):
         raise ParameterError(
             f"distance_m - must not be negative (got {np.min(distance_m)!r}) - give metres along the ray"

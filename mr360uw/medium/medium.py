@@ -27,7 +27,7 @@ from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, S
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water
-from mr360uw.shapes import common_shape, exactly
+from mr360uw.shapes import common_shape, exactly, number
 from mr360uw.types import Floats, MediumTable
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ class Medium:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if radiance_map is not None and mode != "plate":
             raise ParameterError(f"radiance_map - is for mode plate (got {mode!r}) - or use fit_gain and scaled")
-        if not 0.0 < camera_depth_m <= 1000.0:
+        if not 0.0 < number("camera_depth_m", camera_depth_m) <= 1000.0:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )

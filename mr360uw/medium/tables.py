@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.reading.input_files import read_text
+from mr360uw.shapes import numbers
 
 Array = NDArray[np.float64]
 
@@ -39,7 +41,7 @@ class Spectrum:
 
     def __call__(self, wavelength_nm: ArrayLike) -> Array:
         """Return the value at wavelengths [nm]; raise `ParameterError` beyond the table."""
-        w = np.asarray(wavelength_nm, np.float64)
+        w = numbers("wavelength_nm", wavelength_nm).astype(np.float64, copy=False)
         low, high = self.wavelength_nm[0], self.wavelength_nm[-1]
         if w.size and (np.min(w) < low - 1e-9 or np.max(w) > high + 1e-9):
             raise ParameterError(
@@ -84,7 +86,10 @@ def _number(cell: str, where: str) -> float:
 
 def parse_table(lines: Iterable[str], where: str) -> dict[str, Array]:
     """Return the columns of a CSV text by lower-case name; '#' starts a comment line, blank cells are NaN."""
-    rows = list(_rows(lines))
+    try:
+        rows = list(_rows(lines))
+    except csv.Error as error:
+        raise ParameterError(f"{where} - not a table (got: {error}) - give a CSV file") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
         raise ParameterError(
             f"{where} - not a table (got {len(rows)} rows of unequal length or none) - give a CSV file"
@@ -96,11 +101,7 @@ def parse_table(lines: Iterable[str], where: str) -> dict[str, Array]:
 
 def read_table(path: str | Path) -> dict[str, Array]:
     """Return the columns of a user's CSV file; raise `ParameterError` where it cannot be read."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path} - cannot be read (got: {error}) - name a CSV file") from error
-    return parse_table(text.splitlines(), str(path))
+    return parse_table(read_text(Path(path), ParameterError).splitlines(), str(path))
 
 
 @functools.cache

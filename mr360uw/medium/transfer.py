@@ -28,7 +28,7 @@ from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, phase_moments
 from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import common_shape, exactly
+from mr360uw.shapes import common_shape, exactly, numbers
 
 Array = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ class LightField:
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a small sphere, E_0, sun included."""
-        y = np.asarray(depth_m, np.float64)[..., None]
+        y = numbers("depth_m", depth_m).astype(np.float64, copy=False)[..., None]
         modes = 2.0 * PI * np.einsum("i,nij->nj", self._weight, self._down + self._up)
         direct = self._beam * np.exp(-self.rays.extinction / self._sun_mu * y)
         return np.sum(modes * np.exp(-self._rate * y[..., None]), axis=-1) + direct

@@ -29,7 +29,7 @@ from mr360uw.medium.phase import (
     wide_angle_moments,
 )
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
-from mr360uw.shapes import exactly
+from mr360uw.shapes import exactly, number, numbers
 
 Array = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ class Water:
         Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a. phase: of the particles; without it
         that of Fournier & Forand whose bb/b is 0.002 + 0.01 (0.5 - 0.25 log10 Chl) (Morel & Maritorena 2001).
         """
-        if not 0.01 <= mg_m3 <= 20.0:
+        if not 0.01 <= number("chlorophyll", mg_m3) <= 20.0:
             raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
         table = builtin_table("morel_maritorena2001_kd.csv")
         w = table["wavelength_nm"]
@@ -208,11 +208,11 @@ class Water:
         name: str = "water",
     ) -> Water:
         """Return water of coefficients [1/m], each (w,), at wavelengths [nm] (w,)."""
-        w = np.asarray(wavelength_nm, np.float64)
+        w = numbers("wavelength_nm", wavelength_nm).astype(np.float64)
 
         def spectrum(label: str, values: ArrayLike) -> Spectrum:
             label = f"{name}, {label}"
-            column = exactly(label, values, np.shape(values)[:1] or w.shape)
+            column = exactly(label, values, numbers(label, values).shape[:1] or w.shape)
             return Spectrum(label, w, column.astype(np.float64))
 
         kd = None if diffuse_attenuation is None else spectrum("Kd", diffuse_attenuation)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.progress import Progress
@@ -46,9 +46,7 @@ def analyse_video(
 
     source = Path(source)
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
-    page = Path(out) if out is not None else source.with_suffix(".html")
-    if page.suffix.lower() != ".html":
-        raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
+    page = _page(source, out)
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     for path in (page, *tracks):
         if path.exists() and not overwrite:
@@ -83,6 +81,16 @@ def analyse_video(
             save_track(track, path)
         written += tracks
     return written
+
+
+def _page(source: Path, out: str | Path | None) -> Path:
+    """Return the name of the page; raise `VideoError` or `ParameterError` where there is none."""
+    if not source.name:
+        raise VideoError(f"{source} - is a folder - name a video, a picture or a scene file")
+    page = Path(out) if out is not None else source.with_suffix(".html")
+    if page.suffix.lower() != ".html":
+        raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
+    return page
 
 
 def _small(frame: VideoFrame) -> np.ndarray:

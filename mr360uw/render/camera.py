@@ -29,7 +29,11 @@ def level_track(scene: Scene) -> LevelTrack | None:
 
         with open_plate(scene) as video:
             rate = float(video.frame_rate)
-        return level_from_gpmf(gpmf_payloads(camera.gravity), rate)
+        payloads = gpmf_payloads(camera.gravity)
+        try:
+            return level_from_gpmf(payloads, rate)
+        except ParameterError as error:
+            raise ParameterError(f"{camera.gravity} {error}") from error
     keys = [(t, np.radians(roll), np.radians(pitch)) for t, roll, pitch in camera.tilt_keys]
     if not keys and (camera.roll_deg, camera.pitch_deg) != (0.0, 0.0):
         keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mr360uw.composite import SceneObject, load_objects
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
-from mr360uw.files import files_read
+from mr360uw.reading.files_read import files_read
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip

@@ -15,6 +15,7 @@ from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
+from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.sample.dive_light import SENSOR, SUN_SHARE
 from mr360uw.sample.dive_plate import DivePlate
 from mr360uw.sample.dive_settings import DiveSettings
@@ -58,6 +59,8 @@ def sample_dive(
 
     if width < 64 or width % 4:
         raise ParameterError(f"width - must be a multiple of 4 from 64 up (got {width}) - take 1024 or 2048")
+    PICTURE.check("width", width * width // 2, ParameterError)
+    FRAMES.check("frames", frames, ParameterError)
     if frames < 1:
         raise ParameterError(f"frames - must be at least 1 (got {frames}) - take 48")
     settings = settings if settings is not None else DiveSettings(seed=seed)

@@ -48,6 +48,10 @@ class DiveSettings:
             raise ParameterError(f"floor - must lie below the camera (got {floor:g} m) - give {camera + 0.2:g} to 200")
         if not radians(3.0) <= sun <= pi / 2.0:
             raise ParameterError(f"sun elevation - is out of range (got {degrees(sun):g} degrees) - give 3 to 90")
+        if not np.isfinite(self.sun_azimuth_rad):
+            raise ParameterError(f"sun azimuth - must be finite (got {self.sun_azimuth_rad}) - give an angle")
+        if self.seed < 0:
+            raise ParameterError(f"seed - must be 0 or more (got {self.seed}) - give another whole number")
         if not 0.3 <= self.wind_speed_m_s <= 15.0:
             raise ParameterError(f"wind - is out of range (got {self.wind_speed_m_s:g} m/s) - give 0.3 to 15")
         if not abs(self.speed_m_s) <= 10.0:

@@ -26,10 +26,11 @@ from mr360uw.composite.settings import (
     ObjectSettings,
     ReceiverSettings,
 )
-from mr360uw.errors import SceneError
+from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
 from mr360uw.video.settings import EncodeSettings
 
@@ -111,6 +112,10 @@ class Scene(Parameters):
         return self
 
 
+_DIGITS = 9
+"""Most digits of the number of an entry; Python refuses to read thousands."""
+
+
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
@@ -118,18 +123,17 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
     path = Path(path)
+    if reason := unreadable(path):
+        made = ", or make one: mr360uw new VIDEO MESH" if reason.startswith("no such") else ""
+        raise SceneError(str(path), [reason + made])
     try:
-        text = path.read_text("utf-8-sig")
-    except FileNotFoundError:
-        raise SceneError(
-            str(path), ["no such scene file - check the path, or make one: mr360uw new VIDEO MESH"]
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(str(path), [f"cannot be read (got: {error}) - give a TOML text file"]) from None
+        text = read_text(path, VideoError)
+    except VideoError as error:
+        raise SceneError(str(path), [str(error).removeprefix(f"{path} - ")]) from None
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(str(path), [f"is not TOML (got: {error}) - correct the line"]) from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of more digits than Python reads
+        raise SceneError(str(path), [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
     for text_override in overrides:
         _override(data, text_override)
     return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
@@ -139,16 +143,20 @@ def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", li
     """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
     try:
         scene = Scene.model_validate(data)
+    except RecursionError:
+        raise SceneError(
+            where, ["has tables within tables too deep to read - write them as the handbook has them"]
+        ) from None
     except ValidationError as error:
         raise SceneError(where, problems(error, Scene, where, lines or {})) from None
     scene = _with_absolute_paths(scene, folder)
-    missing = [
-        f"{place(where, lines or {}, location)} - no such file (got {file}) - check the path; it starts at {folder}"
+    unusable = [
+        f"{place(where, lines or {}, location)} - {problem}"
         for location, file in _files(scene)
-        if not _exists(file)
+        if (problem := _problem(file, folder))
     ]
-    if missing:
-        raise SceneError(where, missing)
+    if unusable:
+        raise SceneError(where, unusable)
     return scene
 
 
@@ -176,15 +184,15 @@ def _override(data: dict[str, Any], text: str) -> None:
         raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         parsed = value.strip()
     *parents, last = re.sub(r"\[(\d+)\]", r".\1", key.strip()).split(".")  # object[0] as object.0
     table: Any = data
     for depth, part in enumerate(parents):
         if isinstance(table, list):
-            if not part.isdigit() or int(part) >= len(table):
+            if not part.isdecimal() or len(part) > _DIGITS or int(part) >= len(table):
                 where = ".".join(parents[:depth])
-                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part}) - it has {len(table)}"])
+                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part:.20}) - it has {len(table)}"])
             table = table[int(part)]
         else:
             table = table.setdefault(part, {})
@@ -225,6 +233,10 @@ def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path
             yield from _files(getattr(value, name), (*location, field.alias or name))
 
 
-def _exists(path: Path) -> bool:
-    """Return whether a file, or the folder of a pattern of numbered files, exists."""
-    return path.exists() or (any(c in path.name for c in "%#*") and path.parent.is_dir())
+def _problem(path: Path, folder: Path) -> str:
+    """Return why a file, or a pattern of numbered files, cannot be read, "" if it can; folder: of the scene."""
+    reason = unreadable(path)
+    if not reason or (reason.startswith("no such") and any(c in path.name for c in "%#*") and path.parent.is_dir()):
+        return ""
+    what, todo = reason.split(" - ", 1)
+    return f"{what} (got {path!s:.200}) - {todo}" + (f"; it starts at {folder}" if what == "no such file" else "")

@@ -32,7 +32,7 @@ def key_lines(text: str) -> Lines:
     table: Location = ()
     counts: dict[Location, int] = {}  # of every array of tables, its last index
     for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]", line)
+        header = re.match(r"\s*(\[\[?)([^\[\]]+)\]", line)
         if header:
             *parents, last = (part.strip().strip("\"'") for part in header.group(2).split("."))
             table = ()
@@ -55,9 +55,13 @@ def key_lines(text: str) -> Lines:
 
 def place(where: str, lines: Lines, location: Location) -> str:
     """Return 'file:line table.key' for a location; the line of the nearest enclosing table where the key has none."""
-    line = next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
+    line = _line(lines, location)
     name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     return f"{where}:{line} {name}" if line else f"{where} {name}"
+
+
+def _line(lines: Lines, location: Location) -> int | None:
+    return next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
 
 
 def models_of(annotation: Any) -> list[type[BaseModel]]:
@@ -69,22 +73,21 @@ def models_of(annotation: Any) -> list[type[BaseModel]]:
     return []
 
 
-def _locate(root: type[BaseModel], location: Location) -> tuple[Location, list[type[BaseModel]], Any]:
+def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Location, list[type[BaseModel]], Any]:
     """Return a pydantic location without union tags, the models that could hold its last key, and the key's field."""
     clean: list[str | int] = []
     models: list[type[BaseModel]] = [root]
     field: Any = None
     owners = models
-    for part in location:
+    for k, part in enumerate(location, 1):
         if isinstance(part, int):
             clean.append(part)
             continue
         found = [f for m in models for n, f in m.model_fields.items() if part in (n, f.alias)]
         tagged = [m for m in models if part in _tags(m)]
-        if not found and tagged:
-            models = tagged
-            continue
-        if not found and not _is_key(part):
+        is_unknown_key = kind == "extra_forbidden" and k == len(location)
+        if not found and not is_unknown_key and (tagged or not _is_key(part)):
+            models = tagged or models
             continue
         owners, field = models, (found[0] if found else None)
         clean.append(part)
@@ -97,21 +100,19 @@ def _is_key(part: str) -> bool:
     return re.fullmatch(r"[\w\-]+", part) is not None and part not in ("int", "float", "str", "bool", "tuple", "none")
 
 
+def _kinds(model: type[BaseModel]) -> dict[str, str]:
+    """Return the only value of each field of a model that may have but one."""
+    literals = {n: f.annotation for n, f in model.model_fields.items() if get_origin(f.annotation) is Literal}
+    return {name: str(get_args(kind)[0]) for name, kind in literals.items() if len(get_args(kind)) == 1}
+
+
 def _tags(model: type[BaseModel]) -> tuple[str, ...]:
-    literals = [get_args(f.annotation) for f in model.model_fields.values() if get_origin(f.annotation) is Literal]
-    return (model.__name__, *(str(values[0]) for values in literals if len(values) == 1))
+    return (model.__name__, *_kinds(model).values())
 
 
 def _tag_key(field: Any) -> str:
     """Return the key that selects the kind of a field's table, or "" where its kinds have none in common."""
-    keys = [
-        {
-            n
-            for n, f in m.model_fields.items()
-            if get_origin(f.annotation) is Literal and len(get_args(f.annotation)) == 1
-        }
-        for m in models_of(field.annotation)
-    ]
+    keys = [set(_kinds(model)) for model in models_of(field.annotation)]
     return min(set.intersection(*keys), default="") if keys else ""
 
 
@@ -191,9 +192,9 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
     """Return one line for each problem, in the order of the file."""
     found: dict[Location, tuple[int, str]] = {}
     errors = error.errors(include_url=False)
-    unknown = {_locate(root, e["loc"])[0] for e in errors if e["type"] == "extra_forbidden"}
+    unknown = {_locate(root, e["loc"], e["type"])[0] for e in errors if e["type"] == "extra_forbidden"}
     for item in errors:
-        location, owners, field = _locate(root, item["loc"])
+        location, owners, field = _locate(root, item["loc"], item["type"])
         if item["type"] in _LENGTHS and isinstance(location[-1], int):
             location = location[:-1]  # it is the list that is too short
         help_text = (field.description or "") if field is not None else ""
@@ -223,7 +224,8 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             what = f"must be {context.get('expected') or context['expected_tags']}"
             todo = _near(value, what) or help_text
         elif item["type"] in ("greater_than_equal", "less_than_equal", "greater_than", "less_than"):
-            what = f"must be {bounds}" if bounds else item["msg"].replace("Input should", "must")
+            ranged = bounds.startswith(("in ", ">", "<"))
+            what = f"must be {bounds}" if ranged else item["msg"].replace("Input should", "must")
             todo = help_text
         elif item["type"] == "value_error":
             what = str(context["error"])
@@ -231,7 +233,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text
-        line = next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), 0)
+        line = _line(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         found.setdefault(location, (line, text))
     return [text for _, text in sorted(found.values())]
@@ -239,10 +241,9 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
 
 def _near(value: Any, allowed: str) -> str:
     """Return a question after the nearest of the quoted words that are allowed, or ""."""
-    near = difflib.get_close_matches(str(value), re.findall(r"'([^']+)'", allowed), 1)
+    near = difflib.get_close_matches(value if isinstance(value, str) else "", re.findall(r"'([^']+)'", allowed), 1)
     return f"did you mean '{near[0]}'?" if near else ""
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text := repr(value)) <= 60 else f"{text:.57}..."

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.errors import OutputExistsError, SceneError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
@@ -27,14 +27,18 @@ def write_scene(
     *,
     eye: Literal["left", "right"] | None = None,
     overwrite: bool = False,
+    outside_files: bool = False,
 ) -> Path:
     """Write a commented scene that puts `mesh` into `video` in front of the camera, and return its path.
 
+    outside_files: the mesh may name files outside of its folder.
     Opens both files first, so that the scene runs; raises their errors, `OutputExistsError` or `SceneError`.
     """
     from mr360uw.composite.mesh.mesh import load_mesh
     from mr360uw.video import open_video
 
+    if not video.name:
+        raise VideoError(f"{video} - is a folder - name a video or a picture")
     path = out if out is not None else video.with_suffix(".toml")
     if path.suffix.lower() != ".toml":
         raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
@@ -42,16 +46,21 @@ def write_scene(
         raise OutputExistsError(f"{path} - is there already - name another with --out, or give --overwrite")
     if not path.parent.is_dir():
         raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
+    for name in (str(video), str(mesh)):
+        if any("\ud800" <= c <= "\udfff" for c in name):
+            raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
     with open_video(video, eye=eye):
         pass
-    size = float(np.max(load_mesh(mesh).extent_m))
+    size = float(np.max(load_mesh(mesh, outside=outside_files).extent_m))
     distance = max(_NEAREST_M, _SIZES_AWAY * size)
+    trusted = {"outside_files": True} if outside_files else {}
+    position = [0.0, -0.25 * size, -round(distance, 2)]
     text = scene_text(
         {
             "plate": {"path": _relative(video, path.parent)} | ({"eye": eye} if eye else {}),
             "camera": {"depth_m": Scene.model_fields["camera"].default.depth_m},
             "water": {"type": Scene.model_fields["water"].default.type},
-            "object": [{"mesh": _relative(mesh, path.parent), "position_m": [0.0, -0.25 * size, -round(distance, 2)]}],
+            "object": [{"mesh": _relative(mesh, path.parent), "position_m": position} | trusted],
         }
     )
     write_whole(path, text)
@@ -113,7 +122,7 @@ def toml_value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     text = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{text}"'
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in text) + '"'
 
 
 def _model_of(field: FieldInfo) -> type[BaseModel] | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import VideoError
 from mr360uw.files import whole_file
 from mr360uw.types import Floats
+from mr360uw.video.read.exr_header import check_exr
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x, y of red, green, blue and white (ITU-R BT.709-6): the primaries of all linear light here."""
@@ -26,16 +27,19 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the channels of all parts, {part: {channel: array}}, as they are stored (negative samples too).
 
     A part without a name is called by its number. Channels R, G, B, (A) of a layer come as one array (H, W, 3 or 4)
-    called "RGB" or "RGBA", or by the layer's name.
+    called "RGB" or "RGBA", or by the layer's name. Raises `VideoError`.
     """
     import OpenEXR
 
     path = Path(path)
+    check_exr(path)
     try:
         file = OpenEXR.File(str(path))
-    except (RuntimeError, ValueError, OSError) as error:
+    except (RuntimeError, ValueError, TypeError, IndexError, OSError) as error:
         raise VideoError(f"{path} - is not an EXR file that can be read (got {error}) - write it again") from error
     with file:
+        if not file.parts or not all(part.channels for part in file.parts):
+            raise VideoError(f"{path} - is damaged (its pixels cannot be read) - copy or write it again")
         return {
             part.name() or str(number): {name: channel.pixels for name, channel in part.channels.items()}
             for number, part in enumerate(file.parts)
@@ -60,6 +64,22 @@ def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
     raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(sorted(channels))}) - write them")
 
 
+def _one_part(image: Floats) -> Mapping[str, Part]:
+    array = np.asarray(image)
+    return {"": {"RGBA"[: array.shape[-1] if array.ndim == 3 else 1]: array}}
+
+
+def _checked(where: str, values: Any) -> NDArray[Any]:
+    """Return a channel as a contiguous array; raise `VideoError` where it is no picture."""
+    array = np.asarray(values)
+    if array.dtype not in (np.float16, np.float32, np.uint32) or array.ndim not in (2, 3) or not array.size:
+        raise VideoError(
+            f"{where} - is no picture (got {array.dtype}, {array.shape}) - give float16, float32 or uint32, "
+            "(H, W) or (H, W, 3)"
+        )
+    return np.ascontiguousarray(array)
+
+
 def write_exr(
     path: str | Path,
     parts: Mapping[str, Part] | Floats,
@@ -81,7 +101,9 @@ def write_exr(
     import OpenEXR
 
     path = Path(path)
-    image_parts = parts if isinstance(parts, Mapping) else {"": {"RGBA"[: np.shape(parts)[-1]]: np.asarray(parts)}}
+    image_parts = parts if isinstance(parts, Mapping) else _one_part(parts)
+    if not (image_parts and all(image_parts.values())):
+        raise VideoError(f"{path} - has no channels (got none) - give an array for each")
     kind = "NO" if compression == "none" else compression.upper()
     header: dict[str, Any] = {
         "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
@@ -93,7 +115,7 @@ def write_exr(
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
     made = []
     for name, channels in image_parts.items():
-        arrays = {channel: np.ascontiguousarray(array) for channel, array in channels.items()}
+        arrays = {channel: _checked(f"{path} {channel}", array) for channel, array in channels.items()}
         height, width = next(iter(arrays.values())).shape[:2]
         own = dict(header)
         if full_size is not None:

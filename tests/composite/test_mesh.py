@@ -183,7 +183,7 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     fish = {"mesh": written(tmp_path / "fish.glb", trimesh.creation.box((3, 1, 1))), "texture": tmp_path / "red.png"}
     reads: list[Path] = []
     read = rig_module.read_mesh_file
-    monkeypatch.setattr(rig_module, "read_mesh_file", lambda path: reads.append(path) or read(path))
+    monkeypatch.setattr(rig_module, "read_mesh_file", lambda path, **kw: reads.append(path) or read(path, **kw))
     one, other, matt, large = load_objects(
         [
             ObjectSettings(**fish),

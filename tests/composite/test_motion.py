@@ -75,5 +75,5 @@ def test_camera_track(tmp_path: Path) -> None:
     path.write_text("time_s,x,y\n0,1,2\n")
     with pytest.raises(ParameterError, match="columns are missing"):
         read_camera_track(path)
-    with pytest.raises(ParameterError, match="cannot be read"):
+    with pytest.raises(ParameterError, match="no such file"):
         read_camera_track(tmp_path / "none.csv")

@@ -108,7 +108,7 @@ def test_csv(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(ParameterError, match=message):
             Water.from_csv(path)
-    with pytest.raises(ParameterError, match="cannot be read"):
+    with pytest.raises(ParameterError, match="no such file"):
         Water.from_csv(tmp_path / "none.csv")
 
 

@@ -30,6 +30,7 @@ from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Se
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
+from mr360uw.shapes import numbers
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Surface
 
@@ -123,7 +124,7 @@ def check_arguments(
             f"sun_direction_in_air - must be one direction above the horizon (got {sun.tolist()}) - "
             "there are no caustics without a sun"
         )
-    depths = np.asarray(depths_m, np.float64)
+    depths = numbers("depth_m", depths_m).astype(np.float64)
     if depths.ndim != 1 or not len(depths) or not np.all((depths >= 0.0) & (depths <= DEEPEST_M)):
         raise ParameterError(f"depth_m - must lie in [0, {DEEPEST_M:.0f}] (got {depths.tolist()!r:.80}) - give metres")
     if np.any(np.diff(depths) <= 0.0):

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface
-from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.shapes import common_shape
+from mr360uw.shapes import common_shape, number
 from mr360uw.types import Surface
 
 Array = NDArray[np.float64]
@@ -67,8 +66,6 @@ class SeaParameters(Parameters):
         check_time(time_s)
         common_shape(x_m=x_m, z_m=z_m)
         x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
-        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-            raise ParameterError("x_m, z_m - must be finite (got NaN or infinity) - give metres")
         flat_x, flat_z = x.ravel(), z.ravel()
         parts = [
             self.fields_at(flat_x[i : i + _POINTS_AT_ONCE], flat_z[i : i + _POINTS_AT_ONCE], time_s)
@@ -93,5 +90,4 @@ class SeaParameters(Parameters):
 
 def check_time(time_s: float) -> None:
     """Raise `ParameterError` unless the time is finite."""
-    if not math.isfinite(time_s):
-        raise ParameterError(f"time_s - must be finite (got {time_s}) - give seconds")
+    number("time_s", time_s)

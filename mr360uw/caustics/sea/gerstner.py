@@ -30,7 +30,7 @@ from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.shapes import exactly
+from mr360uw.shapes import exactly, numbers
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -121,7 +121,7 @@ class GerstnerSea(SeaParameters):
         steepness, phase_rad: (n,) or one number. At t = 0, theta = k.(x, z) + phase, height = sum A sin theta, shift =
         sum Q A k/|k| cos theta. Raises `ParameterError` for values out of range, or where sum Q |k| A > 1.
         """
-        k = np.atleast_2d(np.asarray(wave_vector, np.float64))
+        k = np.atleast_2d(numbers("wave_vector", wave_vector).astype(np.float64))
         if k.ndim != 2 or k.shape[1] != 2:
             raise ParameterError(f"wave_vector - must be (n, 2) (got {k.shape}) - give k_x, k_z of each wave")
         given = {"amplitude_m": amplitude_m, "steepness": steepness, "phase_rad": phase_rad}

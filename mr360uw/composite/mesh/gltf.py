@@ -20,12 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError
-from mr360uw.files import note_read
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import DATA
+from mr360uw.reading.neighbours import neighbour
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error)
+BROKEN = (
+    KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError,
+    struct.error,
+)  # fmt: skip
 """What Python raises where a file contradicts itself."""
+_VALUE_BYTES = 200
+"""Memory [bytes] that a value of JSON may take once it is read: an empty list in a list takes 70, a table more."""
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 FOLLOWED = frozenset(
@@ -53,11 +60,12 @@ _HINTS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gltf:
-    """An opened file: its JSON as `tree`, and its buffers."""
+    """An opened file: its JSON as `tree`, and its buffers. outside: images may lie outside of the file's folder."""
 
     path: Path
     tree: dict[str, Any]
     buffers: tuple[bytes, ...]
+    outside: bool = False
 
     def listed(self, name: str) -> list[Any]:
         """Return one of the top level lists, empty where there is none."""
@@ -83,6 +91,7 @@ class Gltf:
         entry = self.entry("accessors", number)
         width, count = _WIDTHS[entry["type"]], int(entry["count"])
         kind = np.dtype(_COMPONENTS[entry["componentType"]])
+        DATA.check(f"{self.path} accessor {number}", count * width * np.dtype(np.float64).itemsize, MeshError)
         if "bufferView" in entry:
             stride = self.entry("bufferViews", entry["bufferView"]).get("byteStride", 0)
             values = self._elements(entry["bufferView"], entry.get("byteOffset", 0), kind, (count, width), stride)
@@ -111,7 +120,7 @@ class Gltf:
         entry = self.entry("images", number)
         if "bufferView" in entry:
             return self.view(entry["bufferView"])
-        return _resource(self.path, entry["uri"], "texture")
+        return _resource(self.path, entry["uri"], "texture", outside=self.outside)
 
 
 def dequantised(values: NDArray[Any]) -> NDArray[Any]:
@@ -121,27 +130,32 @@ def dequantised(values: NDArray[Any]) -> NDArray[Any]:
     return np.maximum(values.astype(np.float64) / np.iinfo(values.dtype).max, -1.0)
 
 
-def open_gltf(path: Path) -> Gltf:
-    """Return an opened .gltf or .glb; raise `MeshError` if it is no glTF or requires an unsupported extension."""
+def open_gltf(path: Path, *, outside: bool = False) -> Gltf:
+    """Return an opened .gltf or .glb; outside: its buffers and images may lie outside of its folder.
+
+    Raises `MeshError` if it is no glTF, requires an unsupported extension, or names a file that cannot be read.
+    """
     try:
         text, binary = _chunks(path)
+        DATA.check(f"{path} JSON", _VALUE_BYTES * text.count(b","), MeshError)
         tree = dict(json.loads(text))
-    except (OSError, TypeError, ValueError, struct.error) as error:
+    except (TypeError, ValueError, RecursionError, struct.error) as error:
         raise MeshError(f"{path} - is not glTF (got: {error!s:.120}) - export it again") from error
     _check_extensions(path, tree)
     for image in tree.get("images", []):
         uri = image.get("uri", "data:")
-        if not uri.startswith("data:") and not (path.parent / unquote(uri)).is_file():
-            raise MeshError(f"{path} - a texture is missing (got {uri!r}) - put it beside the mesh")
+        if not uri.startswith("data:"):
+            neighbour(path, unquote(uri), "texture", outside=outside, shown=uri)
     buffers = [
-        _resource(path, entry["uri"], "buffer") if "uri" in entry else binary for entry in tree.get("buffers", [])
+        _resource(path, entry["uri"], "buffer", outside=outside) if "uri" in entry else binary
+        for entry in tree.get("buffers", [])
     ]
-    return Gltf(path, tree, tuple(buffers))
+    return Gltf(path, tree, tuple(buffers), outside)
 
 
 def _chunks(path: Path) -> tuple[bytes, bytes]:
     """Return the JSON and the binary of a file (section 4.4)."""
-    data = note_read(path).read_bytes()
+    data = read_data(path, MeshError)
     if path.suffix.lower() != ".glb":
         return data, b""
     magic, version, _ = struct.unpack_from("<4sII", data)
@@ -155,13 +169,10 @@ def _chunks(path: Path) -> tuple[bytes, bytes]:
     return text, data[start + 8 : start + 8 + size] if kind == _BINARY_CHUNK else b""
 
 
-def _resource(path: Path, uri: str, what: str) -> bytes:
+def _resource(path: Path, uri: str, what: str, *, outside: bool) -> bytes:
     if uri.startswith("data:"):
         return base64.b64decode(uri.split(",", 1)[1])
-    file = path.parent / unquote(uri)
-    if not file.is_file():
-        raise MeshError(f"{path} - a {what} is missing (got {uri!r}) - put it beside the mesh")
-    return note_read(file).read_bytes()
+    return read_data(neighbour(path, unquote(uri), what, outside=outside, shown=uri), MeshError)
 
 
 def _check_extensions(path: Path, tree: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,7 +98,21 @@ class MaterialReader:
             refractive_index=_index(extensions),
             **maps,
         )
+        self._check(material, coordinates)
         return GltfMaterial(material, coordinates)
+
+    def _check(self, material: Material, coordinates: Coordinates) -> None:
+        """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""
+        lit = (*material.base_color, *material.emission, material.metallic, material.roughness)
+        others = (material.normal_scale, material.occlusion_strength, material.alpha_cutoff, material.refractive_index)
+        placed = (*coordinates.offset, *coordinates.scale, coordinates.rotation_rad)
+        bad = [factor for factor in (*lit, *others, *placed) if not math.isfinite(factor)]
+        bad += [factor for factor in lit if factor < 0.0]
+        if bad:
+            raise MeshError(
+                f"{self.gltf.path} - material {material.name!r} has a factor that is negative or not finite (got "
+                f"{bad[0]:g}) - correct the material"
+            )
 
     def _from_glossiness(self, name: str, entry: dict[str, Any]) -> dict[str, Any]:
         """Return the diffuse half of KHR_materials_pbrSpecularGlossiness as a dielectric."""

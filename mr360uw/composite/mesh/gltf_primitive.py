@@ -35,6 +35,8 @@ class Primitive:
             return None
         rgba = np.ones((len(colors), 4))
         rgba[:, : colors.shape[1]] = dequantised(colors)
+        if np.any(rgba < 0.0):
+            raise ValueError(f"a vertex colour is negative: {rgba.min():g}")
         return rgba
 
 

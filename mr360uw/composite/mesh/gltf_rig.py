@@ -56,6 +56,8 @@ def read_skeleton(gltf: Gltf) -> Skeleton:
 
 def _column(nodes: list[dict[str, Any]], name: str, default: tuple[float, ...]) -> Floats:
     rows = [np.asarray(node.get(name, default), np.float64) for node in nodes]
+    if not all(np.all(np.isfinite(row)) for row in rows):
+        raise ValueError(f"a node has a {name} that is not finite")
     return np.stack(rows) if rows else np.zeros((0, len(default)))
 
 

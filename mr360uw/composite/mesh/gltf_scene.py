@@ -20,12 +20,13 @@ from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targe
 from mr360uw.composite.mesh.part import MeshFile, Part, Rigging
 from mr360uw.composite.mesh.skin import Body
 from mr360uw.errors import MeshError
+from mr360uw.reading.limits import TRIANGLES
 
 
-def read_gltf(path: Path) -> MeshFile:
-    """Return the contents of a .gltf or .glb; raise `MeshError`."""
+def read_gltf(path: Path, *, outside: bool = False) -> MeshFile:
+    """Return the contents of a .gltf or .glb; outside: as of `open_gltf`. Raises `MeshError`."""
     try:
-        return _SceneReader(open_gltf(path)).read()
+        return _SceneReader(open_gltf(path, outside=outside)).read()
     except BROKEN as error:
         what = f"{type(error).__name__}: {error!s:.120}"
         raise MeshError(f"{path} - is not valid glTF (got {what}) - export it again") from error
@@ -45,6 +46,7 @@ class _SceneReader:
         self.materials: list[GltfMaterial] = []
         self.primitives: dict[tuple[int, int], Primitive | None] = {}
         self.notes: dict[str, None] = {}  # in order, once each
+        self.triangles = 0
 
     def read(self) -> MeshFile:
         found = [pair for number in self.place for pair in self._parts(number)]
@@ -66,6 +68,8 @@ class _SceneReader:
             if primitive is None:
                 self._note("has points or lines - they are not drawn")
                 continue
+            self.triangles += len(primitive.faces)
+            TRIANGLES.check(str(self.gltf.path), self.triangles, MeshError)
             body = self._body(number, mesh, entry, primitive)
             positions, normals, faces = body.at(self.rest)
             if "material" not in entry and primitive.colors is None:

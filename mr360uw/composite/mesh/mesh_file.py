@@ -14,57 +14,59 @@ import numpy as np
 from mr360uw.cache import Same
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.obj_material import obj_notes, simple_material
+from mr360uw.composite.mesh.obj_material import ObjNeighbours, obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.errors import MeshError
-from mr360uw.files import note_read
+from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.limits import DATA, TRIANGLES
 from mr360uw.types import Floats
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
 
 
-def read_mesh_file(path: Path) -> MeshFile:
-    """Return every placed part of a mesh file and its materials; raise `MeshError`."""
+def read_mesh_file(path: Path, *, outside: bool = False) -> MeshFile:
+    """Return every placed part of a mesh file and its materials; raise `MeshError`.
+
+    outside: the file may name others outside of its folder.
+    """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
-    if not path.is_file():
-        raise MeshError(f"{path} - no such file - check the path")
+    if reason := unreadable(path):
+        raise MeshError(f"{path} - {reason}")
+    DATA.check(str(path), path.stat().st_size, MeshError)
     if suffix in (".glb", ".gltf"):
         from mr360uw.composite.mesh.gltf_scene import read_gltf
 
-        return read_gltf(path)
-    notes = obj_notes(path) if suffix == ".obj" else ()
-    scene = _load_scene(path)
+        return read_gltf(path, outside=outside)
+    notes = obj_notes(path, outside=outside) if suffix == ".obj" else ()
+    scene = _load_scene(path, ObjNeighbours(path, outside=outside) if suffix == ".obj" else None)
     parts: list[Part] = []
     materials: list[Material] = []
     indices: dict[Same, int] = {}
+    triangles = 0
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
         if not hasattr(geometry, "faces"):
             notes += (f"{path} - has points or lines - they are not drawn",)
             continue
+        triangles += len(geometry.faces)
+        TRIANGLES.check(str(path), triangles, MeshError)
         source = getattr(geometry.visual, "material", None)
         index = indices.setdefault(Same(source), len(materials))
         if index == len(materials):
-            materials.append(Material(double_sided=True) if source is None else simple_material(source))
+            materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))
     return MeshFile(tuple(parts), tuple(materials), notes)
 
 
-def _load_scene(path: Path) -> Any:
+def _load_scene(path: Path, neighbours: ObjNeighbours | None) -> Any:
     import trimesh
-
-    class Noting(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
-        """Finds the files that a mesh names, and notes them."""
-
-        def absolute(self, name: str) -> Path:
-            return note_read(super().absolute(name))
 
     try:
         with _quiet_trimesh():
-            return trimesh.load_scene(note_read(path), resolver=Noting(path), process=False)
+            return trimesh.load_scene(path, process=False, resolver=neighbours)
     except Exception as error:  # trimesh does not catch the exceptions of its parsers
         raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
 

@@ -37,10 +37,10 @@ class Rig:
     scale: float = 1.0
 
 
-def load_rig(path: str | Path, unit: Unit = "auto", part: str = "") -> Rig:
+def load_rig(path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False) -> Rig:
     """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
     path = Path(path)
-    file = read_mesh_file(path)
+    file = read_mesh_file(path, outside=outside)
     return _rig(file, mesh_of_file(path, file, unit, part), METRES[unit], part)
 
 

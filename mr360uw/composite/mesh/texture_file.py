@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +14,27 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.texture import Texture, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.files import note_read
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import TEXTURE
+from mr360uw.reading.picture_size import picture_size
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTH = 24
 """Byte offset of the bit depth in a PNG file."""
+_BROKEN = (OSError, ValueError, IndexError, KeyError, TypeError, SyntaxError, OverflowError, EOFError, MemoryError)
+"""What PIL raises where a file is damaged; UnidentifiedImageError is an OSError."""
 
 
 def read_texture(path: Path, *, srgb: bool) -> Texture:
     """Return the texture of an image file; raise `MeshError`."""
-    try:
-        data = note_read(path).read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path} - a texture cannot be read (got: {error!s:.120}) - give a PNG or JPEG") from error
-    return make_texture(decode_image(data, str(path)), srgb=srgb)
+    return make_texture(decode_image(read_data(path, MeshError), str(path)), srgb=srgb)
+
+
+def check_image(data: bytes, where: str) -> None:
+    """Raise `MeshError` where an image file cannot be opened or has too many pixels; it is not decoded."""
+    with _opened(data, where):
+        return
 
 
 def decode_image(data: bytes, where: str) -> Pixels:
@@ -34,15 +42,44 @@ def decode_image(data: bytes, where: str) -> Pixels:
 
     Raises `MeshError`.
     """
-    from PIL import Image, UnidentifiedImageError
-
-    try:
+    with _opened(data, where) as image:
         if data.startswith(_PNG) and data[_PNG_DEPTH] == 16:
             return _sixteen_bits(data)
+        return pixels(image)
+
+
+def decoded(image: Any, where: str) -> NDArray[np.uint8]:
+    """Return an image that PIL has opened as (h, w, 3 or 4) uint8; raise `MeshError` where it is damaged."""
+    try:
+        return pixels(image)
+    except _BROKEN as error:
+        raise _unreadable(where, error) from error
+
+
+def _unreadable(where: str, error: Exception) -> MeshError:
+    what = str(error) or type(error).__name__
+    return MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG")
+
+
+@contextmanager
+def _opened(data: bytes, where: str) -> Iterator[Any]:
+    """Yield an image file that PIL has opened, not decoded.
+
+    Raises `MeshError` where it has too many pixels, and for what PIL and OpenCV raise, there and within.
+    """
+    import cv2
+    from PIL import Image
+
+    width, height = picture_size(data) or (0, 0)  # before PIL, which has a limit of its own
+    TEXTURE.check(where, width * height, MeshError)
+    try:
         with Image.open(io.BytesIO(data)) as image:
-            return pixels(image)
-    except (OSError, ValueError, IndexError, SyntaxError, UnidentifiedImageError) as error:
-        raise MeshError(f"{where} - a texture cannot be read (got: {error!s:.120}) - give a PNG or JPEG") from error
+            TEXTURE.check(where, image.width * image.height, MeshError)
+            yield image
+    except MeshError:
+        raise
+    except (*_BROKEN, Image.DecompressionBombError, cv2.error) as error:
+        raise _unreadable(where, error) from error
 
 
 def pixels(image: Any) -> NDArray[np.uint8]:

@@ -13,6 +13,9 @@ from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import PICTURE
+from mr360uw.reading.picture_size import picture_size
 from mr360uw.types import Floats
 
 
@@ -33,7 +36,7 @@ def load_receiver(settings: ReceiverSettings) -> Receiver:
         raise MeshError(f"receiver - kind {settings.kind!r} needs a file (got no path) - set receiver.path")
     if settings.kind == "mesh":
         transform = rigid(settings.position_m, rotation_matrix(settings.rotation_deg), settings.scale)
-        placed = PlacedObject(load_mesh(settings.path), transform)
+        placed = PlacedObject(load_mesh(settings.path, outside=settings.outside_files), transform)
         return replace(plain, mesh=placed.to_world(placed.mesh.positions))
     if settings.kind == "height_map":
         return replace(plain, mesh=height_map_triangles(_grey(settings.path), settings))
@@ -63,9 +66,21 @@ def _grey(path: Path) -> Floats:
     """Return an image as one channel in [0, 1]; float images (TIFF) keep their values."""
     import cv2
 
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    unusable = f"{path} - cannot be read as an image, or it is cut short - give a PNG or TIFF of one channel"
+    data = read_data(path, MeshError)
+    size = picture_size(data)
+    if size is None:
+        raise MeshError(unusable)
+    PICTURE.check(str(path), size[0] * size[1], MeshError)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise MeshError(unusable) from error
     if image is None:
-        raise MeshError(f"{path} - cannot be read as an image - give a PNG or TIFF of one channel")
+        raise MeshError(unusable)
     image = image if image.ndim == 2 else image[..., 0]
     whole = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
-    return np.asarray(image, np.float64) / whole
+    heights = np.asarray(image, np.float64) / whole
+    if not np.all(np.isfinite(heights)):
+        raise MeshError(f"{path} - has heights that are not finite (got NaN or infinity) - fill its holes")
+    return heights

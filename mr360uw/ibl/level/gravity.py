@@ -21,6 +21,9 @@ _NUMBERS = {
     "J": ">u8",
 }  # fmt: skip
 
+_DEEPEST = 16
+"""Most records within each other; cameras write three."""
+
 
 @dataclass(frozen=True, slots=True)
 class Record:
@@ -36,12 +39,12 @@ class Record:
     def numbers(self) -> NDArray[np.float64]:
         """Return the samples (repeat, values in each); raise for text and compound types."""
         dtype = _NUMBERS.get(self.type)
-        if dtype is None or self.size % np.dtype(dtype).itemsize:
+        if dtype is None or not self.size or self.size % np.dtype(dtype).itemsize:
             raise ParameterError(
                 f"GPMF {self.key} - holds no plain numbers (got type {self.type!r}) - take another key"
             )
         values = np.frombuffer(self.data[: self.size * self.repeat], dtype)
-        return values.reshape(self.repeat, -1).astype(np.float64)
+        return values.reshape(self.repeat, self.size // values.itemsize).astype(np.float64)
 
 
 def parse_gpmf(data: bytes) -> tuple[Record, ...]:
@@ -49,7 +52,9 @@ def parse_gpmf(data: bytes) -> tuple[Record, ...]:
     return tuple(_records(data, "GPMF"))
 
 
-def _records(data: bytes, where: str) -> Iterator[Record]:
+def _records(data: bytes, where: str, depth: int = 0) -> Iterator[Record]:
+    if depth > _DEEPEST:
+        raise ParameterError(f"GPMF - has records within records (got more than {_DEEPEST}) - copy it again")
     offset = 0
     while offset + 8 <= len(data):
         code, kind, size, repeat = struct.unpack_from(">4scBH", data, offset)
@@ -62,9 +67,17 @@ def _records(data: bytes, where: str) -> Iterator[Record]:
             raise ParameterError(
                 f"{where} - record {key!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
             )
-        children = tuple(_records(body, f"{where}/{key}")) if kind == b"\0" else ()
+        children = tuple(_records(body, f"{where}/{key}", depth + 1)) if kind == b"\0" else ()
         yield Record(key, kind.decode("latin-1"), size, repeat, b"" if children else body, children)
         offset += 8 + (length + 3) // 4 * 4
+
+
+def _scaled(record: Record, scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the samples of a record divided by its stream's scale; raise `ParameterError` where it does not fit."""
+    samples = record.numbers()
+    if scale.size not in (1, samples.shape[1]) or not np.all(scale):
+        raise ParameterError(f"GPMF {record.key} - its scale does not fit (got {scale.tolist()!r:.40}) - copy it again")
+    return samples / scale
 
 
 def streams(data: bytes, key: str) -> list[NDArray[np.float64]]:
@@ -77,7 +90,7 @@ def streams(data: bytes, key: str) -> list[NDArray[np.float64]]:
             if record.key == "SCAL":
                 scale = record.numbers().ravel()
             elif record.key == key:
-                found.append(record.numbers() / scale)
+                found.append(_scaled(record, scale))
             visit(record.children)
 
     visit(parse_gpmf(data))

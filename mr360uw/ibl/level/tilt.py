@@ -67,6 +67,10 @@ def level_from_gpmf(data: bytes, frame_rate: float) -> LevelTrack:
     found = streams(data, "GRAV")
     if not found:
         raise ParameterError("GPMF - has no gravity track (GRAV) - use a HERO8, MAX or later, or give roll and pitch")
+    if any(samples.shape[1] != 3 for samples in found):
+        raise ParameterError(f"GPMF GRAV - needs three numbers a sample (got {found[0].shape[1]}) - copy it again")
     gravity = unit(np.concatenate(found))
+    if not len(gravity):
+        raise ParameterError("GPMF GRAV - is empty (got no samples) - give roll and pitch")
     up = np.stack([-gravity[:, 0], gravity[:, 1], gravity[:, 2]], axis=1)
     return LevelTrack(np.arange(len(up)) / frame_rate, *roll_pitch(up))

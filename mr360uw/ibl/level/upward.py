@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.errors import ParameterError
+from mr360uw.shapes import exactly
 from mr360uw.sphere import Array, unit
 from mr360uw.types import Floats
 
@@ -23,9 +23,7 @@ def upward(up: ArrayLike | None) -> Array:
     """Return `up` as a unit vector (3,): +y where it is None or within 1e-9 rad of +y; raise on anything else."""
     if up is None:
         return LEVEL
-    if np.shape(up) != (3,):
-        raise ParameterError(f"up - must be a direction (got shape {np.shape(up)}) - give three numbers")
-    direction = unit(up)
+    direction = unit(exactly("up", up, (3,)))
     return LEVEL if direction[1] > 0.0 and np.hypot(direction[0], direction[2]) < _LEVEL_RAD else direction
 
 

@@ -21,7 +21,7 @@ from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.sun.smooth import smooth, strength_of_period
 from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, steady_directions
-from mr360uw.shapes import exactly
+from mr360uw.shapes import exactly, numbers
 from mr360uw.types import Environment, Floats, Sun
 
 Array = NDArray[np.float64]
@@ -131,7 +131,7 @@ def track_suns(
     if not frames:
         raise ParameterError("track - needs at least one frame (got none) - measure some frames first")
     count = len(frames)
-    times = np.array([f.time_s for f in frames] if times_s is None else times_s, np.float64)
+    times = numbers("times_s", [f.time_s for f in frames] if times_s is None else times_s).astype(np.float64)
     if times.shape != (count,) or not np.all(np.diff(times) > 0.0):
         raise ParameterError(f"times_s - one for every frame, ascending (got shape {times.shape}) - sort the frames")
     direction, irradiance = np.full((count, 3), np.nan), np.full((count, 3), np.nan)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.ibl.sun.track import SunTrack
+from mr360uw.reading.input_files import read_text
 from mr360uw.sphere import direction_from_angles
 
 Array = NDArray[np.float64]
@@ -73,16 +74,18 @@ def save_track(track: SunTrack, path: str | Path) -> None:
 def load_track(path: str | Path) -> SunTrack:
     """Return a track from a .json or .csv file that `save_track` wrote, edited or not."""
     path = Path(path)
+    text = read_text(path, ParameterError)
     try:
-        text = path.read_text("utf-8")
         if path.suffix == ".csv":
             rows = list(csv.DictReader(io.StringIO(text)))
             table = {name: [row[name] for row in rows] for name in COLUMNS}
         else:
             table = json.loads(text)["columns"]
         data = {n: np.array([np.nan if v in (None, "") else float(v) for v in table[n]]) for n in COLUMNS}
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ParameterError(f"{path} - not a readable sun track ({error}) - write it with save_track") from error
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, csv.Error) as error:
+        raise ParameterError(
+            f"{path} - not a readable sun track (got: {error!s:.120}) - write it with save_track"
+        ) from error
     if not len(data["frame"]) or any(len(column) != len(data["frame"]) for column in data.values()):
         raise ParameterError(f"{path} - columns of unequal length or empty - write it with save_track")
 

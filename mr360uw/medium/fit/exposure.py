@@ -67,7 +67,7 @@ def exposure_change(before: Floats, after: Floats) -> float:
     It is the least of the channels' median log ratios. It is 0 where the channels disagree in sign, where more than a
     quarter of the pixels change by less than half of the median, where too few pixels can be used, and below 2 %.
     """
-    exactly("after", vectors("after", after), np.shape(before))
+    exactly("after", after, vectors("before", before).shape)
     told = (np.minimum(before, after) > _DARK) & (np.maximum(before, after) < _BRIGHT)
     channels = [c for c in range(3) if told[..., c].mean() >= _ENOUGH]
     if not channels:
@@ -84,7 +84,7 @@ def picture_change(before: Floats, after: Floats) -> float:
 
     Infinite where too few pixels are usable (neither black nor clipped) in both maps but enough are in one of them.
     """
-    exactly("after", after, np.shape(before))
+    exactly("after", after, vectors("before", before).shape)
     x, y = luminance(before), luminance(after)
     told_x, told_y = ((v > _DARK) & (v < _BRIGHT) for v in (x, y))
     both = told_x & told_y

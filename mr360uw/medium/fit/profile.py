@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import numbers, real
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ def row_up(rows: int) -> Array:
 
 def check_map(radiance_map: Floats) -> Array:
     """Return a radiance map (H, W, 3) as float64; raise `ParameterError` for another shape or values."""
-    m = np.asarray(radiance_map, np.float64)
+    m = real("radiance_map", radiance_map).astype(np.float64)
     if m.ndim != 3 or m.shape[2] != 3 or m.shape[0] < 8 or not np.all(np.isfinite(m)) or np.any(m < 0.0):
         raise ParameterError(
             f"radiance_map - must be an equirectangular map (H, W, 3), finite, >= 0 (got {m.shape}) - "
@@ -50,7 +51,7 @@ class PlateProfile:
 
     def __call__(self, up: ArrayLike) -> Array:
         """Return the radiance (..., 3) in directions with the y component `up`."""
-        mu = np.asarray(up, np.float64)
+        mu = numbers("up", up).astype(np.float64, copy=False)
         return np.stack([np.interp(mu, self.up, channel) for channel in self.radiance.T], axis=-1)
 
     @classmethod

@@ -23,6 +23,7 @@ from mr360uw.medium.jerlov import JERLOV_TYPES, JerlovType
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import Water
+from mr360uw.shapes import number
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -137,6 +138,7 @@ def fit_water(
     sensor: of the camera, the default one unless given. Raises `ParameterError` where the plate is black about the
     horizon.
     """
+    number("camera_depth_m", camera_depth_m)
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= _REACH_RAD]
     both = (_fit(profile, rows, camera_depth_m, sensor, refractive_index) for rows in (up, up[up > 0.0]))

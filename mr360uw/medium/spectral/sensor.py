@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
+from mr360uw.shapes import numbers, real
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class Sensor:
     @classmethod
     def from_arrays(cls, wavelength_nm: ArrayLike, response: ArrayLike, name: str = "sensor") -> Sensor:
         """Return a sensor of responses (w, 3) at wavelengths [nm] (w,)."""
-        values = np.asarray(response, np.float64)
+        values = real(f"{name} responses", response).astype(np.float64)
         if values.ndim != 2 or values.shape[1] != 3 or not np.all(np.isfinite(values)):
             raise ParameterError(
                 f"{name} - responses must be (w, 3) finite numbers (got {values.shape}) - give red, green, blue"
@@ -84,7 +85,7 @@ class Sensor:
                 f"{name} - responses must be >= 0 and not all zero (got sums {values.sum(0).tolist()}) - "
                 "check the columns"
             )
-        return cls(name, Spectrum(name, np.asarray(wavelength_nm, np.float64), values), np.eye(3))
+        return cls(name, Spectrum(name, numbers("wavelength_nm", wavelength_nm).astype(np.float64), values), np.eye(3))
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Sensor:

@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.medium.tables import Spectrum
-from mr360uw.shapes import vectors
+from mr360uw.shapes import numbers, vectors
 
 Array = NDArray[np.float64]
 
 
 def reflectance(albedo_rgb: ArrayLike, wavelength_nm: ArrayLike) -> Array:
     """Return reflectances (..., n) in [0, 1] of linear Rec.709 albedos (..., 3) in [0, 1] at wavelengths (n,) [nm]."""
-    return vectors("albedo_rgb", albedo_rgb).astype(np.float64, copy=False) @ _basis()(np.atleast_1d(wavelength_nm)).T
+    w = np.atleast_1d(numbers("wavelength_nm", wavelength_nm))
+    return vectors("albedo_rgb", albedo_rgb).astype(np.float64, copy=False) @ _basis()(w).T
 
 
 @functools.cache

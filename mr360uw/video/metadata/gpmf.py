@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mr360uw.errors import VideoError
+from mr360uw.reading.input_files import read_data
 
 
 def gpmf_payloads(path: str | Path) -> bytes:
@@ -15,11 +16,12 @@ def gpmf_payloads(path: str | Path) -> bytes:
     """
     import av.error
 
-    from mr360uw.video.read.probe import open_local
+    from mr360uw.video.read.probe import check_file, open_local
 
     path = Path(path)
     if path.suffix.lower() in (".bin", ".gpmf"):
-        return path.read_bytes()
+        return read_data(path, VideoError)
+    check_file(path)
     try:
         with open_local(path) as container:
             tracks = [s for s in container.streams if s.type == "data" and "GoPro MET" in str(s.metadata)]

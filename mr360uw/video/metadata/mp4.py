@@ -15,6 +15,8 @@ from mr360uw.errors import VideoError
 
 _CONTAINERS = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"sv3d", b"proj"}
 _SAMPLE_ENTRY_HEAD = 78  # bytes of a VisualSampleEntry before its child boxes
+_DEEPEST = 32
+"""Most boxes within each other; a file of a camera has ten."""
 _COPY_BYTES = 1 << 23
 _OFFSET_LIMIT = 1 << 32
 
@@ -98,23 +100,26 @@ def parse_boxes(data: bytes) -> list[Box]:
     return boxes
 
 
-def _split(data: bytes) -> tuple[list[Box], bytes]:
-    boxes = []
+def _split(data: bytes, depth: int = 0) -> tuple[list[Box], bytes]:
+    boxes: list[Box] = []
+    if depth > _DEEPEST:
+        return boxes, data
     offset = 0
     while offset < len(data):
         header = _header(data[offset : offset + 16], len(data) - offset)
         if header is None or offset + header[2] > len(data):
             break
         kind, head, size = header
-        boxes.append(_box(kind, data[offset + head : offset + size]))
+        boxes.append(_box(kind, data[offset + head : offset + size], depth))
         offset += size
     return boxes, data[offset:]
 
 
-def _box(kind: bytes, body: bytes) -> Box:
+def _box(kind: bytes, body: bytes, depth: int) -> Box:
+    """Return a box; its children are left in its payload where they are no boxes, or too deep."""
     head = 8 if kind == b"stsd" else 0
     if kind in _CONTAINERS or kind == b"stsd":
-        children, rest = _split(body[head:])
+        children, rest = _split(body[head:], depth + 1)
         if not rest:
             return Box(kind, body[:head], children)
     return Box(kind, body)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer
 from mr360uw.errors import VideoError
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import FRAMES, PICTURE
+from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.reader import VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
@@ -87,9 +91,18 @@ def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
         return read_rgb(path, depth=depth)
     import cv2
 
-    codes = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    unusable = f"{path} - is not a picture that can be read, or it is cut short - save or copy it again"
+    data = read_data(path, VideoError)
+    size = picture_size(data)
+    if size is None:
+        raise VideoError(unusable)
+    PICTURE.check(str(path), size[0] * size[1], VideoError)
+    try:
+        codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except cv2.error as error:
+        raise VideoError(unusable) from error
     if codes is None:
-        raise VideoError(f"{path} - is not a picture that can be read - save it again as PNG, JPEG, EXR or HDR")
+        raise VideoError(unusable)
     if codes.dtype not in (np.uint8, np.uint16, np.float32):
         raise VideoError(
             f"{path} - samples of this kind are not supported (got {codes.dtype}) - save it with 8 or 16 bits"
@@ -134,8 +147,11 @@ class ImageReader(VideoReader):
 
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop), stop filled in; VideoError where the sequence does not hold all of these frames."""
-        count = max(start + 1, stop or 1) if self.is_still else len(self._files)
-        return check_range(self.path, start, stop, count)
+        if not self.is_still:
+            return check_range(self.path, start, stop, len(self._files))
+        start, stop = check_range(self.path, start, start + 1 if stop is None else stop, sys.maxsize)
+        FRAMES.check(f"{self.path} frames", stop, VideoError)
+        return start, stop
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop; a still repeats, one frame by default."""
@@ -155,6 +171,8 @@ class ImageReader(VideoReader):
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
                 f"{codes.dtype}) - use pictures of one size and depth"
             )
+        if self._wrap and codes.dtype.kind == "f" and not np.isfinite(codes.sum(dtype=np.float64)):
+            raise VideoError(f"{path} - holds samples that are no light (got NaN or infinity) - repair the picture")
         codes = self._crop.window(codes)
         codes.flags.writeable = False
         return codes

@@ -13,6 +13,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
+from mr360uw.reading.limits import PICTURE
 from mr360uw.video.metadata.mp4 import cut_short
 
 _LOCAL_VIDEO = {
@@ -62,6 +63,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
+        PICTURE.check(str(path), streams[0].width * streams[0].height, VideoError)
         streams[0].thread_type = "AUTO"
         yield container, streams[0]
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, Self
 
+import numpy as np
+
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.video_frame import VideoFrame
@@ -51,6 +53,8 @@ class VideoReader(Clip, ABC):
 
 def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[int, int]:
     """Return (start, stop), stop filled in with the count; VideoError unless 0 <= start < stop <= count."""
+    if not isinstance(start, int | np.integer) or not isinstance(stop, int | np.integer | None):
+        raise VideoError(f"{path} - frames must be whole numbers (got {start!r:.20}, {stop!r:.20}) - take 0 to {count}")
     end = count if stop is None else stop
     if not 0 <= start < end <= count:
         raise VideoError(

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Closed streams, signals and limits of memory, which need a process of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mr360uw
+from tests.hostile.bench import Bench, contents
+from tests.hostile.test_meshes import glb
+from tests.hostile.test_pictures import announced, png_of
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and limits of POSIX")
+
+MEMORY_BYTES = 2_000_000_000
+"""Largest memory that refusing bad input may take."""
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": str(Path(mr360uw.__file__).parents[1]),
+    **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
+}  # fmt: skip
+PROGRAM = [sys.executable, "-m", "mr360uw"]
+WAITING = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["mr360uw", "composite", "scene.toml", "out.png"]
+from mr360uw.__main__ import main
+main()
+"""
+
+
+def peak_of(arguments: list[str]) -> tuple[int, str, int]:
+    """Run the program with limited address space; return exit code, errors and its largest memory in bytes."""
+    code = (
+        "import resource, subprocess, sys\n"
+        "done = subprocess.run(sys.argv[1:], capture_output=True, text=True)\n"
+        "sys.stderr.write(done.stderr)\n"
+        "print(done.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *PROGRAM, *arguments], capture_output=True, text=True, env=ENVIRONMENT, timeout=60
+    )
+    number, kilobytes = map(int, done.stdout.split())
+    return number, done.stderr, 1024 * kilobytes
+
+
+@pytest.mark.parametrize("closing", ["2>&-", "<&- >&- 2>&-"])
+def test_closed_streams(closing: str, bench: Bench) -> None:
+    before = contents(bench.folder)
+    command = f'exec "{sys.executable}" -m mr360uw composite scene.toml there/out.png {closing}'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, env=ENVIRONMENT)
+    assert done.returncode == 2
+    assert done.stdout == done.stderr == ""
+    assert contents(bench.folder) == before
+
+
+@pytest.mark.parametrize("closing", ["2>&-", ">&-", "<&- >&- 2>&-"])
+def test_an_output_does_not_take_the_number_of_a_closed_stream(closing: str, bench: Bench) -> None:
+    code = (
+        "import os, pathlib, mr360uw.__main__ as program;"
+        "program._open_standard_streams();"
+        "pathlib.Path('number').write_text(str(os.open('output', os.O_CREAT)))"
+    )
+    assert (
+        subprocess.run(["sh", "-c", f"exec '{sys.executable}' -c \"{code}\" {closing}"], env=ENVIRONMENT).returncode
+        == 0
+    )
+    assert int((bench.folder / "number").read_text()) > 2
+
+
+def test_a_full_disk_behind_the_output_is_told() -> None:
+    command = f'exec "{sys.executable}" -m mr360uw schema >/dev/full'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, env=ENVIRONMENT)
+    assert done.returncode == 2
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["typer", "mr360uw.pipeline", "mr360uw.scene.model"])
+def test_an_interrupt_while_modules_load(name: str, bench: Bench) -> None:
+    before = contents(bench.folder)
+    done = subprocess.run(
+        [sys.executable, "-c", WAITING.format(name=name)], capture_output=True, text=True, env=ENVIRONMENT
+    )
+    assert done.returncode == 128 + signal.SIGINT
+    assert "Traceback" not in done.stderr
+    assert contents(bench.folder) == before
+
+
+def bombs(bench: Bench) -> dict[str, tuple[bytes, str]]:
+    """Return files that announce or unpack to far more than they hold, and the setting that reads each."""
+    files = bench.material.files
+    return {
+        "plate.exr": (announced(files["plate.exr"], ".exr", 40_000, 20_000), 'plate.path="{}"'),
+        "bomb.png": (png_of(16_384, 16_384), 'object.0.texture="{}"'),
+        "many.glb": (glb(b'{"a":[' + b"[]," * 8_000_000 + b"1]}"), 'object.0.mesh="{}"'),
+        "many.ply": (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 400000000\nproperty float x\nproperty float y\n"
+            b"property float z\nelement face 4000000\nproperty list uchar int vertex_indices\nend_header\n" + bytes(9),
+            'object.0.mesh="{}"',
+        ),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["plate.exr", "bomb.png", "many.glb", "many.ply"])
+def test_memory_of_what_is_refused(name: str, bench: Bench) -> None:
+    data, setting = bombs(bench)[name]
+    bench.put(name, data)
+    before = contents(bench.folder)
+    code, err, peak = peak_of(["composite", "scene.toml", "out.png", "--set", setting.format(name)])
+    assert (code, "Traceback" in err) == (2, False), err
+    assert name in err
+    assert peak < MEMORY_BYTES
+    assert contents(bench.folder) == before
+
+
+def test_too_little_memory_is_told(bench: Bench) -> None:
+    """A picture within the limits, in a process that may not have the memory for it."""
+    bench.put("wide.png", png_whole(12_000, 6_000))
+    command = [
+        *PROGRAM,
+        "composite",
+        "scene.toml",
+        "out.png",
+        "--set",
+        'plate.path="wide.png"',
+        "--backend",
+        "reference",
+    ]
+
+    def limit() -> None:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (1_200_000_000, 1_200_000_000))
+
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, preexec_fn=limit)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (bench.folder / "out.png").exists()
+
+
+def png_whole(width: int, height: int) -> bytes:
+    """Return a PNG of zeros."""
+    import struct
+    import zlib
+
+    from tests.hostile.test_pictures import chunk
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    packer = zlib.compressobj(1)
+    rows = b"".join(packer.compress(bytes(1 + 3 * width)) for _ in range(height)) + packer.flush()
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
