@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of clipped suns: as the plate's sky and ground tell, through water, and none where nothing was lost."""
+"""The light of clipped suns: as the plate's sky and ground tell, and none where nothing was lost."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import mr360uw.ibl as ibl
 from mr360uw.color import luminance
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import WaterLight, sunlight
+from mr360uw.ibl.sun.closure import sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.evidence import shown_ratio
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.sphere import direction_from_angles, directions
 from tests.ibl.plates import clipped
-from tests.ibl.tolerances import CLOSURE_RATIO, FLOAT32_TWIN, RATIO_EXPOSURE
+from tests.ibl.tolerances import FLOAT32_TWIN, RATIO_EXPOSURE
 
 PLACE = direction_from_angles(0.6, 0.9)
 
@@ -70,42 +70,6 @@ def test_where_nothing_was_lost_nothing_is_added() -> None:
     closed, plain = (ibl.environment(plate, LightSettings(operator=name)) for name in ("closure", "none"))
     assert closed.sun is not None
     np.testing.assert_array_equal(closed.irradiance, plain.irradiance)
-
-
-@pytest.mark.parametrize("ratio", [None, 2.0])
-def test_no_water_is_the_limit_of_thin_water(ratio: float | None) -> None:
-    plate, settings = day(20.0, 1.5), LightSettings(direct_to_diffuse=ratio)
-    air = ibl.environment(plate, settings, sun=PLACE).sun
-    assert air is not None
-    last = np.inf
-    for fraction in (0.9, 0.99, 0.999, 1.0):
-        water = WaterLight(np.full(3, fraction**1.2), np.full(3, fraction))
-        sun = ibl.environment(plate, settings, sun=PLACE, underwater=True, water=water).sun
-        assert sun is not None
-        apart = float(np.abs(sun.irradiance / air.irradiance - 1.0).max())
-        assert apart <= last
-        last = apart
-    assert last < 10 * FLOAT32_TWIN
-
-
-def test_water_takes_from_the_beam_and_colours_it() -> None:
-    plate = day(20.0, 1.5)
-    whole = np.array([0.1, 0.5, 0.6])
-    for settings in (LightSettings(), LightSettings(direct_to_diffuse=1.5)):
-        light = [
-            ibl.environment(plate, settings, sun=PLACE, underwater=True, water=WaterLight(share * whole, whole))
-            for share in (0.8, np.array([0.3, 0.7, 0.8]))
-        ]
-        for found in light:
-            assert found.sun is not None
-        clear, red_lost = (found.sun.irradiance for found in light if found.sun is not None)
-        assert red_lost[0] / red_lost[1] < 0.6 * clear[0] / clear[1]
-        if settings.direct_to_diffuse is None:
-            assert luminance(red_lost) < luminance(clear)
-            continue
-        for found, beam in zip(light, (clear, red_lost), strict=True):
-            sky = sky_irradiance(np.repeat(np.repeat(found.residual, 4, 0), 4, 1))
-            assert luminance(beam) * PLACE[1] / luminance(sky) == pytest.approx(1.5, rel=CLOSURE_RATIO)
 
 
 def test_the_colour_of_sunlight_by_its_elevation() -> None:
