@@ -17,6 +17,7 @@ from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.given import given_direction
+from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
@@ -82,7 +83,7 @@ class LightReader:
             chosen = chosen @ world_from_camera
         options: Any = {
             "underwater": self._underwater, "refractive_index": self._refractive_index, "glossy": glossy,
-            "up": world_from_camera[1],
+            "up": world_from_camera[1], "thin_water": True,  # thicker water outweighs it in `_water_colored`
         }  # fmt: skip
         if isinstance(plate, YuvImage):
             found = environment_from_yuv(plate, self._settings, sun=chosen, **options)
@@ -93,7 +94,7 @@ class LightReader:
         lit = self._water_colored(found, found.sun, world_from_camera[1])
         cosine = np.maximum(directions(*found.ambient.shape[1::-1]) @ lit.direction, 0.0)[..., None]
         whole = found.ambient + (cosine * lit.irradiance).astype(np.float32)
-        return replace(found, sun=lit, irradiance=whole)
+        return replace(found, radiance=with_sun(found.residual, lit), sun=lit, irradiance=whole)
 
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
