@@ -17,7 +17,7 @@ import numpy as np
 from mr360uw.ibl.plate import Plate, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, examine
 from mr360uw.ibl.sun.evidence import shown_ratio
-from mr360uw.ibl.sun.glow import find_glow
+from mr360uw.ibl.sun.glow import find_glow, rough_glow
 from mr360uw.ibl.sun.judge import Disc, edged, falling, sized, verdict, whitened
 from mr360uw.ibl.sun.split import sky_irradiance
 
@@ -34,19 +34,20 @@ _GUESS = 0.5
 _WEAK_RATIO = (0.4, 0.28)
 """Direct over diffuse light from which a spot needs no glow, and up to which it must lie where the glow points: thin
 cloud leaves 0.2 to 0.4, a gap in the clouds of a dusk speaks for 0.1 to 0.26."""
-_BESIDE_DEG = (2.0, 5.0)
-"""Degrees from a spot's rim to where the glow points, up to which it is that spot's, and from which it is not."""
+_BESIDE_DEG = (6.0, 9.0)
+"""Degrees from a spot's rim to where the glow roughly points, up to which it is that spot's, and from which it is not:
+a pixel of the map in which it is looked for, and half of another."""
 
 
 def doubted(plate: Plate, disc: Disc) -> Disc:
     """Return a clipped spot in air, of less confidence where it speaks for little light and the glow points elsewhere.
 
-    The glow takes ten times as long as the rest and is looked for only where there is little light.
+    The glow takes longer than all else and is looked for only where there is little light.
     """
     blob = disc.blob
     ratio = shown_ratio(plate, blob.direction, sky_irradiance(plate.coarse, plate.up))
     strong = falling(ratio, *_WEAK_RATIO)
-    glow = None if strong == 1.0 else find_glow(plate)
+    glow = None if strong == 1.0 else rough_glow(plate)
     if glow is None:
         return disc
     angle = float(np.degrees(np.arccos(np.clip(glow.direction @ blob.direction, -1.0, 1.0))))
