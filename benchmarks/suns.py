@@ -56,7 +56,7 @@ def discs(widest: int = 4096) -> None:
     """Print how discs of every size are judged and measured."""
     print("Discs of 0.25 to 5 degrees of radius: unclipped at five exposures, and clipped to white")
     print("(targets: one decision at every radius, exposure and width; direction 0.1 degrees, irradiance 2 %)")
-    print("A disc inside one pixel has no place in it: 0.25 degrees in 512 columns may be off by 0.15.")
+    print("A disc of one or two pixels has no place in them: 0.25 degrees in 512 columns may be off by 0.16.")
     for radiance, name in ((3000.0, "10^4 times the sky"), (3.0, "10 times the sky: no sun while unclipped")):
         rows = []
         for width in (w for w in (512, 1024, 2048, 4096) if w <= widest):

@@ -20,8 +20,9 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
-from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, WaterLight, close
+from mr360uw.ibl.sun.closure import close
 from mr360uw.ibl.sun.detect import find_disc, lost_light, split_disc, split_given, split_known
+from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import Split, with_sun
 from mr360uw.shapes import exactly
@@ -41,7 +42,7 @@ def environment(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    water: WaterLight | None = None,
+    thin_water: bool = False,
 ) -> Environment:
     """Return the light of a linear plate (H, W, 3), of any size.
 
@@ -51,14 +52,16 @@ def environment(
     the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
     residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
     default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
-    sets the width of Snell's window and of the sun's disc. water: above the camera, by which a clipped sun fades and
-    takes on colour. Raises `ParameterError` for arrays that are no plate.
+    sets the width of Snell's window and of the sun's disc. A clipped sun gets the strength and colour of sunlight in
+    air, without the losses of the water above. thin_water: under water, whether so little of it is above the camera
+    that sky and ground tell that strength as they do in air; else sun and sky are taken to be equally strong. Raises
+    `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
     linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
-    return light_of(linear, settings, sun, underwater, glossy, water)
+    return light_of(linear, settings, sun, underwater, glossy, thin_water)
 
 
 def light_of(
@@ -67,17 +70,18 @@ def light_of(
     sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
-    water: WaterLight | None = None,
+    thin_water: bool = False,
 ) -> Environment:
     """Return the light of a plate of any storage; see `environment`."""
-    split = _split(plate, settings, sun, underwater, water)
+    split = _split(plate, settings, sun, underwater, thin_water)
     roughness = settings.glossy_roughness if glossy else ()
     return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
 
 
-def _split(
-    plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, water: WaterLight | None
-) -> Split | None:
+def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, thin_water: bool) -> Split | None:
+    ratio = settings.direct_to_diffuse
+    if ratio is None and underwater and not thin_water:
+        ratio = UNKNOWN_RATIO
     if isinstance(sun, str):
         if sun != "detect":
             raise ParameterError(f"sun - unknown (got {sun!r:.40}) - take 'detect', a direction, a Sun or None")
@@ -89,7 +93,7 @@ def _split(
             )
         direction = given_direction(settings)
         if direction is None:
-            return _detected(plate, settings, underwater, water)
+            return _detected(plate, settings, underwater, ratio)
         sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
     if sun is None:
         return None
@@ -97,22 +101,16 @@ def _split(
         return split_known(plate, sun)
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
-    return close(split, plate, _ratio(settings, underwater, water), water) if lost else split
+    return close(split, plate, ratio) if lost else split
 
 
-def _ratio(settings: LightSettings, underwater: bool, water: WaterLight | None) -> float | None:
-    """Return the given ratio of direct to diffuse light, None to let the plate speak; under unknown water it cannot."""
-    unknown = underwater and water is None and settings.direct_to_diffuse is None
-    return UNKNOWN_RATIO if unknown else settings.direct_to_diffuse
-
-
-def _detected(plate: Plate, settings: LightSettings, underwater: bool, water: WaterLight | None) -> Split | None:
+def _detected(plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None) -> Split | None:
     disc = find_disc(plate, underwater=underwater)
     if disc is None or disc.confidence < settings.minimum_confidence:
         return None
     split = split_disc(plate, disc, underwater=underwater)
     lost = settings.operator == "closure" and lost_light(plate, disc.blob.direction, disc.blob)
-    return close(split, plate, _ratio(settings, underwater, water), water) if lost else split
+    return close(split, plate, ratio) if lost else split
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:

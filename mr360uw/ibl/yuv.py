@@ -24,7 +24,6 @@ from mr360uw.ibl.published.enhancement import enhancement_gain
 from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import WaterLight
 from mr360uw.shapes import exactly
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
@@ -67,7 +66,7 @@ def environment_from_yuv(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    water: WaterLight | None = None,
+    thin_water: bool = False,
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
@@ -75,7 +74,7 @@ def environment_from_yuv(
     """
     settings = settings or LightSettings()
     plate = plate_of_yuv(yuv, settings, upward(up), refractive_index)
-    return light_of(plate, settings, sun, underwater, glossy, water)
+    return light_of(plate, settings, sun, underwater, glossy, thin_water)
 
 
 def plate_of_yuv(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of clipped suns: as the plate's sky and ground tell, through water, and none where nothing was lost."""
+"""The light of clipped suns: as the plate's sky and ground tell, and none where nothing was lost."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ import mr360uw.ibl as ibl
 from mr360uw.color import luminance
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import WaterLight, sunlight
+from mr360uw.ibl.sun.blob import examine
+from mr360uw.ibl.sun.closure import sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.evidence import shown_ratio
+from mr360uw.ibl.sun.hidden import doubted
+from mr360uw.ibl.sun.judge import Disc
 from mr360uw.ibl.sun.split import sky_irradiance
+from mr360uw.medium import Sensor
 from mr360uw.sphere import direction_from_angles, directions
 from tests.ibl.plates import clipped
-from tests.ibl.tolerances import CLOSURE_RATIO, FLOAT32_TWIN, RATIO_EXPOSURE
+from tests.ibl.tolerances import FLOAT32_TWIN, RATIO_EXPOSURE, SUN_COLOR
 
 PLACE = direction_from_angles(0.6, 0.9)
+GLOW = direction_from_angles(0.6, np.radians(6.0))
 
 
 def day(glow: float, ground: float, *, exposure: float = 0.03) -> np.ndarray:
@@ -72,49 +77,26 @@ def test_where_nothing_was_lost_nothing_is_added() -> None:
     np.testing.assert_array_equal(closed.irradiance, plain.irradiance)
 
 
-@pytest.mark.parametrize("ratio", [None, 2.0])
-def test_no_water_is_the_limit_of_thin_water(ratio: float | None) -> None:
-    plate, settings = day(20.0, 1.5), LightSettings(direct_to_diffuse=ratio)
-    air = ibl.environment(plate, settings, sun=PLACE).sun
-    assert air is not None
-    last = np.inf
-    for fraction in (0.9, 0.99, 0.999, 1.0):
-        water = WaterLight(np.full(3, fraction**1.2), np.full(3, fraction))
-        sun = ibl.environment(plate, settings, sun=PLACE, underwater=True, water=water).sun
-        assert sun is not None
-        apart = float(np.abs(sun.irradiance / air.irradiance - 1.0).max())
-        assert apart <= last
-        last = apart
-    assert last < 10 * FLOAT32_TWIN
-
-
-def test_water_takes_from_the_beam_and_colours_it() -> None:
-    plate = day(20.0, 1.5)
-    whole = np.array([0.1, 0.5, 0.6])
-    for settings in (LightSettings(), LightSettings(direct_to_diffuse=1.5)):
-        light = [
-            ibl.environment(plate, settings, sun=PLACE, underwater=True, water=WaterLight(share * whole, whole))
-            for share in (0.8, np.array([0.3, 0.7, 0.8]))
-        ]
-        for found in light:
-            assert found.sun is not None
-        clear, red_lost = (found.sun.irradiance for found in light if found.sun is not None)
-        assert red_lost[0] / red_lost[1] < 0.6 * clear[0] / clear[1]
-        if settings.direct_to_diffuse is None:
-            assert luminance(red_lost) < luminance(clear)
-            continue
-        for found, beam in zip(light, (clear, red_lost), strict=True):
-            sky = sky_irradiance(np.repeat(np.repeat(found.residual, 4, 0), 4, 1))
-            assert luminance(beam) * PLACE[1] / luminance(sky) == pytest.approx(1.5, rel=CLOSURE_RATIO)
-
-
 def test_the_colour_of_sunlight_by_its_elevation() -> None:
     np.testing.assert_allclose(sunlight(np.sin(np.radians(45.0))), 1.0, atol=FLOAT32_TWIN)
     colours = [sunlight(np.sin(np.radians(e))) for e in (90.0, 45.0, 20.0, 8.0, 3.0)]
     for higher, lower in itertools.pairwise(colours):
         assert lower[0] / lower[2] > higher[0] / higher[2]
         assert luminance(lower) == pytest.approx(1.0, abs=FLOAT32_TWIN)
-    assert 1.5 < colours[3][0] / colours[3][2] < 5.0
+
+
+@pytest.mark.parametrize("elevation_deg", [5.0, 8.0, 20.0, 60.0, 90.0])
+def test_the_colour_of_sunlight_is_that_of_its_spectrum(elevation_deg: float) -> None:
+    """A black body of 5778 K through molecules and haze, integrated over the CIE 1931 observer, white at 45 degrees."""
+    nm = np.arange(390.0, 731.0, 5.0)
+    um = nm / 1000.0
+    sun = nm**-5.0 / np.expm1(1.4387769e7 / (nm * 5778.0))
+    depth = 0.008569 * um**-4 * (1.0 + 0.0113 * um**-2 + 0.00013 * um**-4) + 0.05 * um**-1.3
+    degrees = np.array([elevation_deg, 45.0])
+    air_mass = 1.0 / (np.sin(np.radians(degrees)) + 0.50572 * (degrees + 6.07995) ** -1.6364)
+    seen, white = (sun * np.exp(-depth * air_mass[:, None])) @ Sensor.cie1931().response(nm)
+    colour = seen / white / luminance(seen / white)
+    np.testing.assert_allclose(sunlight(np.sin(np.radians(elevation_deg))), colour, atol=SUN_COLOR)
 
 
 def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
@@ -124,3 +106,25 @@ def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
     assert shaded is not None
     assert sunlit.confidence >= 0.5 > shaded.confidence
     assert np.degrees(np.arccos(sunlit.blob.direction @ PLACE)) < 10.0
+
+
+def dusk(gap: np.ndarray, ground: float) -> Disc:
+    """Return a gap of white sky between the clouds of a dusk, taken for the sun; the sky glows 6 degrees high."""
+    d = directions(512, 256)
+    away = np.degrees(np.arccos(np.clip(d @ GLOW, -1.0, 1.0)))
+    sky = 0.2 + 0.7 * np.exp(-away / 20.0) + 1.0 * (d @ gap > np.cos(np.radians(3.0)))
+    scene = np.where(d[..., 1] > 0.0, sky, ground)[..., None] * np.array([0.95, 1.0, 1.05])
+    plate = LinearPlate.of(clipped(scene.astype(np.float32)))
+    blob = examine(plate, gap, 0.0)
+    assert blob is not None
+    return doubted(plate, Disc(blob, 1.0))
+
+
+def test_a_gap_in_the_clouds_of_a_dusk_is_no_sun() -> None:
+    """Where the glow points elsewhere and the ground is dark; either alone leaves the spot as it is."""
+    beside = direction_from_angles(1.0, np.radians(18.0))
+    gap = dusk(beside, 0.05)
+    assert gap.confidence == 0.0
+    assert "gap in clouds" in gap.reason
+    assert dusk(beside, 0.9).confidence == 1.0
+    assert dusk(GLOW, 0.05).confidence == 1.0

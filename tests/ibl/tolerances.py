@@ -82,3 +82,6 @@ GLITTER_DEG = 0.3
 RATIO_EXPOSURE = 1.5
 """Ratio of direct to diffuse light told from one sky exposed ten times as long: half a stop, as what clips leaves the sky
 darker against the ground."""
+SUN_COLOR = 0.035
+"""Sunlight by one wavelength a channel against its spectrum, of luminance 1: the narrow band cannot follow the blue
+that is all but gone at 5 degrees."""

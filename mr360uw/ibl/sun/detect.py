@@ -27,7 +27,7 @@ from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.glitter import glitter_middle
-from mr360uw.ibl.sun.hidden import by_evidence, by_glow
+from mr360uw.ibl.sun.hidden import by_evidence, by_glow, doubted
 from mr360uw.ibl.sun.judge import Disc, judge
 from mr360uw.ibl.sun.split import Split, split_sun
 from mr360uw.types import Floats, Sun
@@ -80,8 +80,11 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
             break
     if underwater and best is not None and best.blob.clipped:
         best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
-    sure = best is not None and best.confidence > 0.5
-    return best if sure or underwater or not white else by_evidence(plate, by_glow(plate, best))
+    if underwater or not white:
+        return best
+    if best is not None and best.confidence > 0.5:
+        best = doubted(plate, best)
+    return best if best is not None and best.confidence > 0.5 else by_evidence(plate, by_glow(plate, best))
 
 
 def _seeds(weight: Floats) -> Iterator[Floats]:

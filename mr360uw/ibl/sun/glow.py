@@ -13,7 +13,7 @@ explains says how surely.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,12 @@ def find_glow(plate: Plate) -> Glow | None:
 
     Only directions in which the plate is nearly white are tried.
     """
+    glow = rough_glow(plate)
+    return None if glow is None else replace(glow, direction=_refined(plate, glow.direction))
+
+
+def rough_glow(plate: Plate) -> Glow | None:
+    """Return the same to within some 5 degrees, in a fraction of the time."""
     size = ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
     look, brightest = directions(*size), reduce_maximum(plate.brightest, *size)
     sine, peak = elevation_sine(look, plate.up), float(plate.brightest.max())
@@ -82,11 +88,12 @@ def find_glow(plate: Plate) -> Glow | None:
     loss, place = _best(places, look[sky], haze, value, weight, _WIDTHS_RAD)
     if place is None or without <= 0.0:
         return None
-    return Glow(_refined(plate, place, peak), float(1.0 - loss / without))
+    return Glow(place, float(1.0 - loss / without))
 
 
-def _refined(plate: Plate, place: Floats, peak: float) -> Floats:
+def _refined(plate: Plate, place: Floats) -> Floats:
     """Return a direction improved by the sky near it."""
+    peak = float(plate.brightest.max())
     for reach, step in _SEARCHES:
         look = patch_directions(place, _LOOK_RAD, _LOOK_PIXELS)
         seen, sine = plate.look(look), elevation_sine(look, plate.up)

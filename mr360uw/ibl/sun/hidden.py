@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Suns that no spot gives away: one of many clipped clouds, or somewhere in a sky that is clipped far and wide.
+"""Checks a clipped spot by the rest of the plate: suns that no spot gives away, and spots that are no sun.
 
-The glow of the clear sky points to the first (`glow`). Of the second only about where it stands is known. It is taken
-for one where much of the sphere is clipped and sky and ground both speak for a strong sun (`evidence`): a sun a few
-degrees off its place lights a scene better than none.
+A sun may be one of many clipped clouds: the glow of the clear sky points to it (`glow`). Or it stands somewhere in a
+sky that is clipped far and wide, and only about where is known. It is taken for one where much of the sphere is clipped
+and sky and ground both speak for a strong sun (`evidence`): a sun a few degrees off its place lights a scene better
+than none. A bright gap in the clouds of a dusk looks like a sun, but sky and ground speak for hardly any light from it,
+and the glow points elsewhere; where both do so it is none.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy as np
 from mr360uw.ibl.plate import Plate, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, examine
 from mr360uw.ibl.sun.evidence import shown_ratio
-from mr360uw.ibl.sun.glow import find_glow
+from mr360uw.ibl.sun.glow import find_glow, rough_glow
 from mr360uw.ibl.sun.judge import Disc, edged, falling, sized, verdict, whitened
 from mr360uw.ibl.sun.split import sky_irradiance
 
@@ -29,6 +31,31 @@ _STRONG_RATIO = 0.55
 """Direct over diffuse light from which a sun is taken to be there: thin clouds have less."""
 _GUESS = 0.5
 """Confidence in such a sun, of which the place is not known well."""
+_WEAK_RATIO = (0.4, 0.28)
+"""Direct over diffuse light from which a spot needs no glow, and up to which it must lie where the glow points: thin
+cloud leaves 0.2 to 0.4, a gap in the clouds of a dusk speaks for 0.1 to 0.26."""
+_BESIDE_DEG = (6.0, 9.0)
+"""Degrees from a spot's rim to where the glow roughly points, up to which it is that spot's, and from which it is not:
+a pixel of the map in which it is looked for, and half of another."""
+
+
+def doubted(plate: Plate, disc: Disc) -> Disc:
+    """Return a clipped spot in air, of less confidence where it speaks for little light and the glow points elsewhere.
+
+    The glow takes longer than all else and is looked for only where there is little light.
+    """
+    blob = disc.blob
+    ratio = shown_ratio(plate, blob.direction, sky_irradiance(plate.coarse, plate.up))
+    strong = falling(ratio, *_WEAK_RATIO)
+    glow = None if strong == 1.0 else rough_glow(plate)
+    if glow is None:
+        return disc
+    angle = float(np.degrees(np.arccos(np.clip(glow.direction @ blob.direction, -1.0, 1.0))))
+    trust = max(strong, falling(angle - float(np.degrees(blob.radius_rad)), *_BESIDE_DEG))
+    if trust == 1.0:
+        return disc
+    reason = f"a gap in clouds: {ratio:.2f} times the sky's light, and the glow points {angle:.0f} degrees beside it"
+    return Disc(blob, disc.confidence * trust, reason)
 
 
 def by_glow(plate: Plate, best: Disc | None) -> Disc | None:

@@ -26,4 +26,5 @@ def sun_in_words(
     if disc.confidence >= minimum_confidence and disc.confidence > 0.0:
         return f"sun at {place}"
     against = f"; {disc.reason}" if disc.reason else ""
-    return f"no sun; best candidate at {place}{against}"
+    where = " inside Snell's window" if underwater else ""
+    return f"no sun{where}; best candidate at {place}{against}"

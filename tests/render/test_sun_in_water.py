@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sun of a plate under water: no water is the limit of thin water, and deep water dims and colours the beam."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.color import luminance
+from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.render.surroundings import load_surroundings
+from mr360uw.sphere import direction_from_angles
+from mr360uw.types import Environment, Floats
+from tests.ibl.plates import clipped, sky
+from tests.ibl.tolerances import CLOSURE_RATIO
+from tests.scenes import scene_with
+from tests.tolerances import THIN_WATER
+
+AZIMUTH_DEG, ELEVATION_DEG = 40.0, 65.0
+PLACE = direction_from_angles(np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG))
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def light_in(folder: Path, water: str, depth_m: float, ratio: float | None = None) -> Environment:
+    """Return the light of a clipped sky seen by a camera at a depth of a water."""
+    given = {"sun": "given", "sun_azimuth_deg": AZIMUTH_DEG, "sun_elevation_deg": ELEVATION_DEG}
+    given |= {} if ratio is None else {"direct_to_diffuse": ratio}
+    scene = scene_with(folder, None, water={"type": water}, camera={"depth_m": depth_m}, light=given)
+    return load_surroundings(scene).light.of(clipped(sky(PLACE, width=256, half_angle_rad=0.04)))
+
+
+def beam_of(light: Environment) -> Floats:
+    assert light.sun is not None
+    return light.sun.irradiance
+
+
+@pytest.mark.parametrize(("water", "ratio"), [("IB", None), ("9C", 2.0)])
+def test_no_water_is_the_limit_of_thin_water(tmp_path: Path, water: str, ratio: float | None) -> None:
+    air = light_in(tmp_path, "none", 5.0, ratio)
+    apart = []
+    for depth_m in (0.03, 0.01):
+        light = light_in(tmp_path, water, depth_m, ratio)
+        np.testing.assert_array_equal(light.ambient, air.ambient)
+        apart.append(float(np.abs(np.log(beam_of(light) / beam_of(air))).max()))
+    assert apart[1] == pytest.approx(apart[0] / 3.0, rel=THIN_WATER)
+
+
+def test_deep_water_dims_the_beam_and_takes_its_red(tmp_path: Path) -> None:
+    shallow, deep = (beam_of(light_in(tmp_path, "II", depth_m)) for depth_m in (2.0, 12.0))
+    assert luminance(deep) < 0.7 * luminance(shallow)
+    assert deep[0] / deep[1] < shallow[0] / shallow[1]
+
+
+@pytest.mark.parametrize("depth_m", [0.3, 6.0])
+def test_a_given_ratio_is_that_at_the_camera(tmp_path: Path, depth_m: float) -> None:
+    light = light_in(tmp_path, "IB", depth_m, 1.5)
+    assert light.sun is not None
+    beam = luminance(beam_of(light)) * light.sun.direction[1]
+    sky_light = luminance(environment_lookup(light.ambient, UP))
+    assert beam / sky_light == pytest.approx(1.5, rel=CLOSURE_RATIO)
