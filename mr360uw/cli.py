@@ -52,9 +52,7 @@ def main() -> None:
     except Mr360uwError as error:
         _fail(str(error), error)
     except MemoryError as error:
-        _fail(
-            "memory - is too little for this input (got no more) - take a smaller plate, mesh or texture", error
-        )
+        _fail("memory - is too little for this input (got no more) - take a smaller plate, mesh or texture", error)
     except OSError as error:
         _fail(f"{error.filename or 'a file'} - {error.strerror or error} - check the name, rights and space", error)
     except SystemExit as done:
