@@ -20,9 +20,10 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
-from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, WaterLight, close
+from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, WaterLight, clearness, close
 from mr360uw.ibl.sun.detect import find_disc, lost_light, split_disc, split_given, split_known
 from mr360uw.ibl.sun.given import given_direction
+from mr360uw.ibl.sun.glare import without_glare
 from mr360uw.ibl.sun.split import Split, with_sun
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
@@ -92,8 +93,9 @@ def _split(
     if sun is None:
         return None
     if isinstance(sun, Sun):
-        return split_known(plate, sun)
+        return replace(_without_glare(split_known(plate, sun), plate, underwater, water), sun=sun)
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
+    split = _without_glare(split, plate, underwater, water)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
     return close(split, plate, _ratio(settings, underwater, water), water) if lost else split
 
@@ -108,9 +110,15 @@ def _detected(plate: Plate, settings: LightSettings, underwater: bool, water: Wa
     disc = find_disc(plate, underwater=underwater)
     if disc is None or disc.confidence < settings.minimum_confidence:
         return None
-    split = split_disc(plate, disc, underwater=underwater)
+    split = _without_glare(split_disc(plate, disc, underwater=underwater), plate, underwater, water)
     lost = settings.operator == "closure" and lost_light(plate, disc.blob.direction, disc.blob)
     return close(split, plate, _ratio(settings, underwater, water), water) if lost else split
+
+
+def _without_glare(split: Split, plate: Plate, underwater: bool, water: WaterLight | None) -> Split:
+    """Return a split under water without the sun's glare in its sky; of thin water the sky stays as it is."""
+    amount = (1.0 if water is None else 1.0 - clearness(water)) if underwater else 0.0
+    return without_glare(split, plate, amount) if amount > 0.0 else split
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:

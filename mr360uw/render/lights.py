@@ -33,6 +33,8 @@ _TYPICAL_SUN_UP = 0.85
 _CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 _SKY_UP = 0.83
 """Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
+_LEAST_LIGHT = 1e-30
+"""Least light that is divided by."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 """Bounds of the ratio of direct to diffuse irradiance."""
 
@@ -106,10 +108,11 @@ class LightReader:
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
-        # the rest is blue skylight, and what has left the yellow beam
-        of_sky = np.minimum((1.0 - share) * beam_fraction(self._table, depth, _SKY_UP), white)
+        # the rest is blue skylight, and what has left the yellow beam; scattered light divides as the direct light does
+        sky = (1.0 - share) * beam_fraction(self._table, depth, _SKY_UP)
+        of_sky = np.minimum(sky / np.maximum(sky + share * left, _LEAST_LIGHT) * (white + share * left), white)
         rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
-        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, 1e-30) / sun_up
+        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         light = float(luminance(solved))
         if light <= 0.0:
             return sun
