@@ -62,7 +62,8 @@ class FloorShade:
 class DivePlate:
     """Renders the plate's frames; what does not move is computed once.
 
-    The camera is level, so the water between it and what it sees is the same all along a row. level_radiance: (3,) of
+    The camera is level, so the water between it and what it sees is the same all along a row. exposure: factor of the
+    picture on radiance, per unit irradiance just below the surface. level_radiance: (3,) of
     the water at the horizon, after exposure. floor_irradiance: (3,) mean on the floor over that just below the surface.
     albedo: (H/2, W, 3) of the sand in the lower half of the first frame.
     """
@@ -89,13 +90,13 @@ class DivePlate:
         window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA)) * self._sky
         zenith = self._light.transmittance(*straight_up) * window * _sky_shape(1.0)
         zenith = zenith + window_factor * self._light.veil(*straight_up)
-        self._exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
-        self.level_radiance = self._exposure * level
+        self.exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
+        self.level_radiance = self.exposure * level
         self.floor_irradiance, self._patterned = self._light.irradiance(floor), self._light.patterned(floor)
         inside = window_share(up, REFRACTIVE_INDEX_SEA)[..., None]
         veil = self._light.veil(distance, up) * (1.0 + (window_factor - 1.0) * inside)
-        self._veil = (self._exposure * veil).astype(np.float32)
-        self._transmittance = (self._exposure * self._light.transmittance(distance, up)).astype(np.float32)
+        self._veil = (self.exposure * veil).astype(np.float32)
+        self._transmittance = (self.exposure * self._light.transmittance(distance, up)).astype(np.float32)
 
         above, below = slice(height // 2), slice(height // 2, height)
         x, z = distance * view[..., 0], distance * view[..., 2]
