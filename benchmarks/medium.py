@@ -451,7 +451,7 @@ def section_sheet() -> None:
 def section_gain() -> None:
     """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water.
 
-    Of one frame and the mean of four, as a clip has it. half a code: the largest error by half a code in Y', Cb and Cr.
+    Of a video of one frame, and the mean over one of four. half a code: the largest error by half a code in Y', Cb, Cr.
     """
     from fractions import Fraction
     from tempfile import TemporaryDirectory
@@ -472,18 +472,20 @@ def section_gain() -> None:
         for depth, sun in ((4.0, 57.3), (10.0, 35.0)):
             settings = DiveSettings(depth, depth + 3.5, name, sun_elevation_rad=np.radians(sun))
             plate = DivePlate(settings, 1024, 512)
-            with TemporaryDirectory() as folder:
-                record(Path(folder) / "dive.mp4", [plate.radiance(k / 6.0) for k in range(4)], Fraction(6), 1)
-                with open_video(Path(folder) / "dive.mp4") as video:
-                    views = [level_view(frame.pixels) for frame in video.frames()]
+            images = [plate.radiance(k / 6.0) for k in range(4)]
             medium = Medium(Water.jerlov(name), camera_depth_m=depth)
-            fits = [fit_level(medium, view) for view in views]
+            fits = []
+            with TemporaryDirectory() as folder:
+                for clip in (images[:1], images):
+                    record(Path(folder) / f"{len(clip)}.mp4", clip, Fraction(6 if clip[1:] else 24), 1)
+                    with open_video(Path(folder) / f"{len(clip)}.mp4") as video:
+                        fits += [fit_level(medium, level_view(frame.pixels)) for frame in video.frames()]
             level = plate.level_radiance
             ratios = np.array([gain for gain, _ in fits]) * medium.level_radiance(np.array([0.0]))[0] / level
             encoded = encode(level, "srgb")
             bound = 100.0 * (decode(encoded + half_code, "srgb") / level - 1.0)
             columns = (
-                "".join(f"{x:8.3f}" for x in ratios[0]), "".join(f"{x:8.3f}" for x in ratios.mean(axis=0)),
+                "".join(f"{x:8.3f}" for x in ratios[0]), "".join(f"{x:8.3f}" for x in ratios[1:].mean(axis=0)),
                 "".join(f"{255.0 * x:7.0f}" for x in encoded), "".join(f"{x:7.1f}" for x in bound),
             )  # fmt: skip
             print(f"{name:5s} {depth:5.0f} {sun:6.1f}" + "  ".join(columns) + f"   {fits[0][1]:8.3f}")
