@@ -23,7 +23,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from mr360uw.color import encode  # noqa: E402
+from mr360uw.color import decode, encode, rgb_from_ycbcr  # noqa: E402
 from mr360uw.medium import (  # noqa: E402
     JERLOV_TYPES,
     LightField,
@@ -449,7 +449,10 @@ def section_sheet() -> None:
 
 
 def section_gain() -> None:
-    """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water."""
+    """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water.
+
+    Of a video of one frame, and the mean over one of four. half a code: the largest error by half a code in Y', Cb, Cr.
+    """
     from fractions import Fraction
     from tempfile import TemporaryDirectory
 
@@ -460,23 +463,32 @@ def section_gain() -> None:
     from mr360uw.sample.recording import record
     from mr360uw.video import open_video
 
-    print("water  depth  sun   red     green   blue    code values of the level water   residual")
+    half_code = np.abs(rgb_from_ycbcr("bt709")) @ (0.5 / np.array([219.0, 224.0, 224.0]))
+    print(
+        "water  depth  sun   red     green   blue      mean of four frames     codes of the level water    "
+        "half a code, %       residual"
+    )
     for name in ("IA", "IB", "II", "1C", "3C"):
         for depth, sun in ((4.0, 57.3), (10.0, 35.0)):
             settings = DiveSettings(depth, depth + 3.5, name, sun_elevation_rad=np.radians(sun))
             plate = DivePlate(settings, 1024, 512)
-            with TemporaryDirectory() as folder:
-                record(Path(folder) / "dive.mp4", [plate.radiance(0.0)], Fraction(24), 1)
-                with open_video(Path(folder) / "dive.mp4") as video:
-                    frame = next(iter(video.frames(0, 1)))
+            images = [plate.radiance(k / 6.0) for k in range(4)]
             medium = Medium(Water.jerlov(name), camera_depth_m=depth)
-            gain, residual = fit_level(medium, level_view(frame.pixels))
-            ratio = gain * medium.level_radiance(np.array([0.0]))[0] / plate.level_radiance
-            codes = 255.0 * encode(plate.level_radiance, "srgb")
-            print(
-                f"{name:5s} {depth:5.0f} {sun:6.1f}" + "".join(f"{x:8.3f}" for x in ratio) + "     "
-                + "".join(f"{x:7.0f}" for x in codes) + f"         {residual:8.3f}"
+            fits = []
+            with TemporaryDirectory() as folder:
+                for clip in (images[:1], images):
+                    record(Path(folder) / f"{len(clip)}.mp4", clip, Fraction(6 if clip[1:] else 24), 1)
+                    with open_video(Path(folder) / f"{len(clip)}.mp4") as video:
+                        fits += [fit_level(medium, level_view(frame.pixels)) for frame in video.frames()]
+            level = plate.level_radiance
+            ratios = np.array([gain for gain, _ in fits]) * medium.level_radiance(np.array([0.0]))[0] / level
+            encoded = encode(level, "srgb")
+            bound = 100.0 * (decode(encoded + half_code, "srgb") / level - 1.0)
+            columns = (
+                "".join(f"{x:8.3f}" for x in ratios[0]), "".join(f"{x:8.3f}" for x in ratios[1:].mean(axis=0)),
+                "".join(f"{255.0 * x:7.0f}" for x in encoded), "".join(f"{x:7.1f}" for x in bound),
             )  # fmt: skip
+            print(f"{name:5s} {depth:5.0f} {sun:6.1f}" + "  ".join(columns) + f"   {fits[0][1]:8.3f}")
 
 
 def section_names() -> None:

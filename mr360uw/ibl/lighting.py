@@ -24,6 +24,7 @@ from mr360uw.ibl.sun.closure import close
 from mr360uw.ibl.sun.detect import find_disc, lost_light, split_disc, split_given, split_known
 from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
+from mr360uw.ibl.sun.glare import without_glare
 from mr360uw.ibl.sun.split import Split, with_sun
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
@@ -42,7 +43,7 @@ def environment(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    thin_water: bool = False,
+    clearness: float | None = None,
 ) -> Environment:
     """Return the light of a linear plate (H, W, 3), of any size.
 
@@ -53,15 +54,15 @@ def environment(
     residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
     default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
     sets the width of Snell's window and of the sun's disc. A clipped sun gets the strength and colour of sunlight in
-    air, without the losses of the water above. thin_water: under water, whether so little of it is above the camera
-    that sky and ground tell that strength as they do in air; else sun and sky are taken to be equally strong. Raises
+    air, without the losses of the water above. clearness: of the water above the camera, from 0 to 1, which is
+    none: how far sun and sky are told apart as in air; without it, under water, they are taken to be equally strong. Raises
     `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
     linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
-    return light_of(linear, settings, sun, underwater, glossy, thin_water)
+    return light_of(linear, settings, sun, underwater, glossy, clearness)
 
 
 def light_of(
@@ -70,18 +71,21 @@ def light_of(
     sun: SunChoice = "detect",
     underwater: bool = False,
     glossy: bool = False,
-    thin_water: bool = False,
+    clearness: float | None = None,
 ) -> Environment:
     """Return the light of a plate of any storage; see `environment`."""
-    split = _split(plate, settings, sun, underwater, thin_water)
+    split = _split(plate, settings, sun, underwater, clearness)
     roughness = settings.glossy_roughness if glossy else ()
     return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
 
 
-def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, thin_water: bool) -> Split | None:
+def _split(
+    plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, clearness: float | None
+) -> Split | None:
     ratio = settings.direct_to_diffuse
-    if ratio is None and underwater and not thin_water:
+    if ratio is None and underwater and clearness is None:
         ratio = UNKNOWN_RATIO
+    glare = 1.0 - (clearness or 0.0) if underwater else 0.0
     if isinstance(sun, str):
         if sun != "detect":
             raise ParameterError(f"sun - unknown (got {sun!r:.40}) - take 'detect', a direction, a Sun or None")
@@ -93,22 +97,25 @@ def _split(plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bo
             )
         direction = given_direction(settings)
         if direction is None:
-            return _detected(plate, settings, underwater, ratio)
+            return _detected(plate, settings, underwater, ratio, glare)
         sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
     if sun is None:
         return None
     if isinstance(sun, Sun):
-        return split_known(plate, sun)
+        return replace(without_glare(split_known(plate, sun), plate, glare), sun=sun)
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
+    split = without_glare(split, plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
     return close(split, plate, ratio) if lost else split
 
 
-def _detected(plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None) -> Split | None:
+def _detected(
+    plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None, glare: float
+) -> Split | None:
     disc = find_disc(plate, underwater=underwater)
     if disc is None or disc.confidence < settings.minimum_confidence:
         return None
-    split = split_disc(plate, disc, underwater=underwater)
+    split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, disc.blob.direction, disc.blob)
     return close(split, plate, ratio) if lost else split
 

@@ -66,7 +66,7 @@ def environment_from_yuv(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    thin_water: bool = False,
+    clearness: float | None = None,
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
@@ -74,7 +74,7 @@ def environment_from_yuv(
     """
     settings = settings or LightSettings()
     plate = plate_of_yuv(yuv, settings, upward(up), refractive_index)
-    return light_of(plate, settings, sun, underwater, glossy, thin_water)
+    return light_of(plate, settings, sun, underwater, glossy, clearness)
 
 
 def plate_of_yuv(

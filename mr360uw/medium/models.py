@@ -148,15 +148,20 @@ class FieldModel:
 
     def _mixed(self, whole: Callable[..., Array], wide: Callable[..., Array], *ray: Array) -> Array:
         """Return `whole` below Snell's window and `wide` inside it, blended; `ray` ends in the view direction's y."""
-        edge = critical_cosine(self.field.refractive_index)
-        x = np.clip((ray[-1] - edge) / _WINDOW_BLEND + 1.0, 0.0, 1.0) if edge > 0.0 else np.zeros(ray[-1].shape)
-        share = x * x * (3.0 - 2.0 * x)
+        share = window_share(ray[-1], self.field.refractive_index)
         result = np.zeros((*share.shape, len(self.extinction)))
         for part, weight in ((whole, 1.0 - share), (wide, share)):
             used = weight > 0.0
             if np.any(used):
                 result[used] += weight[used][:, None] * part(*(a[used] for a in ray))
         return result
+
+
+def window_share(up: Array, refractive_index: float) -> Array:
+    """Return 1 for directions of a y inside Snell's window, 0 outside, blended below its edge; 0 without a window."""
+    edge = critical_cosine(refractive_index)
+    x = np.clip((up - edge) / _WINDOW_BLEND + 1.0, 0.0, 1.0) if edge > 0.0 else np.zeros(np.shape(up))
+    return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
 _WINDOW_BLEND = 0.06

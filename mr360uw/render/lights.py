@@ -37,8 +37,15 @@ _THIN_POWER = 20.0
 """Power of the fraction of the light at the surface that reaches the camera, by which the sun of the plate counts
 against the solved beam: half at a loss of 3.5 %. Twice as large: at 1.7 %. Glitter under water is no glow of the sky.
 """
+_LEAST_LIGHT = 1e-30
+"""Least light that is divided by."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 """Bounds of the ratio of direct to diffuse irradiance."""
+
+
+def _clearness(table: MediumTable) -> float:
+    """Return how far the plate's own sun counts against the solved beam: 1 without water, 0 under much of it."""
+    return float(np.clip(luminance(1.0 / ambient_ratio(table, 0.0)), 0.0, 1.0)) ** _THIN_POWER
 
 
 class LightReader:
@@ -51,6 +58,7 @@ class LightReader:
         self._underwater, self._camera, self._table = table is not None, camera, table
         self._share = scene.water.sun_share or _CLEAR_SKY_DIRECT
         self._refractive_index = scene.water.refractive_index
+        self._clearness = None if table is None else _clearness(table)
         settings = scene.light
         self._closed = settings.direct_to_diffuse is None and settings.operator == "closure"
         self._settings: LightSettings = settings
@@ -83,7 +91,7 @@ class LightReader:
             chosen = chosen @ world_from_camera
         options: Any = {
             "underwater": self._underwater, "refractive_index": self._refractive_index, "glossy": glossy,
-            "up": world_from_camera[1], "thin_water": True,  # thicker water outweighs it in `_water_colored`
+            "up": world_from_camera[1], "clearness": self._clearness,
         }  # fmt: skip
         if isinstance(plate, YuvImage):
             found = environment_from_yuv(plate, self._settings, sun=chosen, **options)
@@ -111,14 +119,15 @@ class LightReader:
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
-        # the rest is blue skylight, and what has left the yellow beam
-        of_sky = np.minimum((1.0 - share) * beam_fraction(self._table, depth, _SKY_UP), white)
+        # the rest is blue skylight, and what has left the yellow beam; scattered light divides as the direct light does
+        sky = (1.0 - share) * beam_fraction(self._table, depth, _SKY_UP)
+        of_sky = np.minimum(sky / np.maximum(sky + share * left, _LEAST_LIGHT) * (white + share * left), white)
         rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
-        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, 1e-30) / sun_up
+        solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         if float(luminance(solved)) <= 0.0:
             return sun
-        clear = float(np.clip(luminance(1.0 / ambient_ratio(self._table, 0.0)), 0.0, 1.0)) ** _THIN_POWER
-        mixed = np.maximum(solved, 1e-30) ** (1.0 - clear) * np.maximum(sun.irradiance, 1e-30) ** clear
+        clear = self._clearness or 0.0
+        mixed = np.maximum(solved, _LEAST_LIGHT) ** (1.0 - clear) * np.maximum(sun.irradiance, _LEAST_LIGHT) ** clear
         if not self._closed:
             mixed *= luminance(sun.irradiance) / luminance(mixed)
         return replace(sun, irradiance=mixed.astype(np.float32))

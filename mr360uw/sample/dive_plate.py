@@ -3,6 +3,11 @@
 
 Above: the sky through Snell's window of a moving surface, with the sun's glitter, and total reflection around it.
 Below: sand. In between: the water of `mr360uw.medium`. Units: the irradiance just below the surface.
+
+Light that the water scatters by small angles is part of the window's image, but some of it leaves the window and is
+part of the field outside it as well. The window's sky and veil take the factor that conserves energy:
+
+    2 pi int_0^1 L(up) up dup = E - E_beam      at the camera, without the sun, through a flat surface
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ from mr360uw.caustics import caustic_stack
 from mr360uw.caustics.lookup import mip_level, mip_levels
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.medium.models import window_share
 from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_clamped, refract_to_water
 from mr360uw.sample.dive_light import SKY_COLOR, DiveLight
 from mr360uw.sample.dive_settings import DiveSettings
@@ -34,6 +40,8 @@ _LEAST_SEA_SIZE = 512
 """Least number of normals across the sea's tile; larger frames use their number of rows, about one normal a pixel."""
 _MIRRORED = 512
 """Directions at which the light that the surface mirrors is tabulated, over the lower half of the sphere."""
+_FLUX_NODES = 400
+"""Directions over which the window's flux is summed: 0.1 % of it."""
 _SMALLEST_WAVE_M = 0.25
 """Width [m] of a pixel's footprint on the surface beyond which wave slopes are averaged out, in proportion."""
 
@@ -54,7 +62,8 @@ class FloorShade:
 class DivePlate:
     """Renders the plate's frames; what does not move is computed once.
 
-    The camera is level, so the water between it and what it sees is the same all along a row. level_radiance: (3,) of
+    The camera is level, so the water between it and what it sees is the same all along a row. exposure: factor of the
+    picture on radiance, per unit irradiance just below the surface. level_radiance: (3,) of
     the water at the horizon, after exposure. floor_irradiance: (3,) mean on the floor over that just below the surface.
     albedo: (H/2, W, 3) of the sand in the lower half of the first frame.
     """
@@ -70,6 +79,8 @@ class DivePlate:
         self._sky = SKY_COLOR / (2.0 * np.pi * np.mean(_sky_shape(cosine) * cosine * passed))
         passed = fresnel_transmittance(high, REFRACTIVE_INDEX_SEA)
         self._glow = (1.0 - SKY_COLOR) / (2.0 * np.pi * _GLOW_RAD**2 * high * passed)
+        window_factor = self._window_factor(camera)
+        self._sky = self._sky * window_factor
         view = directions(width, height)
         up = view[:, :1, 1]
         distance = np.where(up > 0.0, camera, camera - floor) / up
@@ -77,12 +88,15 @@ class DivePlate:
         level = self._light.veil(np.array(1e6), np.array(0.0))
         straight_up = np.array(camera), np.array(1.0)
         window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA)) * self._sky
-        zenith = self._light.veil(*straight_up) + self._light.transmittance(*straight_up) * window * _sky_shape(1.0)
-        self._exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
-        self.level_radiance = self._exposure * level
+        zenith = self._light.transmittance(*straight_up) * window * _sky_shape(1.0)
+        zenith = zenith + window_factor * self._light.veil(*straight_up)
+        self.exposure = min(_LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(zenith)))
+        self.level_radiance = self.exposure * level
         self.floor_irradiance, self._patterned = self._light.irradiance(floor), self._light.patterned(floor)
-        self._veil = (self._exposure * self._light.veil(distance, up)).astype(np.float32)
-        self._transmittance = (self._exposure * self._light.transmittance(distance, up)).astype(np.float32)
+        inside = window_share(up, REFRACTIVE_INDEX_SEA)[..., None]
+        veil = self._light.veil(distance, up) * (1.0 + (window_factor - 1.0) * inside)
+        self._veil = (self.exposure * veil).astype(np.float32)
+        self._transmittance = (self.exposure * self._light.transmittance(distance, up)).astype(np.float32)
 
         above, below = slice(height // 2), slice(height // 2, height)
         x, z = distance * view[..., 0], distance * view[..., 2]
@@ -116,6 +130,20 @@ class DivePlate:
         """
         beam = self._light.beam(depth_m)
         return self._light.irradiance(depth_m) - beam, beam / self._sun_in_water[1]
+
+    def _window_factor(self, camera_m: float) -> Floats:
+        """Return the factor (3,) on sky and veil in Snell's window: see the module's docstring."""
+        up = (np.arange(_FLUX_NODES) + 0.5) / _FLUX_NODES
+        veil, share = self._light.veil(camera_m / up, up), window_share(up, REFRACTIVE_INDEX_SEA)[:, None]
+        passed = 1.0 - fresnel_from_below(up, REFRACTIVE_INDEX_SEA)
+        air_up = np.sqrt(np.maximum(1.0 - REFRACTIVE_INDEX_SEA**2 * (1.0 - up**2), 0.0))
+        sky = REFRACTIVE_INDEX_SEA**2 * (passed * _sky_shape(air_up))[:, None] * self._sky
+        mirrored = (1.0 - passed)[:, None] * self._light.veil(np.full_like(up, 1e6), -up)
+        image = self._light.transmittance(camera_m / up, up)
+        flux = 2.0 * np.pi / _FLUX_NODES * up[:, None]
+        ambient = self._light.irradiance(camera_m) - self._light.beam(camera_m)
+        outside = np.sum(flux * ((1.0 - share) * veil + image * mirrored), axis=0)
+        return np.asarray((ambient - outside) / np.sum(flux * (share * veil + image * sky), axis=0))
 
     def _floor(self, time_s: float, shade: FloorShade | None) -> NDArray[np.float32]:
         depth, offset = self._settings.floor_depth_m, self._offset(time_s)

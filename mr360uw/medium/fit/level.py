@@ -3,9 +3,9 @@
 
     g = typical over azimuths of plate/model        residual = rms of (plate/(g model) - 1)
 
-Below the band lies the ground, above it the surface. Azimuths in which a body or a rock breaks the horizon have more
-red than water, or stand out of the others; both lose weight continuously, so that the gain changes no faster than the
-picture.
+Below the band lies the ground, above it the surface. Azimuths in which a body or a rock breaks the horizon have clearly
+more red than water, or stand out of the others; both lose weight continuously, so that the gain changes no faster than
+the picture.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
-from mr360uw.medium.fit.profile import openness
 from mr360uw.medium.medium import Medium
 from mr360uw.shapes import exactly, vectors
 from mr360uw.types import Floats
@@ -29,6 +28,14 @@ SECTORS = 64
 """Azimuths that are told apart; each is a mean over hundreds of pixels, in which noise and dither are gone."""
 DOUBTFUL = 0.35
 """Residual from which the gain counts as not known: water varies by a quarter about the sun, rocks by more."""
+_TYPICAL_RANK = 0.3
+"""Rank in red of an azimuth that shows water alone, as long as bodies and rocks leave a third of the horizon."""
+_OPEN, _CLOSED = 1.2, 1.6
+"""Red over that azimuth's between which the weight of an azimuth falls to 0.
+
+Dark red is coarse in a video: weights by rank alone would choose the azimuths whose codes were rounded down, and the
+gain of red would be 1 to 3 % low.
+"""
 _MIDDLE = 0.5
 """Fraction of the open azimuths about the median that is averaged; bodies may cover a quarter of them unseen."""
 _TINY = 1e-300
@@ -56,11 +63,20 @@ def fit_level(medium: Medium, view: LevelView) -> tuple[Array, float]:
     model = medium.level_radiance(up)
     columns = (seen / np.maximum(model, _TINY)[:, None]).mean(axis=0)
     shown = np.maximum(seen.mean(axis=0), 0.0)
-    gain = np.maximum(_typical(columns, openness(shown)), 0.0)
+    gain = np.maximum(_typical(columns, _openness(shown)), 0.0)
     light = luminance(gain * model.mean(axis=0))
     if light <= 0.0:
         return gain, 0.0
     return gain, float(np.sqrt(np.mean((luminance(shown) / light - 1.0) ** 2)))
+
+
+def _openness(shown: Array) -> Array:
+    """Return the weight (c,) of azimuths by the fraction of red in their light (c, 3): bodies have more than water."""
+    red = shown[:, 0] / np.maximum(shown.sum(axis=1), _TINY)
+    excess = red / max(float(np.quantile(red, _TYPICAL_RANK)), _TINY)
+    x = np.clip((_CLOSED - excess) / (_CLOSED - _OPEN), 0.0, 1.0)
+    weight = x * x * (3.0 - 2.0 * x)
+    return np.asarray(weight if np.any(weight > 0.0) else np.ones(len(red)))
 
 
 def _typical(values: Array, weight: Array) -> Array:
