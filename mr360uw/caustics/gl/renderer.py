@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.caustics.flux.irradiance import beam_slope, caustic_stack, check_arguments, pass_indices
 from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, marginal_kernel
 from mr360uw.caustics.gl.atlas import layer_planes
+from mr360uw.caustics.gl.gaussian import gaussian_blur
 from mr360uw.caustics.gl.passes import Passes, Textures
 from mr360uw.caustics.gl.plane import Plane
 from mr360uw.caustics.gl.published.mesh_drawing import draw_mesh, scrolled
@@ -80,7 +81,10 @@ class CausticRenderer:
         sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
         self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
         total = self._rays(sun, refractive_index, grid, "rays 0")
-        plane = Plane(sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method)
+        plane = Plane(
+            sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method,
+            blur_slope=sea.blur_slope,
+        )  # fmt: skip
         light = self._light(plane, 0, "light")
         incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
         ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
@@ -116,7 +120,7 @@ class CausticRenderer:
             for number, depth in enumerate(depths.tolist()):
                 plane = Plane(
                     sea.tile_m, sun, depth, s.size, s.grid, index, s.sun_half_angle_rad, s.method,
-                    beam_slope(sun_in_water),
+                    beam_slope(sun_in_water), sea.blur_slope,
                 )  # fmt: skip
                 light = self._light(plane, channel, f"light {number}")
                 if s.method == "scrolling":
@@ -179,6 +183,12 @@ class CausticRenderer:
             draw_mesh(passes, passes.target([drawn]), rays, plane)
         else:
             self._cells(passes.target([drawn]), rays, plane)
+        covariance = plane.detail_covariance
+        if covariance is not None:
+            folded = passes.texture("folded", size, size)
+            passes.fill([folded], "fold", {"light": drawn}, size=size)
+            gaussian_blur(passes, light, folded, covariance)
+            return light
         radius_x, radius_z = plane.disc_radii
         if max(radius_x, radius_z) < _NO_BLUR_PIXELS:
             passes.fill([light], "fold", {"light": drawn}, size=size)
