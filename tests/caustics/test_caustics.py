@@ -23,6 +23,7 @@ from mr360uw.caustics.flux.cell import cell_light, intensities, opened
 from mr360uw.caustics.flux.coverage import edge_coverage
 from mr360uw.caustics.flux.deposit import deposit_exact
 from mr360uw.caustics.flux.irradiance import pass_indices
+from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
 from mr360uw.caustics.gl.atlas import mip_atlas
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
@@ -120,6 +121,21 @@ def test_photons(backend, name):
     for grid, limit in ((256, tol.CAUSTICS_TRUTH[name]), (100, tol.CAUSTICS_TRUTH_COARSE)):
         got = caustic_map(sea, ZENITH, 3.0, 0.0, len(expected), grid, sun_half_angle_rad=0.0, backend=backend)
         assert relative_rmse(got, expected) < limit
+
+
+@pytest.mark.parametrize(
+    ("sea", "cells"),
+    [
+        (photon_sea("choppy"), 256), (photon_sea("choppy").model_copy(update={"detail_slope": 0.1}), 96),
+        (SEAS["blurred"], 192), (FLAT, 64),
+    ],
+)  # fmt: skip
+def test_a_sea_gets_the_grid_it_needs(sea, cells):
+    """Against a grid of 448, the sun overhead: an error below 0.05."""
+    assert grid_of(CausticSettings(grid=40), sea) == 40
+    assert grid_of(CausticSettings(), sea) == cells
+    got, best = (caustic_map(sea, ZENITH, 3.0, 0.0, 256, g) for g in (cells, 448))
+    assert np.sqrt(np.mean((got - best) ** 2)) <= tol.ENOUGH_CELLS * best.std() + tol.CAUSTICS_MEAN_REFERENCE
 
 
 def test_finer_grids_converge_where_dividing_areas_does_not():

@@ -39,6 +39,8 @@ FLAT_SEA_GL = 2e-5
 """A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
 COVERAGE_TWIN = 5e-4
 """Intensity of a cell in single precision: flux over an area of 2e-3 pixel^2 or more, whose corners are rounded to 1e-7."""
+ENOUGH_CELLS = 0.05
+"""RMSE over standard deviation that the default grid is chosen for."""
 CAUSTICS_TRUTH = {"calm": 0.007, "choppy": 0.02}
 """RMSE over standard deviation against a photon map, grid 256 and map 128: 0.0046 and 0.015. A cell's light is even
 inside each of its two triangles; the light over an area is exact, whatever the map. Dividing areas is off by 0.046."""

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
 from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
+from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, footprint
 from mr360uw.caustics.published.scrolling import scroll
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
@@ -75,11 +76,12 @@ def caustic_stack(
     air. `settings.planes` is not read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    grid = grid_of(s, sea)
+    sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
     sun_in_water = refract_to_water(sun, refractive_index)
     travel = beam_slope(sun_in_water)
-    surface = sea.grid_surface(s.grid, 0.0 if s.method == "scrolling" else time_s)
+    surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
     lights = [_SurfaceLight.of(sea, surface, sun, index) for index in indices]

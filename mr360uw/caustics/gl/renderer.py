@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import beam_slope, caustic_stack, check_arguments, pass_indices
+from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, marginal_kernel
 from mr360uw.caustics.gl.atlas import layer_planes
 from mr360uw.caustics.gl.gaussian import gaussian_blur
@@ -101,7 +102,8 @@ class CausticRenderer:
     ) -> GlCausticStack:
         """Return the stack of `irradiance.caustic_stack` on the GPU, mip levels included."""
         s = settings or CausticSettings()
-        sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+        grid = grid_of(s, sea)
+        sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
         gl_context().gc()
         if not self._draws_stacks:
             return upload(caustic_stack(sea, sun, depths_m, time_s, s, refractive_index))
@@ -113,13 +115,13 @@ class CausticRenderer:
             (s.size + 2, 2 * s.size + 2 * levels, len(planes) * len(indices)), planes.shape[1], dtype="f4"
         )
         target = gl_context().framebuffer([texture])
-        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
+        self._surface(sea, grid, 0.0 if s.method == "scrolling" else time_s)
         for channel, index in enumerate(indices):
             lights, totals = [], []
-            total = self._rays(sun, index, s.grid, f"rays {channel}")
+            total = self._rays(sun, index, grid, f"rays {channel}")
             for number, depth in enumerate(depths.tolist()):
                 plane = Plane(
-                    sea.tile_m, sun, depth, s.size, s.grid, index, s.sun_half_angle_rad, s.method,
+                    sea.tile_m, sun, depth, s.size, grid, index, s.sun_half_angle_rad, s.method,
                     beam_slope(sun_in_water), sea.blur_slope,
                 )  # fmt: skip
                 light = self._light(plane, channel, f"light {number}")
