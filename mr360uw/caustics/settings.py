@@ -43,6 +43,9 @@ class CausticSettings(Parameters):
     )
     planes: int = parameter(4, "most depths that a frame's caustics are computed at", low=1, high=64)
     chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
+    water_blur: bool = parameter(
+        True, "whether light that the water turns by small angles keeps a blurred pattern; false: none"
+    )
     sun_half_angle_rad: float = parameter(
         SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
     )

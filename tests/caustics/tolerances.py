@@ -54,6 +54,8 @@ CAUSTICS_AGREEMENT_DISC = 0.03
 discs below a quarter of a pixel."""
 SHEARED_GAUSSIAN = 0.015
 """The same with a Gaussian of half a pixel to two: rows moved by parts of a pixel are read between two texels."""
+DRAWN_SOFT_LIGHT = 0.03
+"""RMSE over standard deviation of drawn light that has turned: Gaussians narrower than a pixel are sampled there."""
 SAMPLED_AGREEMENT = 0.12
 """Methods that sample triangles at pixel centres: a centre on an edge falls to either side in single precision."""
 TILT_CONTRAST = 0.1

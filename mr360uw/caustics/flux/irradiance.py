@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
 from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
 from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
 from mr360uw.caustics.flux.sun_disc import blur, footprint
 from mr360uw.caustics.published.scrolling import scroll
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
@@ -34,7 +35,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
 from mr360uw.sphere import unit
-from mr360uw.types import CausticStack, Surface
+from mr360uw.types import BeamSpread, CausticStack, Surface
 
 Array = NDArray[np.floating[Any]]
 
@@ -69,11 +70,13 @@ def caustic_stack(
     time_s: float,
     settings: CausticSettings | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
+    spread: BeamSpread | None = None,
 ) -> CausticStack:
     """Return the irradiance ratio on planes `depths_m` (ascending) below the mean surface, along the beam, in float64.
 
     sun_direction_in_air: (3,) towards the sun, above the horizon. refractive_index: of the water at 550 nm, relative to
-    air. `settings.planes` is not read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
+    air. spread: of the light that the water turns by small angles; None: without its pattern. `settings.planes` is not
+    read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
     """
     s = settings or CausticSettings()
     grid = grid_of(s, sea)
@@ -84,16 +87,20 @@ def caustic_stack(
     surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
+    soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
     lights = [_SurfaceLight.of(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
         ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
         maps[plane, ..., channel] = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
+        if soft is not None and spread is not None and channel == len(lights) // 2:
+            blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
+            soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
-    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water)
+    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
 
 
 def beam_slope(sun_in_water: Array) -> Array:

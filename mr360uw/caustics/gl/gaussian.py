@@ -29,19 +29,44 @@ _STEP = 1.0 / 64.0
 """Standard deviations are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
 
 
-def gaussian_blur(passes: Passes, target: moderngl.Texture, image: moderngl.Texture, covariance: Array) -> None:
-    """Fill a texture with an image (size, size) convolved with a Gaussian of a covariance (2, 2) [pixel^2]."""
+def gaussian_sum(
+    passes: Passes, name: str, image: moderngl.Texture, blurs: list[tuple[float, Array]], pixels_per_m: float
+) -> moderngl.Texture:
+    """Return a texture of an image convolved with a sum of Gaussians: weights, and (2, 2) matrices [m]."""
+    size, onto = image.width, None
+    for number, (weight, matrix) in enumerate(blurs):
+        target = passes.texture(name if number % 2 == (len(blurs) - 1) % 2 else f"{name}, before", size, size)
+        gaussian_blur(passes, target, image, matrix @ matrix.T * pixels_per_m**2, weight, onto)
+        onto = target
+    assert onto is not None
+    return onto
+
+
+def gaussian_blur(
+    passes: Passes,
+    target: moderngl.Texture,
+    image: moderngl.Texture,
+    covariance: Array,
+    weight: float = 1.0,
+    onto: moderngl.Texture | None = None,
+) -> None:
+    """Fill a texture with an image (size, size) convolved with a Gaussian of a covariance (2, 2) [pixel^2].
+
+    It is multiplied by `weight` and added to the image `onto`.
+    """
     (xx, xz), (_, zz) = covariance.tolist()
     shear = xz / zz if zz > 0.0 else 0.0
     along_x = xx - shear * xz
     shear = 0.0 if abs(shear) < _NO_SHEAR else shear
     half = passes.texture("half blurred", image.width, image.width)
     for to, source, variance, axis, moved in ((half, image, along_x, (1, 0), 0.0), (target, half, zz, (0, 1), shear)):
-        weights = gaussian_weights(round(float(np.sqrt(variance)) / _STEP) * _STEP, image.width)
-        passes.fill(
-            [to], "sheared", {"image": source, "weights": texture_from_array(weights[None])}, axis=axis, shear=moved,
-            reach=len(weights) - 1, size=image.width,
-        )  # fmt: skip
+        kernel = gaussian_weights(round(float(np.sqrt(max(variance, 0.0))) / _STEP) * _STEP, image.width)
+        inputs = {"image": source, "weights": texture_from_array(kernel[None])}
+        uniforms: dict[str, Any] = {"axis": axis, "shear": moved, "reach": len(kernel) - 1, "size": image.width}
+        if to is target and onto is not None:
+            inputs["onto"] = onto
+            uniforms["ADD"] = 1
+        passes.fill([to], "sheared", inputs, scale=weight if to is target else 1.0, **uniforms)
 
 
 @functools.lru_cache(maxsize=64)

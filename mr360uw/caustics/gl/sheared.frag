@@ -6,6 +6,10 @@ uniform int reach;
 uniform ivec2 axis;
 uniform float shear;  // pixels along x for each step
 uniform int size;
+uniform float scale;
+#ifdef ADD
+uniform sampler2D onto;
+#endif
 out float blurred;
 
 float read(ivec2 at, int steps) {
@@ -31,4 +35,8 @@ void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     blurred = texelFetch(weights, ivec2(0), 0).r * read(at, 0);
     for (int i = 1; i <= reach; ++i) blurred += texelFetch(weights, ivec2(i, 0), 0).r * (read(at, i) + read(at, -i));
+    blurred *= scale;
+#ifdef ADD
+    blurred += texelFetch(onto, at, 0).r;
+#endif
 }
