@@ -161,18 +161,49 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BeamSpread:
+    """Spread of sunlight that the water has turned by small angles, over a plane across the beam.
+
+    scattering: by small angles [1/m]; times the path from the surface it is an optical depth. angle_rad: (k,) standard
+    deviations of Gaussians over the path. optical_depth: (t,) ascending. weight: (t, k) of the Gaussians, each row of
+    sum 1, for light that has turned.
+    """
+
+    scattering: float
+    angle_rad: Floats
+    optical_depth: Floats
+    weight: Floats
+
+    def unturned(self, path_m: float) -> float:
+        """Return the fraction of the beam that has not turned after a path."""
+        return float(np.exp(-self.scattering * path_m))
+
+    def weights(self, path_m: float) -> Floats:
+        """Return the weights (k,) of the Gaussians after a path, sum 1."""
+        tau = self.scattering * path_m
+        return np.array([np.interp(tau, self.optical_depth, column) for column in self.weight.T])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CausticStack:
     """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
 
     ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z,
     periodic. Maps lie along the beam: a pixel is where its ray comes from on the mean surface, and pixel (0, 0) spans
-    [0, tile_m/size) there from the world's origin. sun_direction: (3,) unit, towards the sun, in the water.
+    [0, tile_m/size) there from the world's origin. sun_direction: (3,) unit, towards the sun, in the water. soft: (D,
+    size, size, 1) the same of the light that the water has turned by small angles; None: even.
     """
 
     ratio: Floats
     depth_m: Floats
     tile_m: float
     sun_direction: Floats
+    soft: Floats | None = None
+
+    @property
+    def softened(self) -> bool:
+        """Whether light that has turned has a pattern."""
+        return self.soft is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,15 +113,16 @@ class PlaneLadder:
         return np.array(sorted({_depth(self.first + n * self.step) for n in numbers} | set(self.fixed_m)))
 
 
-def map_size(most: int, tile_m: float, nearest_footprint_m: float, sun_radius_m: float) -> int:
+def map_size(most: int, tile_m: float, nearest_footprint_m: float, sun_radius_m: float, blur_m: float = 0.0) -> int:
     """Return the pixels across a map: `most` halved while a picture would not show the difference.
 
     nearest_footprint_m: width w of a pixel at the nearest lit point. sun_radius_m: r of the sun's image at the
     shallowest one. A picture sees the pattern through both, of variances w^2/12 and r^2/4. A map of pixels t wide,
     read bilinearly, blurs with variance t^2/4: nothing is lost where that is w^2/12, and up to a tenth of the contrast
-    where it makes the sun's image twice as wide, at t = sqrt(3) r. The size is halved up to there.
+    where it makes the sun's image twice as wide, at t = sqrt(3) r. The size is halved up to there. blur_m: standard
+    deviation b of the blur by short waves there, which leaves no detail narrower; t^2/4 may add a tenth to b^2.
     """
-    widest = math.sqrt(nearest_footprint_m**2 / 3.0 + 3.0 * sun_radius_m**2)
+    widest = math.sqrt(nearest_footprint_m**2 / 3.0 + 3.0 * sun_radius_m**2 + 0.4 * blur_m**2)
     size = most
     while size >= 2 * _SMALLEST_MAP and tile_m / (size // 2) <= widest:
         size //= 2

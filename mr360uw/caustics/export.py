@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import check_arguments, pass_indices
+from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.caustics.single_map import caustic_map
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
@@ -55,7 +56,8 @@ def export_tiles(
     `OutputExistsError` where files are there already, `ParameterError` for arguments outside their domain.
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    grid = grid_of(s, sea)
+    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, grid, refractive_index, s.sun_half_angle_rad)
     paths = _free_paths(Path(folder), frames, loop_s, image_format, overwrite=overwrite)
     looping = type(sea).model_validate(sea.model_dump() | {"loop_s": loop_s})
     write = _write_png if image_format == "png" else _write_exr
@@ -64,7 +66,7 @@ def export_tiles(
         time_s = loop_s * i / frames
         height, normal = world_grid(looping, s.size, time_s)
         maps = [
-            caustic_map(looping, sun, depth_m, time_s, s.size, s.grid, index, s.sun_half_angle_rad, s.method, backend)
+            caustic_map(looping, sun, depth_m, time_s, s.size, grid, index, s.sun_half_angle_rad, s.method, backend)
             for index in pass_indices(s.chromatic, refractive_index)
         ]
         caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))

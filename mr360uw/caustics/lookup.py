@@ -64,6 +64,25 @@ def mip_level(footprint_m: ArrayLike, pixel_m: float, last: float) -> Floats:
     return np.clip(np.log2(np.maximum(wanted, 1.0)), 0.0, last)
 
 
+def soft_caustic_lookup(
+    stack: CausticStack,
+    levels: Sequence[Floats],
+    soft_levels: Sequence[Floats],
+    x_m: ArrayLike,
+    depth_m: ArrayLike,
+    z_m: ArrayLike,
+    footprint_m: ArrayLike,
+    unturned: ArrayLike,
+) -> Floats:
+    """Return the irradiance ratio (..., 3) of a beam of which a fraction `unturned` (..., 3) has not turned.
+
+    soft_levels: `mip_levels(stack.soft)`, of the rest. The other arguments are those of `caustic_lookup`.
+    """
+    sharp = caustic_lookup(stack, levels, x_m, depth_m, z_m, footprint_m)
+    soft = caustic_lookup(stack, soft_levels, x_m, depth_m, z_m, footprint_m)
+    return soft + (sharp - soft) * np.asarray(unturned, np.float64)
+
+
 def caustic_lookup(
     stack: CausticStack,
     levels: Sequence[Floats],

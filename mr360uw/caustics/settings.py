@@ -38,9 +38,14 @@ class CausticSettings(Parameters):
         512, "pixels of the map across the sea's tile, a power of two; fewer where no picture shows them",
         low=16, high=4096,
     )  # fmt: skip
-    grid: int = parameter(128, "cells of the surface across the tile", low=4, high=2048)
+    grid: int | None = parameter(
+        None, "cells of the surface across the tile; none: as many as the sea needs, 64 to 256", low=4, high=2048
+    )
     planes: int = parameter(4, "most depths that a frame's caustics are computed at", low=1, high=64)
     chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
+    water_blur: bool = parameter(
+        True, "whether light that the water turns by small angles keeps a blurred pattern; false: none"
+    )
     sun_half_angle_rad: float = parameter(
         SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
     )

@@ -54,8 +54,8 @@ def environment(
     residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
     default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
     sets the width of Snell's window and of the sun's disc. A clipped sun gets the strength and colour of sunlight in
-    air, without the losses of the water above. clearness: of the water above the camera, from 0 to 1, which is
-    none: how far sun and sky are told apart as in air; without it, under water, they are taken to be equally strong. Raises
+    air, without the losses of the water above. clearness: of the water above the camera, from 0 to 1, which is none:
+    how far sun and sky are told apart as in air; without it, under water, they are taken to be equally strong. Raises
     `ParameterError` for arrays that are no plate.
     """
     settings = settings or LightSettings()

@@ -169,21 +169,44 @@ def wide_angle_moments(phase: Phase, count: int) -> Array:
     The fraction g^4 of the scattering (g: mean cosine) is cut off. It turns light by so little, below 22 degrees at
     g = 0.92, that it blurs the image of an object rather than dimming it (Potter 1970).
     """
-    share = max(mean_cosine(phase), 0.0) ** 4
-    if share < 1e-6:
-        return phase_moments(phase, count)
     theta, weight = _angle_quadrature()
-    p = phase_function(phase, theta)
-    p = p / (2.0 * PI * np.sum(weight * p))
-    low, high = 0.0, PI
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        level = np.interp(middle, theta, p)
-        cut = 2.0 * PI * np.sum(weight * np.maximum(p - level, 0.0))
-        low, high = (middle, high) if cut < share else (low, middle)
+    p, level = _level_of_peak(phase)
+    if np.isinf(level):
+        return phase_moments(phase, count)
     moments = 2.0 * PI * np.polynomial.legendre.legvander(np.cos(theta), count - 1).T @ (weight * np.minimum(p, level))
     moments.setflags(write=False)
     return moments
+
+
+def forward_peak(phase: Phase) -> tuple[Array, Array]:
+    """Return angles (n,) [rad] and the fractions (n,), sum 1, that the cut-off forward peak scatters into them.
+
+    All at angle 0 where there is no peak: see `wide_angle_moments`.
+    """
+    theta, weight = _angle_quadrature()
+    p, level = _level_of_peak(phase)
+    if np.isinf(level):
+        return np.zeros(1), np.ones(1)
+    peak = weight * np.maximum(p - level, 0.0)
+    return theta[peak > 0.0], peak[peak > 0.0] / peak.sum()
+
+
+@functools.lru_cache(maxsize=64)
+def _level_of_peak(phase: Phase) -> tuple[Array, float]:
+    """Return a phase function at the quadrature's angles and the value that its peak is cut off at; infinity: none."""
+    share = max(mean_cosine(phase), 0.0) ** 4
+    theta, weight = _angle_quadrature()
+    p = phase_function(phase, theta)
+    p = p / (2.0 * PI * np.sum(weight * p))
+    if share < 1e-6:
+        return p, np.inf
+    low, high, level = 0.0, PI, np.inf
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        level = float(np.interp(middle, theta, p))
+        cut = 2.0 * PI * np.sum(weight * np.maximum(p - level, 0.0))
+        low, high = (middle, high) if cut < share else (low, middle)
+    return p, level
 
 
 def mean_cosine(phase: Phase) -> float:

@@ -14,7 +14,7 @@ from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError, ParameterError
-from mr360uw.types import CausticStack, Floats, Layer
+from mr360uw.types import BeamSpread, CausticStack, Floats, Layer
 
 BackendName = Literal["auto", "gl", "reference"]
 
@@ -33,6 +33,7 @@ class Backend(Protocol):
         time_s: float,
         settings: CausticSettings,
         refractive_index: float,
+        spread: BeamSpread | None,
     ) -> Any:
         """Return the caustics on planes, in the form that this backend's `layer` takes."""
 
@@ -60,11 +61,12 @@ class Reference:
         time_s: float,
         settings: CausticSettings,
         refractive_index: float,
+        spread: BeamSpread | None,
     ) -> CausticStack:
         """Return the caustics of `mr360uw.caustics.caustic_stack`."""
         from mr360uw.caustics import caustic_stack
 
-        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index)
+        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
@@ -100,9 +102,10 @@ class Gl:
         time_s: float,
         settings: CausticSettings,
         refractive_index: float,
+        spread: BeamSpread | None,
     ) -> Any:
         """Return the caustics as textures on the device."""
-        return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index)
+        return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""

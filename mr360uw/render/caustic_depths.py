@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.caustics.depth_ladder import PlaneLadder, Span, map_size
+from mr360uw.caustics.flux.detail_blur import detail_footprint
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import Receiver, SceneObject, Shot
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
+
+_OVERHEAD = np.array([0.0, 1.0, 0.0])
+"""Direction of the sun under which short waves blur least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +60,11 @@ class CausticDepths:
                 reaches.append(ground)
                 heights.append(ground[1] - ground[0])
         shallowest = max(min([*(reach[0] for reach in reaches), *flat], default=0.0), 0.0)
+        blurred = detail_footprint(_OVERHEAD, scene.water.refractive_index, scene.sea.blur_slope, shallowest)
         size = map_size(
             settings.size, scene.sea.tile_m, max(min(nearest, default=0.0), 0.0) * np.pi / frame_height,
             shallowest * settings.sun_half_angle_rad / scene.water.refractive_index,
+            float(np.linalg.norm(blurred, -2)),
         )  # fmt: skip
         ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
         return cls(ladder, ground, settings.model_copy(update={"size": size}))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction
 from mr360uw.scene.model import Scene
@@ -104,7 +105,7 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         lamps=_stage(visible and len(scene.lamps) > 0, f"{len(scene.lamps)} of the scene", "the scene has none"),
         caustics=_stage(
             sun.runs and medium is not None and scene.caustics.enabled,
-            f"{scene.sea.model} sea; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
+            f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
             "switched off" if not scene.caustics.enabled else "needs a sun and water",
         ),
         glossy=_stage(
@@ -133,6 +134,17 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
             "draw.grain is 0" if visible else "nothing to cover",
         ),
     )  # fmt: skip
+
+
+def sea_in_words(scene: Scene) -> str:
+    """Return the kind of a sea, its grid, and the waves that it does not draw, as the plan shows them."""
+    sea, slope = scene.sea, scene.sea.detail_rms_slope
+    drawn = f"{sea.model} sea, grid {grid_of(scene.caustics, sea)}"
+    if slope == 0.0:
+        return drawn
+    source = "as set" if sea.detail_slope is not None else f"Cox & Munk at {sea.wind_speed:g} m/s"
+    effect = "blur" if sea.detail_kind == "blur" else "ripples"
+    return f"{drawn}; other waves as {effect}, rms slope {slope:.3f} ({source})"
 
 
 def _stage(runs: bool, yes: str, no: str) -> Stage:

@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
-from mr360uw.caustics import caustic_map, refract_to_water
+from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
+from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
@@ -69,7 +70,10 @@ def _expected_contrast(loaded: Loaded, depth_m: float) -> float:
     scene, medium = loaded.scene, loaded.surroundings.medium
     assert medium is not None
     index, table, at = scene.water.refractive_index, medium.unit_table, np.array([depth_m])
-    pattern = caustic_map(scene.sea, _TYPICAL_SUN, depth_m, 0.0, size=512, grid=192, refractive_index=index)
-    up = float(refract_to_water(np.array(_TYPICAL_SUN), index)[1])
+    spread = spread_of(medium) if scene.caustics.water_blur else None
+    stack = caustic_stack(scene.sea, _TYPICAL_SUN, at, 0.0, CausticSettings(), index, spread)
+    up = float(stack.sun_direction[1])
     direct = direct_to_diffuse(table) * beam_ratio(table, at, up) / ambient_ratio(table, at)
-    return float(pattern.std() * luminance(direct / (1.0 + direct) * unscattered_share(table, at, up))[0])
+    sharp = float(luminance(unscattered_share(table, at, up))[0])
+    pattern = sharp * stack.ratio[0, ..., 1] + (0.0 if stack.soft is None else (1.0 - sharp) * stack.soft[0, ..., 0])
+    return float(pattern.std() * luminance(direct / (1.0 + direct))[0])

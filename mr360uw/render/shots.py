@@ -11,6 +11,7 @@ from mr360uw.caustics import refract_to_air
 from mr360uw.composite import Shot
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.ibl.lighting import turned
+from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
@@ -58,5 +59,8 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -
     if sun_in_air[1] < _LOWEST_SUN:
         return shot
     depths = loaded.caustic_depths
-    stack = backend.caustics(loaded.scene.sea, sun_in_air, depths.planes(shot), time_s, depths.settings, index)
+    medium = loaded.surroundings.medium
+    spread = spread_of(medium) if medium is not None and depths.settings.water_blur else None
+    sea, planes = loaded.scene.sea, depths.planes(shot)
+    stack = backend.caustics(sea, sun_in_air, planes, time_s, depths.settings, index, spread)
     return dataclasses.replace(shot, caustics=stack)

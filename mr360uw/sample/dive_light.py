@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Light in the water of a synthetic dive, solved for its sun and its sky: veil, image and irradiance of the floor.
 
-    E(d) = s_sky E_sky(d)/E_sky(0) + s_sun E_sun(d)/E_sun(0) + s_sun u(d) (C - 1)        u = exp(-c d/sun_up)
+    E(d) = s_sky E_sky(d)/E_sky(0) + s_sun E_sun(d)/E_sun(0) + s_sun (u(d) (C - 1) + (v(d) - u(d)) (B - 1))
 
 E: downwelling irradiance at the depth d. s: fractions (RGB) of the irradiance just below the surface. C: caustic
-pattern, mean 1, of the light that has not been scattered, u. sun_up: y of the sun's direction in the water. The sun's
-field E_sun holds its beam and all that has left it.
+pattern, mean 1, of the light that has not been scattered, u = exp(-c d/sun_up). B: that of the light turned by small
+angles, the rest of the beam v. sun_up: y of the sun's direction in the water. The sun's field E_sun holds its beam and
+all that has left it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
+from mr360uw.medium.small_angles import spread_of
 from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
-from mr360uw.types import Floats
+from mr360uw.types import BeamSpread, Floats
 
 SENSOR = DEFAULT_SENSOR
 """Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
@@ -55,6 +57,11 @@ class DiveLight:
         forwards.
         """
         return (1.0 - SKY_COLOR) * beam_fraction(self._sun.table, depth_m, self._sun_up)
+
+    @property
+    def spread(self) -> BeamSpread | None:
+        """Spread of the beam by small angles."""
+        return spread_of(self._sun)
 
     def patterned(self, depth_m: float) -> Floats:
         """Return the part (3,) of that irradiance that carries the waves' pattern: the sun's, not scattered."""

@@ -147,21 +147,26 @@ class DivePlate:
 
     def _floor(self, time_s: float, shade: FloorShade | None) -> NDArray[np.float32]:
         depth, offset = self._settings.floor_depth_m, self._offset(time_s)
-        stack = caustic_stack(self._settings.sea, self._settings.sun_in_air, np.array([depth]), time_s, _CAUSTICS)
-        levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(stack.ratio)]
+        sea, sun = self._settings.sea, self._settings.sun_in_air
+        stack = caustic_stack(sea, sun, np.array([depth]), time_s, _CAUSTICS, spread=self._light.spread)
         at = self._caustics_at + offset / stack.tile_m
-        pattern = _read(levels, at, self._floor_footprint / stack.tile_m)[..., None]
+
+        def pattern_of(maps: Floats) -> NDArray[np.float32]:
+            levels = [level[0, ..., 0].astype(np.float32) for level in mip_levels(maps)]
+            return _read(levels, at, self._floor_footprint / stack.tile_m)[..., None]
+
+        pattern = pattern_of(stack.ratio)
+        soft = np.ones_like(pattern) if stack.soft is None else pattern_of(stack.soft)
         albedo = self.albedo
         if np.any(offset):
             albedo = _read(self._sand, self._sand_at + offset / SAND_TILE_M, self._floor_footprint / SAND_TILE_M)
-        moving = self._patterned.astype(np.float32)
+        beam, moving = self._light.beam(depth), self._patterned.astype(np.float32)
+        ambient, scattered = (a.astype(np.float32) for a in (self.floor_irradiance - beam, beam - self._patterned))
         if shade is None:
-            irradiance = (self.floor_irradiance - self._patterned).astype(np.float32) + moving * pattern
+            irradiance = ambient + scattered * soft + moving * pattern
         else:
-            beam = self._light.beam(depth)
             free, disc, halo = (a[..., None].astype(np.float32) for a in (shade.ambient, shade.disc, shade.halo))
-            ambient, scattered = (a.astype(np.float32) for a in (self.floor_irradiance - beam, beam - self._patterned))
-            irradiance = free * ambient + halo * scattered + disc * moving * pattern
+            irradiance = free * ambient + halo * scattered * soft + disc * moving * pattern
         return albedo / np.float32(np.pi) * irradiance
 
     def _offset(self, time_s: float) -> Floats:

@@ -20,7 +20,7 @@ import pytest
 import mr360uw
 from mr360uw import optics, sphere
 from mr360uw.caustics.flux import cell, coverage, refracted_rays
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.caustics.sea import detail, gerstner, surface
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
@@ -201,9 +201,16 @@ def rays_case(name: str, rng: np.random.Generator) -> Case:
 
 
 def caustic_case(name: str, rng: np.random.Generator) -> Case:
-    stack = CausticStack(rng.uniform(0.5, 2.0, (4, 16, 16, 3)), np.geomspace(1.0, 16.0, 4), 8.0, unit([0.3, 0.9, -0.2]))
+    soft = rng.uniform(0.5, 2.0, (4, 16, 16, 1)) if name == "soft_caustic_lookup" else None
+    ratio, depths = rng.uniform(0.5, 2.0, (4, 16, 16, 3)), np.geomspace(1.0, 16.0, 4)
+    stack = CausticStack(ratio, depths, 8.0, unit([0.3, 0.9, -0.2]), soft)
     at = rounded(rng.uniform((-20.0, 0.0, -20.0, 0.0), 20.0, (COUNT, 4)))
-    expected = caustic_lookup(stack, mip_levels(stack.ratio), *at.T)
+    columns, more = {"v": at}, ""
+    if soft is None:
+        expected = caustic_lookup(stack, mip_levels(stack.ratio), *at.T)
+    else:
+        columns["unturned"], more = rounded(rng.uniform(0.0, 1.0, (COUNT, 3))), ", unturned"
+        expected = soft_caustic_lookup(stack, mip_levels(stack.ratio), mip_levels(soft), *at.T, columns["unturned"])
 
     def textures() -> dict[str, Any]:
         from mr360uw.caustics.gl.stack import upload
@@ -212,7 +219,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         return {"ratio": on_device.texture, "plane_depth": on_device.plane_depth}
 
     return Case(
-        f"{name}(stack, ratio, plane_depth, v.xyz, v.w)", {"v": at}, expected, tol.FILTER_WEIGHTS,
+        f"{name}(stack, ratio, plane_depth, v.xyz, v.w{more})", columns, expected, tol.FILTER_WEIGHTS,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;", textures,
         {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
     )  # fmt: skip

@@ -22,11 +22,12 @@ def lattice_sea(rng: np.random.Generator, count: int = 8, folding: float = 0.5, 
 
 
 SEAS = {
-    "gerstner": GerstnerSea(),
-    "ripples": GerstnerSea(wind_speed=2.0, detail_slope=0.03),
-    "phillips": SpectralSea(spectrum="phillips", wind_speed=3.0, resolution=32),
-    "jonswap": SpectralSea(spectrum="jonswap", wind_speed=5.0, resolution=32),
-    "tma": SpectralSea(spectrum="tma", wind_speed=5.0, resolution=32, water_depth_m=2.0),
+    "gerstner": GerstnerSea(detail_slope=0.0),
+    "ripples": GerstnerSea(wind_speed=2.0, detail_slope=0.03, detail_kind="ripples"),
+    "blurred": GerstnerSea(),
+    "phillips": SpectralSea(spectrum="phillips", wind_speed=3.0, resolution=32, detail_slope=0.0),
+    "jonswap": SpectralSea(spectrum="jonswap", wind_speed=5.0, resolution=32, detail_slope=0.0),
+    "tma": SpectralSea(spectrum="tma", wind_speed=5.0, resolution=32, water_depth_m=2.0, detail_slope=0.0),
 }
 
 

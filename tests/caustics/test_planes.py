@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.depth_ladder import PlaneLadder, map_size
+from mr360uw.caustics.flux.detail_blur import detail_footprint
 from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.sphere import direction_from_angles
@@ -90,6 +91,18 @@ def test_light_on_a_rising_body_changes_evenly(rng):
 )
 def test_maps_are_as_fine_as_pictures_show(footprint_m, sun_radius_m, expected):
     assert map_size(512, 8.0, footprint_m, sun_radius_m) == expected
+
+
+@pytest.mark.parametrize(("depth_m", "expected"), [(0.3, 512), (3.0, 256), (8.0, 128)])
+def test_blurred_maps_are_as_fine_as_their_blur(depth_m, expected):
+    sea, overhead = SEAS["blurred"], np.array([0.0, 1.0, 0.0])
+    blur_m = float(detail_footprint(overhead, 1.34, sea.blur_slope, depth_m)[0, 0])
+    size = map_size(512, 8.0, 0.0, depth_m * SUN_HALF_ANGLE_RAD / 1.34, blur_m)
+    assert size == expected
+    fine, small = (caustic_stack(sea, overhead, [depth_m], 0.0, CausticSettings(size=n, grid=128)) for n in (512, size))
+    x, z = np.random.default_rng(3).uniform(-4.0, 4.0, (2, 4000))
+    seen = [caustic_lookup(s, mip_levels(s.ratio), x, depth_m, z, 0.0) for s in (fine, small)]
+    assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2)) < tol.SMALLER_MAP_CONTRAST * seen[0].std()
 
 
 @pytest.mark.parametrize(("footprint_m", "depth_m", "smaller"), [(0.06, 4.0, 256), (0.11, 3.0, 128), (0.02, 6.0, 256)])

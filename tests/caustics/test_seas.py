@@ -221,3 +221,28 @@ def test_times_and_places_that_are_none():
         GerstnerSea().surface(0.0, 0.0, np.inf)
     with pytest.raises(ParameterError, match="x_m"):
         GerstnerSea().surface(np.nan, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", [GerstnerSea, SpectralSea])
+@pytest.mark.parametrize("wind", [1.0, 2.0, 4.0, 7.0, 11.0, 15.0])
+def test_waves_and_detail_have_the_slope_of_cox_and_munk(kind, wind):
+    sea = kind(wind_speed=wind)
+    surface = sea.grid_surface(96, 7.0)
+    slope = np.sum((surface.normal[..., [0, 2]] / surface.normal[..., 1:2]) ** 2, axis=-1)
+    drawn = np.average(slope, weights=surface.jacobian)
+    assert 0.0 < drawn < 0.9 * (0.003 + 0.00512 * wind)
+    assert drawn + sea.detail_rms_slope**2 == pytest.approx(0.003 + 0.00512 * wind, rel=tol.TOTAL_SLOPE)
+
+
+def test_slopes_that_are_given_or_left_over():
+    assert GerstnerSea(detail_slope=0.07).detail_rms_slope == 0.07
+    assert GerstnerSea(wind_speed=0.0).detail_rms_slope == 0.0
+    steep = SpectralSea(wind_speed=1.0, significant_wave_height_m=0.5)
+    assert steep.own_mean_square_slope > 0.02
+    assert steep.detail_rms_slope == 0.0
+    assert GerstnerSea.from_waves([[3.0, 0.0]], 0.01, 0.5, 0.0).detail_rms_slope == 0.0
+    assert GerstnerSea().detail(0.0) is None
+    assert GerstnerSea().blur_slope == GerstnerSea().detail_rms_slope > 0.0
+    ripples = GerstnerSea(detail_kind="ripples")
+    assert ripples.blur_slope == 0.0
+    assert ripples.detail(0.0) is not None

@@ -27,6 +27,8 @@ SPREAD_INTEGRAL = 5e-5
 """Trapezoidal rule with 2e4 samples over a function with a cusp where waves run against the wind."""
 SHALLOW_LIMIT = 1e-6
 """tanh(x) against x at x = 1e-3: x^2/3 and a root."""
+TOTAL_SLOPE = 0.05
+"""Mean square slope of one moment against that of another: waves of one sea meet in other phases."""
 DETAIL_STRENGTH = 0.15
 """Bilinear samples between texels of a wavy map lose some of its variance."""
 CAUSTICS_MEAN_REFERENCE = 1e-6
@@ -37,6 +39,8 @@ FLAT_SEA_GL = 2e-5
 """A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
 COVERAGE_TWIN = 5e-4
 """Intensity of a cell in single precision: flux over an area of 2e-3 pixel^2 or more, whose corners are rounded to 1e-7."""
+ENOUGH_CELLS = 0.05
+"""RMSE over standard deviation that the default grid is chosen for."""
 CAUSTICS_TRUTH = {"calm": 0.007, "choppy": 0.02}
 """RMSE over standard deviation against a photon map, grid 256 and map 128: 0.0046 and 0.015. A cell's light is even
 inside each of its two triangles; the light over an area is exact, whatever the map. Dividing areas is off by 0.046."""
@@ -48,6 +52,10 @@ fall into the next pixel, and the brightest pixels are there."""
 CAUSTICS_AGREEMENT_DISC = 0.03
 """The same with the disc: the renderers blur by a disc and by the product of its two projections, and OpenGL leaves out
 discs below a quarter of a pixel."""
+SHEARED_GAUSSIAN = 0.015
+"""The same with a Gaussian of half a pixel to two: rows moved by parts of a pixel are read between two texels."""
+DRAWN_SOFT_LIGHT = 0.03
+"""RMSE over standard deviation of drawn light that has turned: Gaussians narrower than a pixel are sampled there."""
 SAMPLED_AGREEMENT = 0.12
 """Methods that sample triangles at pixel centres: a centre on an edge falls to either side in single precision."""
 TILT_CONTRAST = 0.1
@@ -63,6 +71,12 @@ BEAM_SHIFT = 2e-3
 STACK_BETWEEN = {"calm": 0.05, "choppy": 0.12}
 """RMSE over standard deviation of a mix of two planes, 0.4 to 0.8 m apart, against a plane halfway, suns to 40 degrees:
 a choppy sea's filaments move by more than their width from plane to plane."""
+RANDOM_SLOPES = 0.03
+"""Covariance of 4e4 random rays: 1 % by chance, and second order in slopes of 0.01."""
+ROUNDED_GAUSSIAN = 0.01
+"""A blurred wave: Gaussians are rounded to 1/64 pixel, and sampled where narrow."""
+BLURRED_WAVES = 0.35
+"""RMSE over standard deviation of a blur against the short waves it stands for, whose own pattern is left."""
 EDGE_SUM = 1e-9
 """Light summed along edges against light found pixel by pixel: differences of intensities up to 1e3, in doubles."""
 FOOTPRINT_CONTRAST = 0.05

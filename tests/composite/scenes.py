@@ -61,7 +61,9 @@ def caustics(rng: np.random.Generator) -> CausticStack:
     """Return a random pattern of mean 1 on three planes."""
     ratio = rng.uniform(0.4, 1.6, (3, 32, 32, 3))
     ratio /= ratio.mean(axis=(1, 2), keepdims=True)
-    return CausticStack(ratio, np.array([2.0, 6.0, 12.0]), 4.0, SUN.direction)
+    soft = rng.uniform(0.8, 1.2, (3, 32, 32, 1))
+    soft /= soft.mean(axis=(1, 2), keepdims=True)
+    return CausticStack(ratio, np.array([2.0, 6.0, 12.0]), 4.0, SUN.direction, soft)
 
 
 def sphere(rows: int = 24, material: Material | None = None, radius: float = 0.5) -> Mesh:

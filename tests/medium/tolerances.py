@@ -54,3 +54,11 @@ REFLECTANCE_CASE1 = 0.2
 absorption at 480 nm is a tenth higher than that of the tables."""
 CLEAR_OCEAN = 0.2
 """Water-leaving radiance of the clear ocean: measurements scatter by 20 % (Gordon & Clark 1981)."""
+FINEST_PATTERN = 0.02
+"""Light that turns by less than 1e-4 rad still blurs a pattern of 3e4 cycles per radian by no more."""
+SECOND_MOMENT = 0.02
+"""The fourth moment of angles up to 22 degrees at 0.02 cycles per radian, and a transform read from a table."""
+PHOTONS = 0.015
+"""Mean of 6e4 cosines: three standard errors."""
+SUM_OF_GAUSSIANS = 0.02
+"""Nine Gaussians a factor of two apart against a transform with the kink of a forward peak."""

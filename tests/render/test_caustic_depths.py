@@ -92,7 +92,11 @@ def test_a_flat_receiver_of_caustics_has_its_own_plane(tmp_path: Path, whale: Pa
 def test_maps_are_as_fine_as_the_nearest_picture_of_the_scene(
     tmp_path: Path, whale: Path, objects: list[dict[str, Any]], height: int, expected: int
 ) -> None:
-    assert Moving(tmp_path, whale, objects, height).depths.settings.size == expected
+    assert Moving(tmp_path, whale, objects, height, sea={"detail_slope": 0.0}).depths.settings.size == expected
+
+
+def test_maps_of_a_blurred_sea_are_smaller(tmp_path: Path, whale: Path) -> None:
+    assert Moving(tmp_path, whale, [{"position_m": [0.0, -1.0, -3.0]}], 1920).depths.settings.size == 128
 
 
 def test_a_camera_that_comes_near_sees_fine_maps(tmp_path: Path, whale: Path) -> None:

@@ -3,8 +3,9 @@
 
 The surface is a grid of cells of two triangles. The flux into each triangle, Fresnel losses included, goes to its
 refracted image on the plane and is shared over the pixels there by exact coverage (`deposit`). Overlapping images add
-up, and the sum is blurred by the sun's disc. Flux is conserved, so the mean is 1, and the map converges as the grid
-gets finer, beyond folds too. Dividing areas instead (Stam 1996; Thompson et al. 2019; `published`) does neither.
+up, and the sum is blurred by the sun's disc and by waves too short for the grid (`detail_blur`). Flux is conserved, so
+the mean is 1, and the map converges as the grid gets finer, beyond folds too. Dividing areas instead (Stam 1996;
+Thompson et al. 2019; `published`) does neither.
 
 A single map lies on the world's grid. The maps of a stack lie along the beam: each is shifted by the beam's horizontal
 travel from the surface, so that one place in all maps is one ray. All maps are then read at the same part of a pixel.
@@ -23,7 +24,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
 from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
+from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
 from mr360uw.caustics.flux.sun_disc import blur, footprint
 from mr360uw.caustics.published.scrolling import scroll
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
@@ -32,7 +36,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
 from mr360uw.shapes import numbers
 from mr360uw.sphere import unit
-from mr360uw.types import CausticStack, Surface
+from mr360uw.types import BeamSpread, CausticStack, Surface
 
 Array = NDArray[np.floating[Any]]
 
@@ -55,7 +59,7 @@ def reference_map(
 ) -> Array:
     """Return the irradiance ratio (size, size) of `single_map.caustic_map` in float64; arguments must be checked."""
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    light = _SurfaceLight.of(surface, sun_in_air, sea.tile_m, refractive_index)
+    light = _SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
 
@@ -67,30 +71,37 @@ def caustic_stack(
     time_s: float,
     settings: CausticSettings | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
+    spread: BeamSpread | None = None,
 ) -> CausticStack:
     """Return the irradiance ratio on planes `depths_m` (ascending) below the mean surface, along the beam, in float64.
 
     sun_direction_in_air: (3,) towards the sun, above the horizon. refractive_index: of the water at 550 nm, relative to
-    air. `settings.planes` is not read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
+    air. spread: of the light that the water turns by small angles; None: without its pattern. `settings.planes` is not
+    read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    grid = grid_of(s, sea)
+    sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
     sun_in_water = refract_to_water(sun, refractive_index)
     travel = beam_slope(sun_in_water)
-    surface = sea.grid_surface(s.grid, 0.0 if s.method == "scrolling" else time_s)
+    surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
-    lights = [_SurfaceLight.of(surface, sun, sea.tile_m, index) for index in indices]
+    soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
+    lights = [_SurfaceLight.of(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
         ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
         maps[plane, ..., channel] = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
+        if soft is not None and spread is not None and channel == len(lights) // 2:
+            blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
+            soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
-    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water)
+    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
 
 
 def beam_slope(sun_in_water: Array) -> Array:
@@ -159,25 +170,28 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _SurfaceLight:
-    """Refracted rays of one sun below one surface, and the flux (N, N, 2) of its cells."""
+    """Refracted rays of one sun below one surface, the flux (N, N, 2) of its cells, and the slope that blurs."""
 
     rays: Rays
     flux: Array
     sun: Array
     tile_m: float
     refractive_index: float
+    blur_slope: float
 
     @classmethod
-    def of(cls, surface: Surface, sun: Array, tile_m: float, refractive_index: float) -> _SurfaceLight:
+    def of(cls, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> _SurfaceLight:
         rays = refracted_rays(surface, sun, refractive_index)
-        return cls(rays, cell_flux(surface, rays, sun, tile_m), sun, tile_m, refractive_index)
+        return cls(rays, cell_flux(surface, rays, sun, sea.tile_m), sun, sea.tile_m, refractive_index, sea.blur_slope)
 
     def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
         """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""
         deposit = _deposit_of(method)
         hit = wrapped(self.rays.hit(depth_m) - travel * depth_m, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
         ratio = deposit(hit, self.flux, size) * (size * size / self.flux.sum())
-        return blur(ratio, footprint(self.sun, self.refractive_index, half_angle_rad, depth_m), self.tile_m)
+        detail = detail_footprint(self.sun, self.refractive_index, self.blur_slope, depth_m)
+        disc = footprint(self.sun, self.refractive_index, half_angle_rad, depth_m)
+        return blur(ratio, disc, self.tile_m, gaussian_transform(detail, size, self.tile_m))
 
 
 def _deposit_of(method: Method) -> Callable[[Array, Array, int], Array]:

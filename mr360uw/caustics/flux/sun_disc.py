@@ -35,20 +35,25 @@ def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float,
     return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
 
 
-def blur(image: Array, footprint_m: Array, tile_m: float) -> Array:
-    """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays."""
+def blur(image: Array, footprint_m: Array, tile_m: float, transform: Array | None = None) -> Array:
+    """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays.
+
+    transform: (size, size/2 + 1) real Fourier transform of one more kernel, or None.
+    """
     size = image.shape[0]
     steps = np.round(footprint_m * (size / tile_m) / KERNEL_STEP)
-    kernel = _kept_kernel(tuple(steps.ravel().tolist()), size)
+    steps_of = tuple(steps.ravel().tolist())
+    kernel = _kept_kernel(steps_of, size)
     reach = len(kernel) // 2
-    if reach == 0:
+    if reach == 0 and transform is None:
         return image
-    if len(kernel) > min(_WIDEST_DIRECT, size):
+    if transform is not None or len(kernel) > min(_WIDEST_DIRECT, size):
         from scipy.fft import irfft2, rfft2
 
-        around = np.zeros((size, size))
-        around[np.ix_(*2 * (np.arange(-reach, reach + 1),))] = kernel
-        return np.maximum(irfft2(rfft2(image) * rfft2(around), s=image.shape), 0.0)
+        spectrum = rfft2(image) if transform is None else rfft2(image) * transform
+        if reach:
+            spectrum *= _kept_transform(steps_of, size)
+        return np.maximum(irfft2(spectrum, s=image.shape), 0.0)
     import cv2
 
     wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_WRAP)
@@ -63,6 +68,19 @@ def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
     at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
     near = np.arange(-np.abs(at).max(), np.abs(at).max() + 1)
     return kernel[np.ix_(near, near)]
+
+
+@functools.lru_cache(maxsize=32)
+def _kept_transform(steps: tuple[float, ...], size: int) -> NDArray[np.complex128]:
+    """Return the real Fourier transform (size, size/2 + 1) of a footprint's kernel."""
+    from scipy.fft import rfft2
+
+    kernel = _kept_kernel(steps, size)
+    reach = len(kernel) // 2
+    around = np.zeros((size, size))
+    around[np.ix_(*2 * (np.arange(-reach, reach + 1),))] = kernel
+    transform: NDArray[np.complex128] = rfft2(around)
+    return transform
 
 
 def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:

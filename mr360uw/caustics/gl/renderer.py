@@ -21,8 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import beam_slope, caustic_stack, check_arguments, pass_indices
+from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.soft_light import gaussians, is_soft
 from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, marginal_kernel
 from mr360uw.caustics.gl.atlas import layer_planes
+from mr360uw.caustics.gl.gaussian import gaussian_blur, gaussian_sum
 from mr360uw.caustics.gl.passes import Passes, Textures
 from mr360uw.caustics.gl.plane import Plane
 from mr360uw.caustics.gl.published.mesh_drawing import draw_mesh, scrolled
@@ -35,7 +38,7 @@ from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Se
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.gl.context import gl_context, gl_device, per_thread, read_framebuffer, texture_from_array
 from mr360uw.optics import fresnel_transmittance, refract_to_water
-from mr360uw.types import Floats
+from mr360uw.types import BeamSpread, Floats
 
 Array = NDArray[np.floating[Any]]
 
@@ -80,7 +83,10 @@ class CausticRenderer:
         sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
         self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
         total = self._rays(sun, refractive_index, grid, "rays 0")
-        plane = Plane(sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method)
+        plane = Plane(
+            sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method,
+            blur_slope=sea.blur_slope,
+        )  # fmt: skip
         light = self._light(plane, 0, "light")
         incoming = float(read_framebuffer(self._passes.target([total]), 1)[0, 0, 0])
         ratio = read_framebuffer(self._passes.target([light]), 1)[..., 0] / np.float32(incoming)
@@ -94,29 +100,34 @@ class CausticRenderer:
         time_s: float,
         settings: CausticSettings | None = None,
         refractive_index: float = REFRACTIVE_INDEX_SEA,
+        spread: BeamSpread | None = None,
     ) -> GlCausticStack:
         """Return the stack of `irradiance.caustic_stack` on the GPU, mip levels included."""
         s = settings or CausticSettings()
-        sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+        grid = grid_of(s, sea)
+        sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
         gl_context().gc()
         if not self._draws_stacks:
-            return upload(caustic_stack(sea, sun, depths_m, time_s, s, refractive_index))
+            return upload(caustic_stack(sea, sun, depths_m, time_s, s, refractive_index, spread))
         depths = np.asarray(depths_m, np.float64)
         sun_in_water = refract_to_water(sun, refractive_index)
         indices, planes = pass_indices(s.chromatic, refractive_index), layer_planes(len(depths))
+        turned = spread if is_soft(spread, depths[-1], sun_in_water) else None
         levels = s.size.bit_length()
         texture = gl_context().texture_array(
-            (s.size + 2, 2 * s.size + 2 * levels, len(planes) * len(indices)), planes.shape[1], dtype="f4"
+            (s.size + 2, 2 * s.size + 2 * levels, len(planes) * (len(indices) + (turned is not None))),
+            planes.shape[1],
+            dtype="f4",
         )
         target = gl_context().framebuffer([texture])
-        self._surface(sea, s.grid, 0.0 if s.method == "scrolling" else time_s)
+        self._surface(sea, grid, 0.0 if s.method == "scrolling" else time_s)
         for channel, index in enumerate(indices):
             lights, totals = [], []
-            total = self._rays(sun, index, s.grid, f"rays {channel}")
+            total = self._rays(sun, index, grid, f"rays {channel}")
             for number, depth in enumerate(depths.tolist()):
                 plane = Plane(
-                    sea.tile_m, sun, depth, s.size, s.grid, index, s.sun_half_angle_rad, s.method,
-                    beam_slope(sun_in_water),
+                    sea.tile_m, sun, depth, s.size, grid, index, s.sun_half_angle_rad, s.method,
+                    beam_slope(sun_in_water), sea.blur_slope,
                 )  # fmt: skip
                 light = self._light(plane, channel, f"light {number}")
                 if s.method == "scrolling":
@@ -125,14 +136,33 @@ class CausticRenderer:
                 light.build_mipmaps()
                 lights.append(light)
                 totals.append(total)
-            for layer, held in enumerate(planes):
-                inputs = {f"light_{k}": lights[p] for k, p in enumerate(held)}
-                inputs |= {f"total_{k}": totals[p] for k, p in enumerate(held)}
-                self._passes.draw(
-                    target, "atlas", inputs, geometry="caustics/gl/layer.geom", PLANES=planes.shape[1], size=s.size,
-                    last=levels - 1, layer=layer * len(indices) + channel,
-                )  # fmt: skip
-        return on_device(texture, depths, sea.tile_m, sun_in_water)
+            self._atlas(target, lights, totals, planes, s.size, (channel, len(indices)))
+            if turned is not None and channel == len(indices) // 2:
+                for number, depth in enumerate(depths.tolist()):
+                    blurs = gaussians(turned, depth, sun_in_water, sea.tile_m / s.size)
+                    name, scale = f"soft light {number}", s.size / sea.tile_m
+                    lights[number] = gaussian_sum(self._passes, name, lights[number], blurs, scale)
+                    lights[number].build_mipmaps()
+                self._atlas(target, lights, totals, planes, s.size, (len(planes) * len(indices), 1))
+        return on_device(texture, depths, sea.tile_m, sun_in_water, softened=turned is not None)
+
+    def _atlas(
+        self,
+        target: moderngl.Framebuffer,
+        lights: list[moderngl.Texture],
+        totals: list[moderngl.Texture],
+        planes: NDArray[np.int64],
+        size: int,
+        layers: tuple[int, int],
+    ) -> None:
+        """Draw the planes of one colour. lights, totals: of each plane. layers: the first layer, and the step."""
+        for layer, held in enumerate(planes):
+            inputs = {f"light_{k}": lights[p] for k, p in enumerate(held)}
+            inputs |= {f"total_{k}": totals[p] for k, p in enumerate(held)}
+            self._passes.draw(
+                target, "atlas", inputs, geometry="caustics/gl/layer.geom", PLANES=planes.shape[1], size=size,
+                last=size.bit_length() - 1, layer=layers[0] + layer * layers[1],
+            )  # fmt: skip
 
     def _surface(self, sea: Sea, grid: int, time_s: float) -> None:
         """Fill "position" and "normal"."""
@@ -179,6 +209,12 @@ class CausticRenderer:
             draw_mesh(passes, passes.target([drawn]), rays, plane)
         else:
             self._cells(passes.target([drawn]), rays, plane)
+        covariance = plane.detail_covariance
+        if covariance is not None:
+            folded = passes.texture("folded", size, size)
+            passes.fill([folded], "fold", {"light": drawn}, size=size)
+            gaussian_blur(passes, light, folded, covariance)
+            return light
         radius_x, radius_z = plane.disc_radii
         if max(radius_x, radius_z) < _NO_BLUR_PIXELS:
             passes.fill([light], "fold", {"light": drawn}, size=size)

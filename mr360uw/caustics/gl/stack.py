@@ -23,7 +23,7 @@ class GlCausticStack:
     """A `CausticStack` on the GPU, as lookup.glsl reads it.
 
     texture: the mip_atlas. plane_depth: its plane_steps. depth_m: (planes,) on the host. sun_direction: (3,) in the
-    water.
+    water. softened: whether the last layers hold the pattern of light that the water has turned, in one colour.
     """
 
     texture: moderngl.TextureArray
@@ -31,18 +31,28 @@ class GlCausticStack:
     depth_m: Array
     tile_m: float
     sun_direction: Array
+    softened: bool = False
 
     def download(self) -> CausticStack:
         """Return the stack as an array."""
         width, height, layers = self.texture.size
         size, planes = width - 2, layer_planes(len(self.depth_m))
         data = np.frombuffer(self.texture.read(alignment=1), np.float32)
-        level = data.reshape(len(planes), layers // len(planes), height, width, -1)[:, :, 1 : size + 1, 1:-1]
-        maps = np.zeros((len(self.depth_m), size, size, level.shape[1]))
-        for layer, held in zip(level, planes, strict=True):
-            maps[held] = layer.transpose(3, 1, 2, 0)
+        level = data.reshape(layers, height, width, -1)[:, 1 : size + 1, 1:-1]
+        sharp = len(level) - len(planes) * self.softened
+        maps = _of_layers(level[:sharp], planes, len(self.depth_m))
+        soft = _of_layers(level[sharp:], planes, len(self.depth_m)) if self.softened else None
         ratio = np.broadcast_to(maps, (*maps.shape[:3], 3))
-        return CausticStack(ratio, self.depth_m, self.tile_m, self.sun_direction)
+        return CausticStack(ratio, self.depth_m, self.tile_m, self.sun_direction, soft)
+
+
+def _of_layers(level: Array, planes: NDArray[np.int64], count: int) -> Array:
+    """Return maps (count, size, size, C) of layers (layers C, size, size, 1, 2 or 4)."""
+    size = level.shape[1]
+    maps = np.zeros((count, size, size, len(level) // len(planes)))
+    for layer, held in zip(level.reshape(len(planes), -1, *level.shape[1:]), planes, strict=True):
+        maps[held] = layer.transpose(3, 1, 2, 0)
+    return maps
 
 
 def upload(stack: CausticStack) -> GlCausticStack:
@@ -51,12 +61,17 @@ def upload(stack: CausticStack) -> GlCausticStack:
         stack.ratio[..., 0], stack.ratio[..., 2]
     )
     ratio = np.asarray(stack.ratio[..., :1] if grey else stack.ratio, np.float32)
-    texture = texture_array_from_array(mip_atlas(mip_levels(ratio)))
-    return on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction)
+    layers = [mip_atlas(mip_levels(ratio))]
+    if stack.soft is not None:
+        layers.append(mip_atlas(mip_levels(np.asarray(stack.soft, np.float32))))
+    texture = texture_array_from_array(np.concatenate(layers))
+    return on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction, softened=stack.softened)
 
 
-def on_device(texture: moderngl.TextureArray, depth_m: Array, tile_m: float, sun_in_water: Array) -> GlCausticStack:
+def on_device(
+    texture: moderngl.TextureArray, depth_m: Array, tile_m: float, sun_in_water: Array, *, softened: bool
+) -> GlCausticStack:
     """Return the stack whose atlas is a texture."""
     # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    return GlCausticStack(texture, texture_from_array(plane_steps(depth_m)), depth_m, tile_m, sun_in_water)
+    return GlCausticStack(texture, texture_from_array(plane_steps(depth_m)), depth_m, tile_m, sun_in_water, softened)

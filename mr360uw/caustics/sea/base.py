@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
-from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface
+from mr360uw.caustics.sea.sea_state import mean_square_slope
+from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface, surface_jacobian, surface_normal
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.shapes import common_shape, number
 from mr360uw.types import Surface
@@ -18,6 +21,8 @@ Array = NDArray[np.float64]
 
 _POINTS_AT_ONCE = 1 << 13
 """Points evaluated together: with a hundred waves their phases take 13 MB."""
+_SLOPE_GRID = 128
+"""Points across the tile that the mean square slope is taken of."""
 
 
 class SeaParameters(Parameters):
@@ -30,8 +35,14 @@ class SeaParameters(Parameters):
     loop_s: float | None = parameter(
         None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0
     )
-    detail_slope: float = parameter(0.0, "root mean square slope of the fine ripples; 0: none", low=0.0, high=0.5)
-    detail_wavelength_m: float = parameter(0.12, "dominant length of the fine ripples", unit="m", above=0.0, high=100.0)
+    detail_slope: float | None = parameter(
+        None, "root mean square slope of all other waves; none: what the sea's own leave of Cox & Munk's for the wind",
+        low=0.0, high=0.5,
+    )  # fmt: skip
+    detail_kind: Literal["blur", "ripples"] = parameter(
+        "blur", "blur: those waves blur caustics; ripples: two scrolling maps on the surface, for fine grids"
+    )
+    detail_wavelength_m: float = parameter(0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0)
     detail_speed: float = parameter(0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0)
     seed: int = parameter(1, "seed of the waves' directions and phases", low=0)
 
@@ -41,12 +52,32 @@ class SeaParameters(Parameters):
         azimuth = math.radians(self.wind_direction_deg)
         return np.array([math.sin(azimuth), -math.cos(azimuth)])
 
+    @property
+    def own_mean_square_slope(self) -> float:
+        """Mean square slope, both axes, of the surface that the sea's own waves make at time 0."""
+        return _mean_square_slope_of(self)
+
+    @property
+    def detail_rms_slope(self) -> float:
+        """Root mean square slope, both axes, of all other waves: `detail_slope`, or what the wind gives.
+
+        With the sea's own waves they have the mean square slope of Cox & Munk 1954; 0 where those exceed it.
+        """
+        if self.detail_slope is not None:
+            return self.detail_slope
+        return math.sqrt(max(mean_square_slope(self.wind_speed) - self.own_mean_square_slope, 0.0))
+
+    @property
+    def blur_slope(self) -> float:
+        """Root mean square slope, both axes, of the waves whose only effect is to blur caustics."""
+        return self.detail_rms_slope if self.detail_kind == "blur" else 0.0
+
     def detail(self, time_s: float) -> Detail | None:
         """Return the two scrolling slope maps at one time, or None where the sea has none."""
-        if self.detail_slope == 0.0:
+        if self.detail_kind == "blur" or self.detail_rms_slope == 0.0:
             return None
         return make_detail(
-            self.tile_m, self.detail_slope, self.detail_wavelength_m, self.detail_speed * self.wind_travel,
+            self.tile_m, self.detail_rms_slope, self.detail_wavelength_m, self.detail_speed * self.wind_travel,
             self.loop_s, self.seed, time_s,
         )  # fmt: skip
 
@@ -86,6 +117,14 @@ class SeaParameters(Parameters):
         return displaced_surface(
             x, z, self.grid_fields(size, time_s), 0.0 if detail is None else detail_slope(detail, x, z)
         )
+
+
+@functools.lru_cache(maxsize=32)
+def _mean_square_slope_of(sea: SeaParameters) -> float:
+    f = sea.grid_fields(_SLOPE_GRID, 0.0)
+    slope = surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz)
+    area = np.maximum(surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz), 0.0)
+    return float(np.average((1.0 - slope[..., 1] ** 2) / slope[..., 1] ** 2, weights=area))
 
 
 def check_time(time_s: float) -> None:

@@ -150,6 +150,11 @@ class GerstnerSea(SeaParameters):
         """The explicit waves, or those that the parameters make."""
         return _waves_of(self)
 
+    @property
+    def detail_rms_slope(self) -> float:
+        """As of every sea; explicit waves are the whole sea unless `detail_slope` is given."""
+        return 0.0 if self.explicit_waves and self.detail_slope is None else super().detail_rms_slope
+
     def _make_waves(self) -> Waves:
         if self.explicit_waves:
             k = np.array([w.wave_vector for w in self.explicit_waves])

@@ -97,7 +97,7 @@ class GroundShader:
         of_blocks = {"blocks": corner, "areas": area, "halos": halo}
         textures = {name: texture_from_array(_atlas(a[:, None, None], rows)) for name, a in of_blocks.items()}
         textures |= self._light.textures
-        defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO"})
+        defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
         if shape is None:
             defines |= {"PLANE"}
         else:

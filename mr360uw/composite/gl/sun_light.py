@@ -26,6 +26,7 @@ def sun_defines(shot: Shot) -> frozenset[str]:
         return frozenset()
     has = {
         "SUN": True, "SHADOW": len(shot.casters) > 0, "CAUSTICS": shot.caustics is not None,
+        "SOFT": shot.caustics is not None and shot.caustics.softened,
         "HALO": widest_half_angle(shot) > sun.half_angle_rad,
     }  # fmt: skip
     return frozenset(name for name, there in has.items() if there)

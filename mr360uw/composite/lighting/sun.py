@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Irradiance of the sun: its beam through the water, the caustic factor, and its visibility behind bodies.
 
-    E = irradiance beam_ratio(d) (1 + (C - 1) s(d)) V        V = s(d) V_disc + (1 - s(d)) V_halo
+    E = irradiance beam_ratio(d) (s(d) C + (1 - s(d)) B) V        V = s(d) V_disc + (1 - s(d)) V_halo
 
-with d the depth, C the caustic ratio, s the unscattered fraction of the beam, V_disc the visible fraction of the sun's
+with d the depth, C the caustic ratio, B that of the light that has turned by small angles (1 where it is not computed),
+s the unscattered fraction of the beam, V_disc the visible fraction of the sun's
 disc and V_halo that of the wider disc from which forward-scattered light comes. On the device: sun.glsl.
 """
 
@@ -13,7 +14,7 @@ import functools
 
 import numpy as np
 
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels
+from mr360uw.caustics.lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle, visible_fraction
@@ -76,18 +77,25 @@ class SunSource:
         return Arrival(sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread))
 
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
-        """Return the caustic factor (n, 3), faded by scattering, as a mean over footprints (n,) [m]."""
+        """Return the caustic factor (n, 3), faded and blurred by scattering, as a mean over footprints (n,) [m]."""
         shot = self._shot
         if shot.caustics is None:
             return np.ones((len(point), 3))
         depth, world = shot.view.depth_of(point), point + shot.view.position
-        ratio = caustic_lookup(shot.caustics, self._levels, world[:, 0], depth, world[:, 2], footprint_m)
+        place = world[:, 0], depth, world[:, 2], footprint_m
         contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self._up)
+        if shot.medium is not None and shot.caustics.softened:
+            return soft_caustic_lookup(shot.caustics, self._levels, self._soft_levels, *place, contrast)
+        ratio = caustic_lookup(shot.caustics, self._levels, *place)
         return 1.0 + (ratio - 1.0) * contrast
 
     @functools.cached_property
     def _levels(self) -> list[Floats]:
         return mip_levels(self._shot.caustics.ratio)
+
+    @functools.cached_property
+    def _soft_levels(self) -> list[Floats]:
+        return mip_levels(self._shot.caustics.soft)
 
     def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""

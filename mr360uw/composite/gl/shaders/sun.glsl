@@ -35,6 +35,10 @@ vec3 waves_at(Sun sun, View view, MediumTable medium, sampler2D beam, CausticSta
 #else
     float depth = depth_of(view, point);
     vec3 world = point + view.position;
+#if defined(MEDIUM) && defined(SOFT)
+    return soft_caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m,
+                               unscattered_share(medium, beam, depth, sun.up));
+#endif
     vec3 value = caustic_lookup(stack, ratio, plane_depth, vec3(world.x, depth, world.z), footprint_m);
 #if defined(MEDIUM)
     value = 1.0 + (value - 1.0) * unscattered_share(medium, beam, depth, sun.up);
