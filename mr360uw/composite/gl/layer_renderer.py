@@ -27,6 +27,7 @@ from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
 from mr360uw.gl.context import gl_context
+from mr360uw.threads import one_blas_thread
 from mr360uw.types import Layer
 
 _KEPT_MESHES = 64
@@ -47,12 +48,14 @@ class LayerRenderer:
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
-        return self._render(shot, None)
+        with one_blas_thread():
+            return self._render(shot, None)
 
     def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
         """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
         frame = AovFrame(shot)
-        layer = self._render(shot, frame)
+        with one_blas_thread():
+            layer = self._render(shot, frame)
         return layer, frame.finish(shot, layer)
 
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
