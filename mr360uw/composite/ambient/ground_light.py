@@ -9,6 +9,8 @@ sun's and v the fraction of it that bodies block.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,7 @@ from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES,
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
-from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.ibl.lookup import environment_lookup, lookup_matrix
 from mr360uw.types import Floats
 
 _UP = np.array([[0.0, 1.0, 0.0]])
@@ -36,15 +38,20 @@ class GroundLight:
         self._empty = np.zeros((0, 3), np.float32)
         if not self._numbers:
             return
-        self._coarse = layout.coarse_nodes(cache)
+        self._coarse, residual = layout.coarse_nodes(cache), shot.environment.residual
         sky = level_table(table[..., :3], up=True).reshape(-1, 3).astype(np.float32)
         self._lost = self._coarse.weights @ sky
         beam, shaded = (np.concatenate(a) for a in zip(*(sunlight.at_nodes(k) for k in self._numbers), strict=True))
         whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
         self._whole, self._shade = whole + beam, beam * shaded[:, None]
+        behind = cache.get("ambient behind", (layout, residual.shape), lambda: self._behind(residual.shape))
+        self._sky = behind @ residual.reshape(-1, 3)
+
+    def _behind(self, shape: tuple[int, ...]) -> Any:
+        """Return the lookup in maps of a shape of the directions from bodies to their nodes."""
+        layout = self._layout
         away = np.concatenate([layout.nodes[k] - layout.bodies[k].center for k in self._numbers])
-        away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-        self._sky = environment_lookup(shot.environment.residual, away)
+        return lookup_matrix(shape, away)
 
     def change(self, sent: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Return the relative change (NODES^2, 3) of the light at the nodes of each body, from -1 on; none of bodies

@@ -187,13 +187,15 @@ class Solver:
             inside = own.sites @ sent[first : first + len(at_lookouts)]
             irradiance = plain - _product(own.lost, light) + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
-        of_sites = np.zeros((len(plain), CHANNELS), np.float32)
-        of_sites[:, :3] = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
-        of_sites[:, 4:7] = of_sites[:, :3]
+        ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
+        from_sites = transfer.lattice.from_sites
+        values = np.zeros((from_sites.shape[0], CHANNELS), np.float32)
+        values[:, :3] = from_sites @ ratio
+        values[:, 4:7] = values[:, :3]
         if view.met is not None and len(self._shot.environment.glossy):
-            mirrored = reflected_among(body, view.met, self._shot.view.position, light, sent, change)
-            of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
-        return np.asarray(transfer.lattice.from_sites @ of_sites, np.float32)
+            mirrored = from_sites @ reflected_among(body, view.met, self._shot.view.position, light, sent, change)
+            values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
+        return values
 
     @staticmethod
     def _from_others(look: Outlook, light: Floats, sent: Floats, added: Floats) -> Floats:

@@ -62,7 +62,8 @@ class LayerRenderer:
         gl_context().gc()
         view = shot.view
         self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
-        object_parts = object_rectangles(shot)
+        key = (view.key, tuple(placed.key for placed in shot.objects if placed.visible))
+        object_parts = self._cache.get("object rectangles", key, lambda: object_rectangles(shot))
         changes = self._receiver.find(shot)
         parts = object_parts + (changes.rectangles if changes is not None else [])
         tiles = even_tiles(parts, view.width, view.height)
