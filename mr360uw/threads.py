@@ -7,6 +7,7 @@ caller, to which its OpenGL context belongs. Memory is bounded by the depth of t
 
 from __future__ import annotations
 
+import functools
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterable
@@ -22,10 +23,17 @@ def one_blas_thread() -> AbstractContextManager[Any]:
 
     They are small here, and the threads of BLAS would spin on the cores that decode and encode.
     """
-    from threadpoolctl import threadpool_limits
-
-    limits: AbstractContextManager[Any] = threadpool_limits(1, "blas")
+    limits: AbstractContextManager[Any] = _thread_pools().limit(limits=1, user_api="blas")
     return limits
+
+
+@functools.cache
+def _thread_pools() -> Any:
+    """Return the thread pools of the libraries that are loaded, which take milliseconds to find."""
+    import scipy.linalg  # noqa: F401  # loads its BLAS
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 class _End:

@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
     "caustics": {"gl"},
     "medium": set(),
-    "composite": {"gl", *PHYSICS},
+    "composite": {"gl", "threads", *PHYSICS},
     "gl": set(),
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},

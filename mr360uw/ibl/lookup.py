@@ -6,11 +6,15 @@ Twin: lookup.glsl, whose maps are textures of the same 32 rows.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
+
+Indices = NDArray[np.int64]
 
 
 def environment_texel(map_: Floats, column: NDArray[np.int64], row: NDArray[np.int64]) -> Floats:
@@ -29,15 +33,38 @@ def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
 
     Beyond the centre of the first or last row the neighbour is the same row half a turn away, as over a pole.
     """
-    height, width = map_.shape[:2]
-    x, y = frame_from_direction(direction, width, height)
-    column, row = np.floor(x - 0.5), np.floor(y - 0.5)
-    fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
-    i, j = column.astype(np.int64), row.astype(np.int64)
-
+    i, j, fx, fy = _between(map_.shape, direction)
     upper = environment_texel(map_, i, j) * (1.0 - fx) + environment_texel(map_, i + 1, j) * fx
     lower = environment_texel(map_, i, j + 1) * (1.0 - fx) + environment_texel(map_, i + 1, j + 1) * fx
     return upper * (1.0 - fy) + lower * fy
+
+
+def lookup_matrix(shape: tuple[int, ...], direction: ArrayLike) -> Any:
+    """Return the sparse matrix (n, H W) that `environment_lookup` in directions (n, 3) is for maps of a shape (H, W,
+    ...), float64: for directions in which many maps are looked up.
+    """
+    from scipy.sparse import csr_matrix
+
+    height, width = shape[:2]
+    i, j, fx, fy = _between(shape, direction)
+    number = np.arange(height * width, dtype=np.float64).reshape(height, width)
+    texels = [environment_texel(number, i + right, j + down) for down in (0, 1) for right in (0, 1)]
+    weights = [across * along for along in (1.0 - fy, fy) for across in (1.0 - fx, fx)]
+    rows = np.repeat(np.arange(len(i)), 4)
+    columns = np.stack(texels, axis=-1).ravel().astype(np.int64)
+    values: Any = np.concatenate(weights, axis=-1).ravel()
+    return csr_matrix((values, (rows, columns)), shape=(len(i), height * width))
+
+
+def _between(shape: tuple[int, ...], direction: ArrayLike) -> tuple[Indices, Indices, Floats, Floats]:
+    """Return column and row (...,) of the pixel to the upper left of directions (..., 3) in a map of a shape, and their
+    places (..., 1) between its centre and those of the next column and row.
+    """
+    height, width = shape[:2]
+    x, y = frame_from_direction(direction, width, height)
+    column, row = np.floor(x - 0.5), np.floor(y - 0.5)
+    fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
+    return column.astype(np.int64), row.astype(np.int64), fx, fy
 
 
 def glossy_lookup(levels: Floats, level_roughness: Floats, direction: ArrayLike, roughness: ArrayLike) -> Floats:

@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
 from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
 from mr360uw.composite.ambient.on_ground.light_table import glow_table
 from mr360uw.composite.ambient.on_ground.patch_kernel import SMOOTH_PATCH
 from mr360uw.composite.ambient.on_ground.patches import camera_place, make_patches
 from mr360uw.composite.ambient.on_ground.sky_weights import sky_weights
+from mr360uw.composite.ambient.on_ground.standing import Standing
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
@@ -54,7 +56,8 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     """Any values at the samples: to both sides of the lines of all squares they are the same."""
     light = ambient_light(scene, Cache())
     assert light is not None
-    patches = make_patches(light.layout, FLOOR_Y_M, camera_place(np.zeros(3), FLOOR_Y_M), 2.0 * np.pi / 256, 8.0)
+    standing, middle = light.layout.standing(FLOOR_Y_M)
+    patches = make_patches(standing, camera_place(-middle), 2.0 * np.pi / 256, 8.0)
     assert len(patches.hanging) > 0
     patches.kind[patches.kind > 0] = SMOOTH_PATCH
     values = patches.joined(rng.uniform(size=(len(patches.place), 1)))
@@ -62,7 +65,7 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     across = patches.low[0] + size * np.arange(1, int(patches.roots[0]) * 2**5)
     along = patches.low[1] + patches.root_m * patches.roots[1] * rng.uniform(size=400)
     x, z = (g.ravel() for g in np.meshgrid(across, along, indexing="ij"))
-    point, step = np.stack([x, np.full_like(x, FLOOR_Y_M), z], axis=-1), np.array([1e-9, 0.0, 0.0])
+    point, step = np.stack([x, np.zeros_like(x), z], axis=-1), np.array([1e-9, 0.0, 0.0])
     beside = [patches.between(values, point + way * step, np.nan)[0] for way in (-1.0, 1.0)]
     there = np.isfinite(beside[0]) & np.isfinite(beside[1])
     assert np.count_nonzero(there) > 1000
@@ -82,8 +85,29 @@ def test_new_light_keeps_what_is_sampled(
     def sweep(*_: object) -> None:
         raise AssertionError("swept again")
 
-    monkeypatch.setattr(Layout, "sweep", sweep)
+    monkeypatch.setattr(Standing, "sweep", sweep)
     np.testing.assert_array_equal(free_between(new, light, point, normal, cache), expected)
+
+
+def test_bodies_that_move_together_keep_what_is_sampled(
+    scene: Shot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And their light is the same as with nothing kept."""
+    cache, (point, normal) = Cache(), places(rng, 200)
+    free_between(scene, ambient_light(scene, cache), point, normal, cache)
+    step = np.eye(4)
+    step[[0, 2], 3] = 0.013, 0.021
+    moved = changed(
+        scene, objects=tuple(replace(o, world_from_object=step @ o.world_from_object) for o in scene.objects)
+    )
+    expected = free_between(moved, ambient_light(moved, Cache()), point, normal, Cache())
+
+    def sweep(*_: object) -> None:
+        raise AssertionError("swept again")
+
+    monkeypatch.setattr(Standing, "sweep", sweep)
+    found = free_between(moved, ambient_light(moved, cache), point, normal, cache)
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("height", [0.002, 0.3, 2.0])
@@ -100,7 +124,8 @@ def test_no_light_is_lost_beyond_the_bound(rng: np.random.Generator, height: flo
     beside = sum(
         np.maximum(np.abs(a) - half, 0.0) ** 2 for a, half in zip((along, across), field.frame[4:], strict=True)
     )
-    share = sky_weights(light.layout, point, glow_table()[..., 0], up=True).share[0]
+    standing, middle = light.layout.standing(FLOOR_Y_M)
+    share = sky_weights(standing, point - middle, glow_table()[..., 0], up=True).share[0]
     wide, top = float(field.frame[4] ** 2 + field.frame[5] ** 2), height
     bound = [most_blocked(float(s), float(b), wide, top) for s, b in zip(along**2 + across**2, beside, strict=True)]
     assert share.max() > 0.9

@@ -10,12 +10,14 @@ import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.cosine import cosine_beam
 from mr360uw.ibl.glossy import ggx_kernel
+from mr360uw.ibl.lookup import environment_lookup, lookup_matrix
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.splitsum import split_sum, split_sum_integral
 from mr360uw.sphere import directions, row_solid_angle, unit
 from tests.ibl.plates import sky
 from tests.ibl.tolerances import (
     ENERGY_FLOAT32,
+    FLOAT64,
     GLOSSY_PEAK,
     IRRADIANCE_PEAK,
     KERNEL_QUADRATURE,
@@ -117,6 +119,15 @@ def test_reduction_keeps_the_light(size: tuple[int, int], rng: np.random.Generat
     np.testing.assert_allclose(
         (small * row_solid_angle(64, 32)[:, None, None]).sum(axis=(0, 1)), light, rtol=ENERGY_FLOAT32
     )
+
+
+def test_the_matrix_of_a_lookup_is_the_lookup(rng: np.random.Generator) -> None:
+    """Also over the seam and the poles, and for directions of any length."""
+    map_ = rng.uniform(size=(16, 32, 3))
+    towards = np.concatenate([rng.normal(size=(200, 3)), np.eye(3), -np.eye(3)])
+    expected = environment_lookup(map_, towards)
+    found = lookup_matrix(map_.shape, towards) @ map_.reshape(-1, 3)
+    np.testing.assert_allclose(found, expected, rtol=FLOAT64)
 
 
 def test_wrong_shapes_are_named() -> None:

@@ -19,24 +19,24 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_view import Body, BodyView, outlook
 from mr360uw.composite.ambient.lobe_occlusion import met_by
 from mr360uw.composite.ambient.mesh_transfer import Transfer, make_transfer
+from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, Ground
-from mr360uw.composite.ambient.on_ground.height_field import make_height_field
-from mr360uw.composite.ambient.on_ground.height_sweep import AZIMUTHS, sweep
+from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
+from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
 from mr360uw.composite.ambient.pair_view import near_sites, pair_view, share_shown
 from mr360uw.composite.ambient.relative_pose import RelativePose, relative_pose, rounded
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
 _KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
-Swept = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """Bodies of a shot, what each sees, and where its lookouts begin (B + 1,) among all. sites: (all, all) sparse, the
-    irradiance that each lookout's radiance adds to each. nodes, coarse_nodes: places (n, 3) of each body's nodes in the
-    world, none where it does not see the ground.
+    irradiance that each lookout's radiance adds to each. nodes: places (n, 3) of each body's nodes in the world, none
+    where it does not see the ground.
     """
 
     bodies: tuple[Body, ...]
@@ -44,7 +44,6 @@ class Layout:
     first: NDArray[np.int64]
     sites: Any
     nodes: tuple[Floats, ...]
-    coarse_nodes: tuple[Floats, ...]
 
     @property
     def ground_bodies(self) -> tuple[int, ...]:
@@ -52,61 +51,56 @@ class Layout:
         return tuple(k for k, body in enumerate(self.bodies) if body.field is not None)
 
     @property
+    def _fields(self) -> tuple[HeightField, ...]:
+        return tuple(body.field for body in self.bodies if body.field is not None)
+
+    @property
     def nothing(self) -> bool:
         """Whether nothing is in the way of any light."""
         free = all(view.nothing(body) for body, view in zip(self.bodies, self.views, strict=True))
         return free and not self.ground_bodies
 
+    def standing(self, ground_y: float) -> tuple[Standing, Floats]:
+        """Return the bodies that level ground at a height sees, and the point (3,) of the ground below the first of
+        them from which their places are.
+        """
+        bodies = [self.bodies[k] for k in self.ground_bodies]
+        point = np.array([bodies[0].origin[0], ground_y, bodies[0].origin[2]]) if bodies else np.zeros(3)
+        origin = np.array([rounded(body.origin - point, body.radius) for body in bodies]).reshape(-1, 3)
+        return Standing(self._fields, origin), point
+
     def sweep(self, points: Floats) -> Swept:
         """Return what bodies block at places (n, 3) of the world, as `ground_kernel.gather` takes it."""
-        places = np.ascontiguousarray(points, np.float64)
-        begins, blocked = self._empty(len(places))
-        for m, k in enumerate(self.ground_bodies):
-            _sweep(self.bodies[k], places, self.bodies[k].origin, begins[m], blocked[m])
-        return begins, blocked
+        origin = np.array([body.origin for body in self.bodies if body.field is not None]).reshape(-1, 3)
+        return Standing(self._fields, origin).sweep(points)
 
-    def at_coarse_nodes(self, number: int, cache: Cache) -> tuple[Swept, NDArray[np.float32]]:
-        """Return what bodies block at coarse nodes of a body, as `sweep` does, kept of each for its place; and matrices
-        (ground bodies, coarse nodes, nodes) that give there the values of the nodes of each body, bilinear.
-        """
-        points = self.coarse_nodes[number]
-        begins, blocked = self._empty(len(points))
-        for m, k in enumerate(self.ground_bodies):
-            body = self.bodies[k]
-            assert body.field is not None
-            places = rounded(points - body.origin, body.radius)
-            make = functools.partial(_swept, body, places)
-            key = (body.field, places.tobytes())
-            begins[m], blocked[m] = cache.get("ambient nodes", key, make, keep=_kept(len(self.bodies)))
-        return (begins, blocked), self._from_nodes(points)
-
-    def _empty(self, points: int) -> Swept:
-        count = len(self.ground_bodies)
-        return np.zeros((count, points, 3), np.float32), np.zeros((count, points, AZIMUTHS, 5), np.float32)
+    def coarse_nodes(self, cache: Cache) -> CoarseNodes:
+        """Return what bodies block at the coarse nodes of all; kept while all stand as they do to each other."""
+        standing, _ = self.standing(0.0)
+        seeing = tuple((m, self.bodies[k]) for m, k in enumerate(self.ground_bodies) if len(self.nodes[k]))
+        key = (standing.key, tuple((m, body.ground_key) for m, body in seeing))
+        places = [Nodes(m, _nodes(body, NODES), _nodes(body, COARSE_NODES)) for m, body in seeing]
+        radii = tuple(self.bodies[k].radius for k in self.ground_bodies)
+        kept = functools.partial(cache.get, "ambient nodes", keep=_kept(len(self.bodies)))
+        return cache.get("ambient coarse nodes", key, lambda: make_coarse_nodes(standing, places, radii, kept), keep=2)
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
         """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): cubic, those of the edge beyond."""
         out = np.zeros((len(points), values.shape[-1]))
         if len(self.nodes[number]):
-            place = self._among_nodes(number, points)
+            place = among_nodes(self.nodes[number], points)
             between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
         return out
 
-    def _from_nodes(self, points: Floats) -> NDArray[np.float32]:
-        matrices = np.zeros((len(self.ground_bodies), len(points), NODES**2), np.float32)
-        for matrix, k in zip(matrices, self.ground_bodies, strict=True):
-            if len(self.nodes[k]):
-                place = np.clip(self._among_nodes(k, points), 0.0, NODES - 1.001)
-                (i, j), (u, v) = place.astype(np.int64).T, (place - np.floor(place)).T
-                row, node = np.arange(len(points)), i * NODES + j
-                matrix[row, node], matrix[row, node + 1] = (1.0 - u) * (1.0 - v), (1.0 - u) * v
-                matrix[row, node + NODES], matrix[row, node + NODES + 1] = u * (1.0 - v), u * v
-        return matrices
+    def sent_down(self, number: int, sent: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the mean radiance (NODES^2, 3) of what the nodes of a body see of it, spread to all of them.
 
-    def _among_nodes(self, number: int, points: Floats) -> Floats:
-        """Return where points (n, 3) of the world lie among a body's nodes (n, 2), counted along both sides."""
-        low, high = self.nodes[number][[0, -1]]
-        return np.asarray((points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1))
+        sent: (all lookouts, 3) radiance that they send.
+        """
+        down = self.views[number].down
+        if len(down) == 0:
+            return np.zeros((NODES**2, 3), np.float32)
+        return np.asarray(down @ sent[self.first[number] : self.first[number + 1]])
 
     def shaded(self, points: Floats, direction: Floats, cache: Cache) -> NDArray[np.bool_]:
         """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,): kept
@@ -134,18 +128,6 @@ def _kept(bodies: int) -> int:
     return max(_KEPT_VIEWS, 4 * bodies * bodies)
 
 
-def _sweep(body: Body, places: Floats, origin: Floats, begins: Any, blocked: Any) -> None:
-    field = body.field
-    assert field is not None, "the ground sees it"
-    sweep(places, origin, field.frame, field.outline, field.squares, begins, blocked)
-
-
-def _swept(body: Body, places: Floats) -> Swept:
-    begins, blocked = np.zeros((len(places), 3), np.float32), np.zeros((len(places), AZIMUTHS, 5), np.float32)
-    _sweep(body, places, np.zeros(3), begins, blocked)
-    return begins, blocked
-
-
 def _occluded(body: Body, points: Floats, direction: Floats) -> NDArray[np.bool_]:
     return body.transfer.scene.occluded(points, np.broadcast_to(direction, points.shape))
 
@@ -161,15 +143,16 @@ def make_layout(
     views = tuple(_view(k, bodies, first, cache) for k in range(len(bodies)))
     own = block_diag([body.own.sites[body.transfer.lookouts.site] for body in bodies], format="csr")
     sites = vstack([view.lookouts.sites for view in views], format="csr") + own
-    nodes = (tuple(_nodes(body, side) for body in bodies) for side in (NODES, COARSE_NODES))
-    return Layout(bodies, views, first, sites, *nodes)
+    nodes = tuple(_nodes(body, NODES) + body.origin for body in bodies)
+    return Layout(bodies, views, first, sites, nodes)
 
 
 def _nodes(body: Body, side: int) -> Floats:
-    """Return the places (side^2, 3) of a body's nodes in the world, none where it does not see the ground."""
+    """Return the places (side^2, 3) of a body's nodes from its origin, none where it does not see the ground."""
     if body.ground is None or not body.on_ground:
         return np.zeros((0, 3))
-    return body.center + body.ground.nodes(body.transfer, side) * body.placed.scale
+    placed, center = body.placed, body.transfer.mesh.center_m
+    return placed.world_from_object[:3, :3] @ center + body.ground.nodes(body.transfer, side) * placed.scale
 
 
 def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache) -> Body:

@@ -70,12 +70,13 @@ def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: 
     Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
     cache: keeps the samples and what bodies block there.
     """
-    patches = _patches(shot, light, cache)
-    if light is None or patches is None:
+    around = _patches(shot, light, cache)
+    if light is None or around is None:
         return free_of_bodies(shot, light, point, normal, cache)
-    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches)))
+    patches, middle = around
+    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches, middle)))
     place = point.reshape(-1, 3)
-    free, jump = patches.between(values, place + shot.view.position, 1.0)
+    free, jump = patches.between(values, place + (shot.view.position - middle), 1.0)
     if np.any(jump):
         free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
     return free.reshape(point.shape)
@@ -85,29 +86,39 @@ def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floa
     """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
     ambient light that bodies leave jumps.
     """
-    patches = _patches(shot, light, cache)
-    return np.zeros((0, 3)) if patches is None else patches.jumps() - shot.view.position
+    around = _patches(shot, light, cache)
+    if around is None:
+        return np.zeros((0, 3))
+    patches, middle = around
+    return patches.jumps() + (middle - shot.view.position)
 
 
-def _patches(shot: Shot, light: AmbientLight | None, cache: Cache) -> Patches | None:
-    """Return the patches of a shot's level ground; None where bodies block nothing, or the ground is not level."""
+def _patches(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Patches, Floats] | None:
+    """Return the patches of a shot's level ground, and the place (3,) of their origin in the world; None where bodies
+    block nothing, or the ground is not level.
+    """
     receiver = shot.receiver
     if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
         return None
-    camera = camera_place(shot.view.position, receiver.plane_y)
-    asked = receiver.plane_y, camera, 2.0 * np.pi / shot.view.width, receiver.extent_m
-    key = (light.layout, receiver.plane_y, camera.tobytes(), shot.view.width, receiver.extent_m)
-    return cache.get("ambient patches", key, lambda: make_patches(light.layout, *asked))
+    height, width, extent_m = receiver.plane_y, shot.view.width, receiver.extent_m
+    standing, middle = cache.get("ambient standing", (light.layout, height), lambda: light.layout.standing(height))
+    camera = camera_place(shot.view.position - middle)
+    key = (standing.key, camera.tobytes(), width, extent_m)
+    make = functools.partial(make_patches, standing, camera, 2.0 * np.pi / width, extent_m)
+    return cache.get("ambient patches", key, make), middle
 
 
-def _free_at(light: AmbientLight, patches: Patches) -> Floats:
-    """Return the fraction (samples, 3) of the ambient light that bodies leave at the samples of patches."""
+def _free_at(light: AmbientLight, patches: Patches, middle: Floats) -> Floats:
+    """Return the fraction (samples, 3) of the ambient light that bodies leave at the samples of patches.
+
+    middle: (3,) place of the patches' origin in the world.
+    """
     blocked, layout, up = patches.blocked, light.layout, patches.up
     table = level_table(light.table[..., :3], up=up).reshape(-1, 3)
     lost = (blocked.weights @ table.astype(np.float32)).astype(np.float64)
     for k, radiance, share in zip(layout.ground_bodies, light.sent, blocked.share, strict=True):
         some = np.flatnonzero(share)
-        lost[some] -= np.pi * share[some, None] * layout.at_nodes(k, radiance, patches.place[some])
+        lost[some] -= np.pi * share[some, None] * layout.at_nodes(k, radiance, patches.place[some] + middle)
     normal = np.array([[0.0, 1.0 if up else -1.0, 0.0]])
     whole = np.maximum(environment_lookup(light.ambient, normal), 1e-9)
     return np.asarray(1.0 - shown(blocked.share.sum(axis=0))[:, None] * lost / whole)

@@ -11,7 +11,6 @@ white box.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +21,11 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import Body, Outlook
 from mr360uw.composite.ambient.directions import blurred, radiance_towards
+from mr360uw.composite.ambient.ground_light import GroundLight
 from mr360uw.composite.ambient.knot_values import CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.on_ground.ground_kernel import gather, shown
-from mr360uw.composite.ambient.on_ground.ground_view import NODES, from_coarse
+from mr360uw.composite.ambient.on_ground.ground_view import NODES
 from mr360uw.composite.ambient.on_ground.light_table import light_table
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
@@ -123,10 +123,11 @@ class Solver:
         irradiance = np.concatenate(plain) * self._first_guess()
         shade = np.zeros_like(direct)
         sent = self._sent(irradiance)
+        ground = GroundLight(self._shot, layout, self._table, self._sunlight, self._cache)
         steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) else 0
         for step in range(steps):
             if step == 1:
-                added = self._added(self._change(sent))
+                added = ground.added(ground.change(sent))
                 shade = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, added, strict=True)])
             before, irradiance = irradiance, direct + layout.sites @ sent + shade
             sent = self._sent(irradiance)
@@ -134,10 +135,10 @@ class Solver:
                 break
         values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
         if self._shot.draw.ambient_occlusion:
-            change = self._change(sent)
-            added = self._added(change)
+            change = ground.change(sent)
+            added = ground.added(change)
             values = tuple(self._values(k, plain[k], sent, change[k], added[k]) for k in range(len(bodies)))
-        down = tuple(self._sent_down(k, sent) for k in layout.ground_bodies)
+        down = tuple(layout.sent_down(k, sent).reshape(NODES, NODES, 3) for k in layout.ground_bodies)
         return AmbientLight(layout, values, self._table, down, self._shot.environment.ambient)
 
     def _material(self, body: Body) -> tuple[Floats, Floats]:
@@ -163,38 +164,6 @@ class Solver:
         """Return the radiance (all, 3) that lookouts send to all sides, over the ambient light's fall with depth."""
         return (self._reflected * (irradiance + self._sun) / np.pi + self._emitted).astype(np.float32)
 
-    def _change(self, sent: Floats) -> list[Floats]:
-        """Return the relative change (nodes, 3) of the light on the ground at the nodes of every body, from -1 on."""
-        layout, environment = self._layout, self._shot.environment
-        down = tuple(self._sent_down(k, sent).reshape(-1, 3) for k in layout.ground_bodies)
-        up = np.array([[0.0, 1.0, 0.0]])
-        whole = np.maximum(environment_lookup(environment.ambient, up), 1e-9)
-        changes: list[Floats] = []
-        for number, (node, coarse) in enumerate(zip(layout.nodes, layout.coarse_nodes, strict=True)):
-            if len(node) == 0:
-                changes.append(np.zeros((0, 3), np.float32))
-                continue
-            make = functools.partial(layout.at_coarse_nodes, number, self._cache)
-            swept, between = self._cache.get("ambient swept", (layout, number), make, keep=64)
-            blocked = blocked_light(self._table, np.repeat(up, len(coarse), axis=0), swept)
-            lost = blocked[..., :3].sum(axis=0)
-            for matrix, radiance, of in zip(between, down, blocked, strict=True):
-                lost -= of[:, 3:] * (matrix @ radiance)
-            beam, shaded = self._sunlight.at_nodes(number)
-            taken = (from_coarse() @ lost + beam * shaded[:, None]) / (whole + beam)
-            changes.append(-np.minimum(taken, 1.0).astype(np.float32))
-        return changes
-
-    def _added(self, change: list[Floats]) -> list[Floats]:
-        """Return the radiance (nodes, 3) that the nodes of every body send beyond what they would without bodies."""
-        residual, layout = self._shot.environment.residual, self._layout
-        found: list[Floats] = []
-        for node, body, of in zip(layout.nodes, layout.bodies, change, strict=True):
-            away = node - body.center
-            away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-            found.append((environment_lookup(residual, away) * of).astype(np.float32))
-        return found
-
     def _values(
         self, number: int, at_lookouts: Floats, sent: Floats, change: Floats, added: Floats
     ) -> NDArray[np.float32] | None:
@@ -218,13 +187,15 @@ class Solver:
             inside = own.sites @ sent[first : first + len(at_lookouts)]
             irradiance = plain - _product(own.lost, light) + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
-        of_sites = np.zeros((len(plain), CHANNELS), np.float32)
-        of_sites[:, :3] = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
-        of_sites[:, 4:7] = of_sites[:, :3]
+        ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
+        from_sites = transfer.lattice.from_sites
+        values = np.zeros((from_sites.shape[0], CHANNELS), np.float32)
+        values[:, :3] = from_sites @ ratio
+        values[:, 4:7] = values[:, :3]
         if view.met is not None and len(self._shot.environment.glossy):
-            mirrored = reflected_among(body, view.met, self._shot.view.position, light, sent, change)
-            of_sites[:, 4:7], of_sites[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
-        return np.asarray(transfer.lattice.from_sites @ of_sites, np.float32)
+            mirrored = from_sites @ reflected_among(body, view.met, self._shot.view.position, light, sent, change)
+            values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
+        return values
 
     @staticmethod
     def _from_others(look: Outlook, light: Floats, sent: Floats, added: Floats) -> Floats:
@@ -232,14 +203,6 @@ class Solver:
         the others are those of `_values`.
         """
         return np.asarray(look.sites @ sent + look.ground @ added - look.lost @ light)
-
-    def _sent_down(self, number: int, sent: Floats) -> Floats:
-        """Return the mean radiance (NODES, NODES, 3) of what the nodes of a body see of it, spread to all of them."""
-        view, layout = self._layout.views[number], self._layout
-        if len(view.down) == 0:
-            return np.zeros((NODES, NODES, 3))
-        mean = view.down @ sent[layout.first[number] : layout.first[number + 1]]
-        return mean.reshape(NODES, NODES, 3).astype(np.float64)
 
 
 def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -27,6 +27,7 @@ from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
 from mr360uw.gl.context import gl_context
+from mr360uw.threads import one_blas_thread
 from mr360uw.types import Layer
 
 _KEPT_MESHES = 64
@@ -47,19 +48,22 @@ class LayerRenderer:
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
-        return self._render(shot, None)
+        with one_blas_thread():
+            return self._render(shot, None)
 
     def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
         """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
         frame = AovFrame(shot)
-        layer = self._render(shot, frame)
+        with one_blas_thread():
+            layer = self._render(shot, frame)
         return layer, frame.finish(shot, layer)
 
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
         gl_context().gc()
         view = shot.view
         self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
-        object_parts = object_rectangles(shot)
+        key = (view.key, tuple(placed.key for placed in shot.objects if placed.visible))
+        object_parts = self._cache.get("object rectangles", key, lambda: object_rectangles(shot))
         changes = self._receiver.find(shot)
         parts = object_parts + (changes.rectangles if changes is not None else [])
         tiles = even_tiles(parts, view.width, view.height)

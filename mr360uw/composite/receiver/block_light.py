@@ -10,6 +10,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.receiver.block_kernel import survey_blocks
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.receiver.receiver_kernel import (
@@ -70,8 +71,8 @@ def free_images(
     Partly covered pixels take it in their gaps.
     """
     rough = ground.rough[j, i]
-    near = _near_bodies(shot, ground, j, i)
-    change = np.ptp(ground.four(corner[..., FREE], j, i), axis=1).max(axis=-1)
+    change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
+    survey_blocks(j, i, corner[..., FREE], ground.middle_point, ground.reach_m, _balls(shot), change, near)
     uneven = ~rough & (near | (change > SMOOTH))
     asked = j[uneven], i[uneven]
     at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
@@ -100,14 +101,13 @@ def free_images(
     return images
 
 
-def _near_bodies(shot: Shot, ground: Ground, j: Indices, i: Indices) -> NDArray[np.bool_]:
-    """Return which blocks (n,) reach into the ball around a body that shades."""
-    near_any = np.zeros(len(j), np.bool_)
-    for placed in shot.casters:
-        center = placed.to_world(placed.mesh.center_m) - shot.view.position
-        near = placed.mesh.radius_m * placed.scale + ground.reach_m[j, i]
-        near_any |= np.sum((ground.middle_point[j, i] - center) ** 2, axis=-1) < near**2
-    return near_any
+def _balls(shot: Shot) -> Floats:
+    """Return middles from the camera and radii (n, 4) [m] of balls around the bodies that shade."""
+    balls = [
+        (*(placed.to_world(placed.mesh.center_m) - shot.view.position), placed.mesh.radius_m * placed.scale)
+        for placed in shot.casters
+    ]
+    return np.array(balls, np.float64).reshape(-1, 4)
 
 
 def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cache) -> NDArray[np.bool_]:

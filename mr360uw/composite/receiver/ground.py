@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.composite.receiver.block_kernel import measure_blocks
 from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import Gaps
@@ -76,11 +77,8 @@ class Ground:
         self.middle_point[j, i], self.middle_normal[j, i] = self.meet(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
-        corner, middle = self.four(self.corner_point, j, i), self.middle_point[j, i, None]
         limit = FADE_FROM * shot.receiver.extent_m if shot.receiver is not None else np.inf
-        far = np.linalg.norm(np.concatenate([corner, middle], axis=1), axis=-1)
-        self.rough[j, i] |= np.any((far == 0.0) | (far > limit), axis=1)
-        self.reach_m[j, i] = _REACH * np.linalg.norm(corner - middle, axis=-1).max(axis=1)
+        measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.rough, self.reach_m)
         if shot.receiver is None or shot.receiver.plane_y is None:
             self._classify(shot, j, i)
         self._loaded_block |= new
@@ -88,9 +86,11 @@ class Ground:
     def meet(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
-        distance, normal = self._shape.meet(shot, x, y)
+        x, y = np.broadcast_arrays(x, y)
+        direction = shot.view.directions(x, y)
+        distance, normal = self._shape.meet_along(shot, x, y, direction)
         there = np.isfinite(distance)
-        point = shot.view.directions(x, y) * np.where(there, distance, 0.0)[..., None]
+        point = direction * np.where(there, distance, 0.0)[..., None]
         return point, np.where(there[..., None], normal, 0.0)
 
     def _classify(self, shot: Shot, j: Indices, i: Indices) -> None:

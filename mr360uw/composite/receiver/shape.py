@@ -51,7 +51,10 @@ class ReceiverShape:
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
         x, y = np.broadcast_arrays(x, y)
-        direction = shot.view.directions(x, y)
+        return self.meet_along(shot, x, y, shot.view.directions(x, y))
+
+    def meet_along(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Return what `meet` does; direction: (..., 3) those of the view at frame coordinates x, y (...)."""
         receiver = self._receiver
         if receiver.plane_y is not None:
             height = receiver.plane_y - self._camera[1]
@@ -118,8 +121,8 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
     columns, rows = -(-width // cell[0]), -(-height // cell[1])
     x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height))
-    distance, normal = shape.meet(shot, x, y)
     direction = shot.view.directions(x, y)
+    distance, normal = shape.meet_along(shot, x, y, direction)
     seen = np.isfinite(distance)
     if shot.medium is not None:
         through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.ibl.lookup import lookup_matrix
 from mr360uw.types import Environment, Floats
 
 _ROWS, _COLUMNS = 64, 48
@@ -22,9 +23,8 @@ its middle at half height: about the glow around a sun in clear air."""
 
 def light_table(environment: Environment) -> NDArray[np.float64]:
     """Return P of ground_kernel.py of the environment without its sun, and of a radiance of 1."""
-    d, _ = _directions()
-    light = np.ones((_ROWS, _COLUMNS, 4))
-    light[..., :3] = environment_lookup(environment.residual, d)
+    light, map_ = np.ones((_ROWS, _COLUMNS, 4)), environment.residual
+    light[..., :3] = (_lookup(map_.shape) @ map_.reshape(-1, 3)).reshape(_ROWS, _COLUMNS, 3)
     return table_of(light)
 
 
@@ -59,6 +59,12 @@ def glow_table() -> Floats:
         light[..., k + 1] += _GLOW * towards**_GLOW_POWER
     table = level_table(table_of(light), up=True)
     return np.asarray(table * len(table) / (2.0 * table[:, -1].sum(axis=0)))
+
+
+@functools.cache
+def _lookup(shape: tuple[int, ...]) -> Any:
+    """Return the lookup of a table's cells in maps of a shape (H, W, 3)."""
+    return lookup_matrix(shape, _directions()[0].reshape(-1, 3))
 
 
 @functools.cache

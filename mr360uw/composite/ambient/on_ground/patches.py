@@ -3,7 +3,8 @@
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
 falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
-itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still.
+itself is within it. What is sampled and how fine does not depend on the light: it is kept while bodies stand still,
+and while they move together along the ground by less than the camera's place is rounded to.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.on_ground.ground_kernel import UNNOTICED, shown
 from mr360uw.composite.ambient.on_ground.light_table import glow_table
 from mr360uw.composite.ambient.on_ground.patch_kernel import (
@@ -27,6 +27,7 @@ from mr360uw.composite.ambient.on_ground.patch_kernel import (
     survey,
 )
 from mr360uw.composite.ambient.on_ground.sky_weights import SkyWeights, sky_weights
+from mr360uw.composite.ambient.on_ground.standing import Standing
 from mr360uw.types import Floats
 
 TOLERANCE = 0.004
@@ -48,12 +49,13 @@ _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """Nested squares of ground, seen from above or (not up) from below.
+    """Nested squares of ground around bodies, seen from above or (not up) from below; places are from the point of the
+    ground that those of the bodies are from.
 
     low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of them. child:
     (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
 
-    place: (samples, 3) [m] in the world; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
+    place: (samples, 3) [m]; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
     """
 
     up: bool
@@ -76,7 +78,7 @@ class Patches:
         return values
 
     def between(self, values: Floats, points: Floats, elsewhere: float) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return joined values at points (n, 3) of the world, (n, k), and whether they jump near there, (n,).
+        """Return joined values at points (n, 3) of the ground, (n, k), and whether they jump near there, (n,).
 
         elsewhere: the value where bodies block nothing.
         """
@@ -91,27 +93,29 @@ class Patches:
         return self.place[np.unique(self.sample[leaf])]
 
 
-def make_patches(layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
-    """Return the patches of ground at a height around the bodies of a layout, as far from a camera as `extent_m`.
+def make_patches(bodies: Standing, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
+    """Return the patches of the ground around bodies, as far from a camera as `extent_m`.
 
-    camera: (3,) of `camera_place`, in the world. pixel_rad: width of its pixels, which samples are not much finer than.
+    camera: (3,) of `camera_place`. pixel_rad: width of its pixels, which samples are not much finer than.
     """
-    return _Builder(layout, ground_y, camera, pixel_rad, extent_m).build()
+    return _Builder(bodies, camera, pixel_rad, extent_m).build()
 
 
-def camera_place(camera: Floats, ground_y: float) -> Floats:
-    """Return the place (3,) of a camera rounded to about a quarter of its height, from which patches are as fine."""
-    step = 2.0 ** np.round(np.log2(max(abs(camera[1] - ground_y), _LOWEST_M))) * _CAMERA_STEP
-    return np.asarray(np.round(camera / step) * step)
+def camera_place(camera: Floats) -> Floats:
+    """Return the place (3,) of a camera from a point of the ground, rounded to about a quarter of its height: from
+    there patches are as fine.
+    """
+    step = 2.0 ** np.round(np.log2(max(abs(camera[1]), _LOWEST_M))) * _CAMERA_STEP
+    return np.asarray(np.round(camera / step) * step + 0.0)
 
 
 class _Builder:
     """Quarters squares, one depth after the other."""
 
-    def __init__(self, layout: Layout, ground_y: float, camera: Floats, pixel_rad: float, extent_m: float) -> None:
-        self._layout, self._ground_y, self._up = layout, ground_y, bool(camera[1] >= ground_y)
-        self._camera, self._pixel_rad, self._extent_m = camera - [0.0, ground_y, 0.0], pixel_rad, extent_m
-        self._bodies = _plans(layout, ground_y)
+    def __init__(self, bodies: Standing, camera: Floats, pixel_rad: float, extent_m: float) -> None:
+        self._standing, self._up = bodies, bool(camera[1] >= 0.0)
+        self._camera, self._pixel_rad, self._extent_m = camera, pixel_rad, extent_m
+        self._bodies = bodies.plans()
         wide = np.hypot(self._bodies[:, 4], self._bodies[:, 5])
         reach = (wide + np.cbrt(wide * self._bodies[:, 7] ** 2 * len(self._bodies) / (2.0 * UNNOTICED)))[:, None]
         low, high = ((self._bodies[:, :2] + way * reach) for way in (-1.0, 1.0))
@@ -172,10 +176,10 @@ class _Builder:
         asked, first = np.unique(key, return_index=True)
         new = ~np.isin(asked, self._keys, assume_unique=True)
         if np.any(new):
-            place = np.full((np.count_nonzero(new), 3), self._ground_y)
+            place = np.zeros((np.count_nonzero(new), 3))
             place[:, [0, 2]] = self._low + nine.reshape(-1, 2)[first[new]] * (self._root_m / 2 ** (_DEEPEST + 1))
             table = glow_table()
-            found = sky_weights(self._layout, place, table[..., 0], up=self._up)
+            found = sky_weights(self._standing, place, table[..., 0], up=self._up)
             part = shown(found.share.sum(axis=0))[:, None]
             value = part * (found.weights @ table.reshape(-1, table.shape[-1]).astype(np.float32)) / np.pi
             numbers = np.concatenate([self._number, len(self._place) + np.arange(len(place))])
@@ -194,16 +198,3 @@ class _Builder:
         hanging = np.flatnonzero(leaf[:, 0] >= 0)
         hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
         return hanging, leaf[hanging, 0], at[hanging]
-
-
-def _plans(layout: Layout, ground_y: float) -> Floats:
-    """Return what `patch_kernel.survey` takes of the bodies that the ground sees, (m, 8)."""
-    plans = np.zeros((len(layout.ground_bodies), 8))
-    for plan, number in zip(plans, layout.ground_bodies, strict=True):
-        body = layout.bodies[number]
-        assert body.field is not None
-        frame, lowest, highest = body.field.frame, body.field.lowest_m, body.field.highest_m
-        plan[:6] = frame
-        plan[:2] += body.origin[[0, 2]]
-        plan[6:] = np.maximum(np.array([lowest, highest]) + body.origin[1] - ground_y, 0.0)
-    return plans

@@ -16,8 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.on_ground.ground_kernel import PIECES, cut
+from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
 from mr360uw.types import Floats
 
 _AT_ONCE = 1 << 16
@@ -34,19 +34,24 @@ class SkyWeights:
     share: Floats
 
 
-def sky_weights(layout: Layout, points: Floats, uniform: Floats, *, up: bool) -> SkyWeights:
-    """Return what the bodies of a layout block at places (n, 3) of the world.
+def sky_weights(bodies: Standing, points: Floats, uniform: Floats, *, up: bool) -> SkyWeights:
+    """Return what bodies block at places (n, 3), as `Standing.sweep` takes them.
 
     uniform: (azimuths, elevations + 1) of `level_table` for a radiance of 1. up: whether the ground is seen from above.
     """
-    bodies = len(layout.ground_bodies)
-    weights = np.zeros((len(points), *uniform.shape), np.float32)
-    share = np.zeros((bodies, len(points)))
-    step = max(_AT_ONCE // max(bodies, 1), 1)
-    for start in range(0, len(points), step):
-        part = slice(start, start + step)
-        _weigh(up, *layout.sweep(points[part]), uniform[0] / np.pi, weights[part], share[:, part])
-    return SkyWeights(weights.reshape(len(points), -1), share)
+    step = max(_AT_ONCE // max(len(bodies.fields), 1), 1)
+    parts = [points[start : start + step] for start in range(0, max(len(points), 1), step)]
+    found = [weights_of(bodies.sweep(part), uniform, up=up) for part in parts]
+    weights = np.concatenate([one.weights for one in found])
+    return SkyWeights(weights, np.concatenate([one.share for one in found], axis=1))
+
+
+def weights_of(swept: Swept, uniform: Floats, *, up: bool) -> SkyWeights:
+    """Return what bodies block at n places where `swept` is known; the others are those of `sky_weights`."""
+    bodies, points = swept[0].shape[:2]
+    weights, share = np.zeros((points, *uniform.shape), np.float32), np.zeros((bodies, points))
+    _weigh(up, *swept, uniform[0] / np.pi, weights, share)
+    return SkyWeights(weights.reshape(points, -1), share)
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
