@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that check and render a scene."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mr360uw.cli.arguments import check_report, frame_range, variants, view_of, worker_count
+from mr360uw.cli.options import (
+    BackendOption,
+    FrameOption,
+    FramesOption,
+    OverwriteOption,
+    ScaleOption,
+    SceneArgument,
+    SetOption,
+    SizeOption,
+    TimeOption,
+    ViewOption,
+)
+from mr360uw.errors import ParameterError
+
+
+def composite(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write")],
+    frames: FramesOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+    scale: ScaleOption = None,
+    overwrite: OverwriteOption = False,
+    layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
+    workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
+    dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
+    mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
+    report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
+) -> None:
+    """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
+    from mr360uw.pipeline import composite_video
+    from mr360uw.progress import terminal_progress
+    from mr360uw.render.check import explain_plan
+    from mr360uw.scene.model import at_scale, load_scene
+
+    loaded = at_scale(load_scene(scene, overrides or ()), scale)
+    check_report(report_file, loaded)
+    if explain:
+        typer.echo(explain_plan(loaded, backend))
+        return
+    with terminal_progress() as progress:
+        report = composite_video(
+            loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
+            progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),
+            cluster=dask, mixed=mixed,
+        )  # fmt: skip
+    if report_file is not None:
+        report.save(report_file)
+    typer.echo(str(report))
+
+
+def still(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="picture to write: .png, .jpg, .exr")],
+    frame: FrameOption = None,
+    time_s: TimeOption = None,
+    view: ViewOption = None,
+    size: SizeOption = "1280x720",
+    scale: ScaleOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
+    from mr360uw.preview.still import save_still
+    from mr360uw.scene.model import at_scale, load_scene
+
+    loaded = at_scale(load_scene(scene, overrides or ()), scale)
+    seen = view_of(view, size)
+    save_still(out, loaded, frame=frame, time_s=time_s, view=seen, backend=backend, overwrite=overwrite)
+    typer.echo(f"wrote {out}")
+
+
+def sweep(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="sheet to write: .png or .jpg; a page .html goes beside it")],
+    overrides: Annotated[list[str], typer.Option("--set", help="key and its values, as in --set sea.wind_speed=2,4,8")],
+    frame: FrameOption = None,
+    time_s: TimeOption = None,
+    view: ViewOption = None,
+    size: SizeOption = "1280x720",
+    scale: ScaleOption = None,
+    backend: BackendOption = "auto",
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
+    from mr360uw.preview.contact_sheet import sweep as write_sweep
+    from mr360uw.progress import terminal_progress
+
+    with terminal_progress() as progress:
+        written = write_sweep(
+            scene, out, variants(overrides), scale=scale, frame=frame, time_s=time_s,
+            view=view_of(view, size), backend=backend, overwrite=overwrite, progress=progress,
+        )  # fmt: skip
+    typer.echo("wrote " + "\n      ".join(str(path) for path in written))
+
+
+def check(
+    scene: SceneArgument,
+    out: Annotated[Path | None, typer.Argument(help="the output, to be checked too", show_default=False)] = None,
+    frames: FramesOption = None,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+) -> None:
+    """Check SCENE and every file it names, without rendering; print every problem, or the plan, and left-over parts."""
+    from mr360uw.render.check import check_scene
+    from mr360uw.runs.work_folder import stale_notes
+    from mr360uw.scene.model import load_scene
+
+    loaded = load_scene(scene, overrides or ())
+    text = check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene))
+    typer.echo("\n".join([text, *stale_notes((out or scene).absolute().parent)]))
+
+
+def clean(
+    folder: Annotated[Path, typer.Argument(help="folder of outputs")] = Path(),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only list them")] = False,
+) -> None:
+    """Remove the finished parts of runs that were stopped, in FOLDER; runs in progress keep theirs."""
+    from mr360uw.runs.work_folder import remove_stale
+
+    if not folder.is_dir():
+        raise ParameterError(f"{folder} - is no folder - name the one that the outputs are in")
+    for line in remove_stale(folder, dry_run=dry_run):
+        typer.echo(line)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that make scenes, measure plates, export maps and tell what is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mr360uw.cli.arguments import ImageFormat
+from mr360uw.cli.options import BackendOption, EyeOption, OverwriteOption, SceneArgument, SetOption
+
+
+def new(
+    video: Annotated[Path, typer.Argument(help="360 plate")],
+    mesh: Annotated[Path, typer.Argument(help="glTF, OBJ, PLY or STL")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
+    eye: EyeOption = None,
+    overwrite: OverwriteOption = False,
+    outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
+) -> None:
+    """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
+    from mr360uw.scene.template import write_scene
+
+    path = write_scene(
+        video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite, outside_files=outside_files
+    )
+    typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
+
+
+def sample(
+    folder: Annotated[Path, typer.Argument(help="folder to make")],
+    width: Annotated[int, typer.Option(help="frame width in pixels; the height is half of it")] = 1024,
+    frames: Annotated[int, typer.Option(help="number of frames")] = 48,
+    seed: Annotated[int, typer.Option(help="seed of sea and sand")] = 1,
+    water: Annotated[str, typer.Option(help="Jerlov type of the water")] = "IB",
+    depth: Annotated[float, typer.Option(help="depth of the camera in metres")] = 4.0,
+    floor: Annotated[float | None, typer.Option(help="depth of the sand in metres; default: 3.5 below")] = None,
+    sun_elevation: Annotated[float, typer.Option(help="of the sun above the surface, in degrees")] = 57.3,
+    sun_azimuth: Annotated[float, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = 34.4,
+    wind: Annotated[float, typer.Option(help="speed of the wind in m/s")] = 3.0,
+    speed: Annotated[float, typer.Option(help="speed in m/s at which the camera swims ahead")] = 0.0,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a synthetic 360 dive: plate with sound, whale, and a scene file that puts one into the other."""
+    from mr360uw.progress import terminal_progress
+    from mr360uw.sample import DiveSettings, sample_dive
+
+    dive_of = DiveSettings.in_degrees(water, depth, floor, sun_elevation, sun_azimuth, wind, speed, seed)
+    with terminal_progress() as progress:
+        dive = sample_dive(folder, dive_of, width=width, frames=frames, overwrite=overwrite, progress=progress)
+    typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}")
+
+
+def analyse(
+    video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,
+    eye: EyeOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.progress import terminal_progress
+    from mr360uw.render.analysis import analyse_video
+
+    with terminal_progress() as progress:
+        written = analyse_video(
+            video, out, eye=None if eye is None else eye.value, overwrite=overwrite, progress=progress
+        )
+    typer.echo("wrote " + "\n      ".join(str(path) for path in written))
+
+
+def caustics(
+    scene: SceneArgument,
+    folder: Annotated[Path, typer.Argument(help="folder for the images")],
+    frames: Annotated[int, typer.Option(help="number of frames of the loop")] = 48,
+    loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
+    depth_m: Annotated[float | None, typer.Option(help="depth of the caustics; default: the receiver's")] = None,
+    image_format: Annotated[ImageFormat, typer.Option("--format", help="16-bit PNG or float EXR")] = ImageFormat.png,
+    backend: BackendOption = "auto",
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
+    from mr360uw.progress import terminal_progress
+    from mr360uw.render.caustic_tiles import export_caustics
+    from mr360uw.scene.model import load_scene
+
+    with terminal_progress() as progress:
+        written = export_caustics(
+            load_scene(scene, overrides or ()), folder, frames=frames, loop_s=loop_s, depth_m=depth_m,
+            image_format=image_format.value, backend=backend, overwrite=overwrite, progress=progress,
+        )  # fmt: skip
+    typer.echo(f"wrote {len(written)} files into {folder}")
+
+
+def schema(
+    markdown: Annotated[bool, typer.Option("--markdown", help="print tables for people instead")] = False,
+) -> None:
+    """Print the JSON schema of a scene file."""
+    import json
+
+    from mr360uw.scene.handbook import parameters_markdown
+    from mr360uw.scene.model import scene_schema
+
+    if markdown:
+        typer.echo(parameters_markdown(), nl=False)
+        return
+    typer.echo(json.dumps(scene_schema(), indent=2))
+
+
+def info() -> None:
+    """Print the renderer, the graphics device, the video codecs and the versions in use."""
+    from mr360uw.info import describe
+
+    typer.echo(describe())
