@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
-from mr360uw.shapes import numbers, vectors
+from mr360uw.shapes import numbers, real, vectors
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
 Transfer = Literal["srgb", "bt709", "bt1886", "gamma22", "linear"]
@@ -64,8 +64,9 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     """Return linear light of code values in [0, 1]; odd about zero, so that excursions survive.
 
     srgb: IEC 61966-2-1. bt709: inverse of the camera curve of ITU-R BT.709-6. bt1886: display gamma 2.4.
+    linear: as it is, also what is not finite, as in maps of distances.
     """
-    v = numbers("encoded", encoded)
+    v = (real if transfer == "linear" else numbers)("encoded", encoded)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
     a = np.abs(v)
     if transfer == "srgb":
@@ -85,7 +86,7 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
 
 def encode(linear: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     """Return code values of linear light, the inverse of `decode`; not clipped."""
-    v = numbers("linear", linear)
+    v = (real if transfer == "linear" else numbers)("linear", linear)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
     a = np.abs(v)
     if transfer == "srgb":

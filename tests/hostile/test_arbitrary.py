@@ -26,7 +26,7 @@ from tests.composite.gltf_files import one_square, swimming
 from tests.hostile.bench import Material
 from tests.video.clips import write_clip
 
-few = settings(max_examples=40, deadline=None, derandomize=True, database=None,
+few = settings(max_examples=25, deadline=None, derandomize=True, database=None,
                suppress_health_check=[HealthCheck.function_scoped_fixture])  # fmt: skip
 SCALARS = st.one_of(
     st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(allow_nan=True), st.text(max_size=8)

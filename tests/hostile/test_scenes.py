@@ -89,7 +89,7 @@ def test_wrong_values_name_their_line_and_key(
     bench.refuses_scene(text, f"scene.toml:{line} {place}")  # the last of them as a user meets it
 
 
-DEEP = 6000
+DEEP = 2000
 TEXTS = {
     "nothing": ("", "plate"),
     "no TOML": ("this is no TOML", "is not TOML"),
