@@ -135,7 +135,8 @@ def crash(kills: int, seed: int) -> list[str]:
                 except subprocess.TimeoutExpired:
                     running.send_signal(signal.SIGKILL)
                     running.communicate()
-                finished = running.returncode == 0
+                # a run may be complete and be killed as it leaves
+                finished = not work_path(command.out).exists() and _exists(command)
                 complete, incomplete = (CRASH_FRAMES, 0) if finished else command.complete()
                 kept = complete if finished else command.finish()
                 same = command.content() == expected
@@ -151,6 +152,11 @@ def crash(kills: int, seed: int) -> list[str]:
                 wrong += [f"{line}: {problem}" for problem, here in problems.items() if here]
         wrong += _two_at_once(dive, folder)
     return wrong
+
+
+def _exists(command: Command) -> bool:
+    """Return whether an output is there."""
+    return bool(matching_files(command.out)) if command.kind == "png" else command.out.exists()
 
 
 def _files_of(kind: str) -> int:
