@@ -39,7 +39,7 @@ from mr360uw.video import EncodeSettings, create_video  # noqa: E402
 from mr360uw.video.read.images import matching_files  # noqa: E402
 
 CRASH_WIDTH, CRASH_FRAMES, SEGMENT = 128, 24, 3
-"""Pictures 64 wide are too narrow: x264's macroblock tree then reads memory that it has not written, and packets vary."""
+"""Pictures 64 wide are too narrow: x264's macroblock tree then reads memory that it has not written; packets vary."""
 KINDS = {
     "h264": ("out.mp4", ["output.threads=1"]),
     "h265": ("out.mkv", ["output.codec=h265", "output.threads=1"]),
