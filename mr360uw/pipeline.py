@@ -11,7 +11,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +21,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
-from mr360uw.render.backends import make_backend
+from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
@@ -33,7 +33,7 @@ from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
-from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import real
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -129,13 +129,10 @@ def composite_video(
     Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
     """
-    began, target = time.perf_counter(), Path(out).absolute()
-    pattern = None if layers is None else Path(layers).absolute()
-    keep_inputs(scene, target, *([] if pattern is None else [pattern]))
+    began = time.perf_counter()
     with open_plate(scene) as video:
         span = video.check_range(*frames)
-        output = Output(target, pattern, video, scene, span, overwrite)
-        output.check_layers()
+        output = Output.of(scene, video, out, layers, span, overwrite=overwrite)
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         loaded.check(span[1])
@@ -143,38 +140,45 @@ def composite_video(
         crew = make_crew(workers, cluster, len(parts))
         inputs = input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
-        with work_folder(target, keys, fresh=fresh) as work:
+        with work_folder(output.path, keys, fresh=fresh) as work:
             if not (work.resumed or overwrite):
                 output.check_pictures()
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
                 doubts = _find_facts(loaded, video, span, work, times, progress).notes
-                forecast = None if tell is None else Forecast(tell, output, work, total - kept)
-                done = _counted(progress, forecast, kept, total)
-                job = Job(scene, target, work, "auto" if mixed else renderer.name, pattern, left)
+                done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
+                job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, video, loaded, renderer)
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = output.complete(work, parts)
+    return replace(
+        _report(Path(out), total, loaded, renderer, times),
+        seconds=time.perf_counter() - began,
+        notes=(*video.doubts, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
+        kept_frames=kept,
+        workers=1 if crew is None else crew.count,
+        inputs=inputs,
+    )
+
+
+def _report(out: Path, frames: int, loaded: Loaded, renderer: Backend, times: RunTimes) -> Report:
+    """Return the report of a run, without what only the run as a whole has."""
     plan = loaded.plan
     return Report(
-        out=Path(out),
-        frames=total,
+        out=out,
+        frames=frames,
         backend=renderer.name,
         device=renderer.device,
         plan=plan,
-        seconds=time.perf_counter() - began,
+        seconds=0.0,
         stage_s=times.seconds,
-        notes=(*video.doubts, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
         empty_frames=times.empty if plan.layer.runs else 0,
         sunless_frames=times.sunless if plan.sun.runs else 0,
         held_frames=times.held,
         concealed_frames=times.concealed,
-        kept_frames=kept,
-        workers=1 if crew is None else crew.count,
         renderers=times.renderers,
-        inputs=inputs,
     )
 
 

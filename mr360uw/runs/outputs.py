@@ -9,6 +9,7 @@ from pathlib import Path
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.runs.sinks import Part, segment_bounds
 from mr360uw.runs.work_folder import WorkFolder
+from mr360uw.scene.inputs import keep_inputs
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
@@ -28,6 +29,24 @@ class Output:
     scene: Scene
     span: Part
     overwrite: bool
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        video: VideoReader,
+        path: str | Path,
+        layers: str | Path | None,
+        span: Part,
+        *,
+        overwrite: bool,
+    ) -> Output:
+        """Return an output; raise `VideoError` or `ParameterError` where its names are those of other files."""
+        pattern = None if layers is None else Path(layers).absolute()
+        output = cls(Path(path).absolute(), pattern, video, scene, span, overwrite)
+        keep_inputs(scene, output.path, *([] if pattern is None else [pattern]))
+        output.check_layers()
+        return output
 
     @property
     def is_pictures(self) -> bool:
