@@ -3,10 +3,10 @@
 
     python benchmarks/caustics.py [SECTION ...]
 
-Sections: truth, energy, pareto, surface, stack, footprint, sizes, planes, speed, lookup, sheet, animation, stress;
-without one, all of them. `truth` needs the folder of reference values beside the checkout; elsewhere the finest grid of
-the exact method stands in. Times are medians after a warm-up: processor time of all threads where OpenGL is a
-processor, which other work on the machine disturbs little, else time on the wall.
+Sections: truth, energy, pareto, surface, stack, footprint, sizes, grids, short_waves, shadows, planes, speed, lookup,
+sheet, animation, stress; without one, all of them. `truth` needs the folder of reference values beside the checkout;
+elsewhere the finest grid of the exact method stands in. Times are medians after a warm-up: processor time of all
+threads where OpenGL is a processor, which other work on the machine disturbs little, else time on the wall.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ from mr360uw.caustics import (
     stack_depths,
 )
 from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.caustics.flux.irradiance import cell_flux
+from mr360uw.caustics.flux.refracted_rays import Rays, refracted_rays
+from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.gl.renderer import CausticRenderer, caustic_renderer
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
@@ -56,6 +60,10 @@ def sea_of(rows: list[tuple[float, ...]]) -> GerstnerSea:
     """Return a sea of the waves in a table."""
     w = np.array(rows)
     return GerstnerSea.from_waves(2.0 * np.pi / 8.0 * w[:, :2], w[:, 2], w[:, 4], w[:, 3], tile_m=8.0)
+
+
+SHARP = GerstnerSea(detail_slope=0.0)
+"""The default waves without the blur of others."""
 
 
 def sun_at(zenith_deg: float, azimuth_rad: float = 0.6) -> np.ndarray:
@@ -366,7 +374,7 @@ def footprint() -> None:
     )
     u, v = np.random.default_rng(1).uniform(0.0, 1.0, (2, 40_000))
     plane = np.zeros(u.shape, np.int64)
-    for name, sea in (("default", GerstnerSea()), ("choppy", sea_of(CHOPPY))):
+    for name, sea in (("default", SHARP), ("choppy", sea_of(CHOPPY))):
         fine, coarse = (
             caustic_stack(sea, ZENITH, [4.0], 0.0, CausticSettings(size=n, grid=512)).ratio for n in (2048, 256)
         )
@@ -386,7 +394,7 @@ def sizes() -> None:
     print("rmse/std and contrast against the mean over a pixel's footprint in a map 2048 from a grid 1024")
     u, v = np.random.default_rng(1).uniform(0.0, 1.0, (2, 40_000))
     plane = np.zeros(u.shape, np.int64)
-    for name, sea, zenith, depth in (("default", GerstnerSea(), 30.0, 4.0), ("choppy", sea_of(CHOPPY), 0.0, 5.0)):
+    for name, sea, zenith, depth in (("default", SHARP, 30.0, 4.0), ("choppy", sea_of(CHOPPY), 0.0, 5.0)):
         sun = sun_at(zenith)
         fine = caustic_stack(sea, sun, [depth], 0.0, CausticSettings(size=2048, grid=1024)).ratio[0, :, :, 0]
         for size, grid in (
@@ -411,10 +419,58 @@ def sizes() -> None:
             print(line)
 
 
+def grids() -> None:
+    """Error of grids against a grid of 1024, and the grid that is chosen; sun overhead."""
+    choppy, counts = sea_of(CHOPPY), (96, 128, 160, 192, 256)
+    seas = {"default": GerstnerSea(), "default waves": SHARP, "choppy": choppy, "jonswap": SpectralSea()}
+    seas |= {f"choppy + {s}": choppy.model_copy(update={"detail_slope": s}) for s in (0.05, 0.1)}
+    for name, sea in seas.items():
+        for depth in (3.0, 9.0):
+            fine = caustic_map(sea, ZENITH, depth, 0.0, 512, 1024)
+            errors = (f"{g}: {rmse(caustic_map(sea, ZENITH, depth, 0.0, 512, g), fine):.3f}" for g in counts)
+            print(f"  {name:14} {depth:.0f} m, chosen {grid_of(CausticSettings(), sea)}   {'   '.join(errors)}")
+
+
+def short_waves() -> None:
+    """The blur against 300 waves from 0.2 m down to 17 mm that are drawn, wind 4 m/s: a minute."""
+    sea, rng, count = GerstnerSea(), np.random.default_rng(3), 300
+    longest, shortest = 2.0 * np.pi / 0.2, 370.0
+    slope = sea.detail_rms_slope**2
+    length = longest * (shortest / longest) ** ((np.arange(count) + rng.uniform(0.0, 1.0, count)) / count)
+    turn = np.radians(55.0) * rng.standard_normal(count) + np.arctan2(sea.wind_travel[1], sea.wind_travel[0])
+    k = np.round(length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1) * 8.0 / (2.0 * np.pi))
+    k *= 2.0 * np.pi / 8.0
+    w, amplitude = sea.waves, np.sqrt(2.0 * slope / count) / np.linalg.norm(k, axis=1)
+    drawn = GerstnerSea.from_waves(
+        np.concatenate([w.wave_vector, k]), np.concatenate([w.amplitude_m, amplitude]),
+        np.concatenate([w.steepness, np.zeros(count)]), np.concatenate([w.phase_rad, rng.uniform(0.0, 6.28, count)]),
+    )  # fmt: skip
+    for depth in (1.0, 3.0, 8.0, 15.0):
+        true = caustic_map(drawn, sun_at(30.0), depth, 0.0, 256, 2048)
+        line = f"  {depth:2.0f} m, 3 cm wide: correlation and std over the true ones:"
+        for name, model in (("sharp", SHARP), ("blurred", sea)):
+            got = caustic_map(model, sun_at(30.0), depth, 0.0, 256, 512)
+            line += f"   {name} {np.corrcoef(got.ravel(), true.ravel())[0, 1]:.2f} {got.std() / true.std():.2f}"
+        print(line)
+
+
+def shadows() -> None:
+    """Light that low suns' waves take in, over what comes in, and the time of finding the shadows."""
+    for wind, elevation, grid in itertools.product((5.0, 10.0), (5.0, 10.0, 20.0), (128, 192, 256)):
+        sun, surface = sun_at(90.0 - elevation), GerstnerSea(wind_speed=wind).grid_surface(grid, 0.0)
+        rays = refracted_rays(surface, sun, 1.34)
+        through = Rays(rays.origin, rays.slope, np.ones_like(rays.transmittance))
+        met, passed = (cell_flux(surface, r, sun, 8.0).sum() / (64.0 * sun[1]) for r in (through, rays))
+        ms = median_ms(functools.partial(lit_corners, surface, sun, 8.0), 5)
+        print(
+            f"  {wind:2.0f} m/s, {elevation:2.0f} deg, grid {grid}: in {met:.3f}, passed on {passed:.3f}, {ms:.0f} ms"
+        )
+
+
 def planes() -> None:
     """A body 1 m tall rises past another one: the change of the other's light from frame to frame, the sea at rest."""
     x, z = np.random.default_rng(0).uniform(0.0, 8.0, (2, 4000))
-    sea, sun, s = GerstnerSea(), sun_at(30.0), CausticSettings(size=256)
+    sea, sun, s = SHARP, sun_at(30.0), CausticSettings(size=256, grid=128)
     ladder = PlaneLadder.of_scene([(4.0, 7.0), (5.5, 6.5)], [1.0, 1.0], [], s.planes)
     seen, counts = [], []
     for middle in np.linspace(6.5, 4.5, 25):
@@ -494,7 +550,24 @@ def stress() -> None:
             print(f"{label:20}{backend:11}{1e3 * (time.perf_counter() - start):8.0f} ms  {said}")
 
 
-_ALL = (truth, energy, pareto, surface, stack, footprint, sizes, planes, speed, lookup, sheet, animation, stress)
+_ALL = (
+    truth,
+    energy,
+    pareto,
+    surface,
+    stack,
+    footprint,
+    sizes,
+    grids,
+    short_waves,
+    shadows,
+    planes,
+    speed,
+    lookup,
+    sheet,
+    animation,
+    stress,
+)
 SECTIONS = {f.__name__: f for f in _ALL}
 
 

@@ -19,6 +19,10 @@ _ABOVE_FLOOR_M = 3.5
 """Height [m] of the camera above the sand where no depth of the sand is given."""
 
 
+_SLICK_SLOPE = 0.02
+"""Root mean square slope of the waves that are not drawn. Twice as large, the lines of light are twice as wide."""
+
+
 @dataclass(frozen=True, slots=True)
 class DiveSettings:
     """Parameters of the dive.
@@ -81,8 +85,11 @@ class DiveSettings:
 
     @property
     def sea(self) -> GerstnerSea:
-        """The surface of the dive."""
-        return GerstnerSea(wind_speed=self.wind_speed_m_s, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed)
+        """The surface of the dive, with few ripples, as under a natural slick (Cox & Munk 1954)."""
+        return GerstnerSea(
+            wind_speed=self.wind_speed_m_s, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed,
+            detail_slope=_SLICK_SLOPE,
+        )  # fmt: skip
 
     def camera_at(self, time_s: float) -> Floats:
         """Return the position (3,) [m] of the camera, which swims straight ahead."""

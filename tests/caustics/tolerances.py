@@ -56,6 +56,10 @@ SHEARED_GAUSSIAN = 0.015
 """The same with a Gaussian of half a pixel to two: rows moved by parts of a pixel are read between two texels."""
 DRAWN_SOFT_LIGHT = 0.03
 """RMSE over standard deviation of drawn light that has turned: Gaussians narrower than a pixel are sampled there."""
+SHADOWED_FLUX = 0.025
+"""Light through a grid whose triangles are lit by thirds, against rays: cells of 4 to 6 cm at edges of shadows."""
+SHADOWED_AGREEMENT = 0.05
+"""RMSE over standard deviation at suns of 4 degrees: points whose ray grazes a wave are lit on one renderer only."""
 SAMPLED_AGREEMENT = 0.12
 """Methods that sample triangles at pixel centres: a centre on an edge falls to either side in single precision."""
 TILT_CONTRAST = 0.1

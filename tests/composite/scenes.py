@@ -57,12 +57,14 @@ def medium(camera_depth_m: float = 5.0, absorption: tuple[float, ...] = (0.35, 0
     return MediumTable(camera_depth_m, length, veil, np.broadcast_to(a, (9, 8, 3)).copy(), table, table, 1.5 * table)
 
 
-def caustics(rng: np.random.Generator) -> CausticStack:
-    """Return a random pattern of mean 1 on three planes."""
+def caustics(rng: np.random.Generator, *, softened: bool = False) -> CausticStack:
+    """Return a random pattern of mean 1 on three planes, and if asked for another one of light that has turned."""
     ratio = rng.uniform(0.4, 1.6, (3, 32, 32, 3))
     ratio /= ratio.mean(axis=(1, 2), keepdims=True)
-    soft = rng.uniform(0.8, 1.2, (3, 32, 32, 1))
-    soft /= soft.mean(axis=(1, 2), keepdims=True)
+    soft = None
+    if softened:
+        soft = rng.uniform(0.4, 1.6, (3, 32, 32, 1))
+        soft /= soft.mean(axis=(1, 2), keepdims=True)
     return CausticStack(ratio, np.array([2.0, 6.0, 12.0]), 4.0, SUN.direction, soft)
 
 

@@ -93,7 +93,9 @@ def test_blocks_tell_their_pixels(
     """The box and its shadow lie across the seam; a frame of 500 x 250 ends within a block."""
     bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.1, -0.95, 1.6), (25, 0, 0))
     floor = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0)
-    scene = shot(*bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng), receiver=floor)
+    scene = shot(
+        *bodies, width=width, environment=sea, medium=medium(), caustics=caustics(rng, softened=True), receiver=floor
+    )
     expected, _ = pixelwise(scene)
     assert_agrees(at_steps(renderer.render(scene), expected), expected)
 

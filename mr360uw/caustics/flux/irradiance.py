@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
 from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
 from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
 from mr360uw.caustics.flux.sun_disc import blur, footprint
 from mr360uw.caustics.published.scrolling import scroll
@@ -149,15 +150,23 @@ def check_arguments(
 
 
 def cell_flux(surface: Surface, rays: Rays, sun: Array, tile_m: float) -> Array:
-    """Return the flux (N, N, 2) [m^2] into each cell's two triangles, per unit irradiance across the beam."""
+    """Return the flux (N, N, 2) [m^2] into each cell's two triangles, per unit irradiance across the beam.
+
+    Triangles in the shadow of other waves get none; where none is turned away from the sun, none is in shadow.
+    """
     position = wrapped(surface.position, tile_m, columns=(0, 2))
     a, b, c, d = position[:-1, :-1], position[:-1, 1:], position[1:, 1:], position[1:, :-1]
     t = np.pad(rays.transmittance, ((0, 1), (0, 1)), mode="wrap")
     ta, tb, tc, td = t[:-1, :-1], t[:-1, 1:], t[1:, 1:], t[1:, :-1]
     # the grid's x and z axes span a downward normal: corners in reverse order face up
-    return np.stack(
+    flux = np.stack(
         [facet_flux(a, c, b, (ta + tb + tc) / 3.0, sun), facet_flux(a, d, c, (ta + tc + td) / 3.0, sun)], axis=-1
     )
+    if flux.min() > 0.0:
+        return flux
+    lit = np.pad(lit_corners(surface, sun, tile_m), ((0, 1), (0, 1)), mode="wrap")
+    la, lb, lc, ld = lit[:-1, :-1], lit[:-1, 1:], lit[1:, 1:], lit[1:, :-1]
+    return flux * np.stack([la + lb + lc, la + lc + ld], axis=-1) / 3.0
 
 
 def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:

@@ -3,7 +3,8 @@
 
 From every point of the grid the ray is followed in steps of a cell until it is above the highest wave. The surface
 there is that of the particle that has moved below the ray: its place at rest is found from the last step's. A triangle
-takes the lit fraction of its corners. Where no triangle is turned away from the sun, none is in shadow either.
+takes the lit fraction of its corners. Where no triangle is turned away from the sun, none is in shadow either. A
+shadowing function (Smith 1967) would give the lit fraction of a random surface, but not where it is.
 
 Closed form: on a periodic sea all light that comes in meets the surface once, so the lit triangles have together the
 area tile^2 L_y across the beam. Without shadows it is more: the light of the shadowed triangles is counted twice.
@@ -22,9 +23,12 @@ from mr360uw.types import Surface
 
 Array = NDArray[np.floating[Any]]
 
+IN_SHADOW = 1e-6
+"""Lit fraction of a point in shadow: a coarse grid that a low sun does not see at all gets its map without shadows."""
+
 
 def lit_corners(surface: Surface, sun: Array, tile_m: float) -> Array:
-    """Return 1 for each point (N, N) of a grid surface that the sun sees, and 0 in shadow. sun: unit, upwards."""
+    """Return 1 for each point (N, N) of a grid surface that the sun sees, else `IN_SHADOW`. sun: unit, upwards."""
     size = len(surface.position)
     cell = tile_m / size
     at = np.arange(size) * cell
@@ -76,6 +80,6 @@ def _lit(fields: Array, along_x: float, along_z: float, rise: float, steps: int)
                 rest_x = x - _read(fields, 0, guess_x, guess_z)
                 rest_z = z - _read(fields, 1, guess_x, guess_z)
                 if _read(fields, 2, rest_x, rest_z) > height:
-                    lit[j, i] = 0.0
+                    lit[j, i] = IN_SHADOW
                     break
     return lit

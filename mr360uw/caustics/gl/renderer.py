@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import beam_slope, caustic_stack, check_arguments, pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.flux.shadowed import IN_SHADOW, shadow_steps
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft
-from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, marginal_kernel
 from mr360uw.caustics.gl.atlas import layer_planes
-from mr360uw.caustics.gl.gaussian import gaussian_blur, gaussian_sum
+from mr360uw.caustics.gl.blurs import NO_BLUR_PIXELS, disc_blur, gaussian_blur, gaussian_sum
 from mr360uw.caustics.gl.passes import Passes, Textures
 from mr360uw.caustics.gl.plane import Plane
 from mr360uw.caustics.gl.published.mesh_drawing import draw_mesh, scrolled
@@ -41,12 +41,6 @@ from mr360uw.optics import fresnel_transmittance, refract_to_water
 from mr360uw.types import BeamSpread, Floats
 
 Array = NDArray[np.floating[Any]]
-
-_NO_BLUR_PIXELS = 0.25
-"""Half width [pixel] of the sun's image below which maps are not blurred.
-
-The standard deviation that is left out is an eighth of a pixel; a bilinear read adds half a pixel anyway.
-"""
 
 
 @per_thread
@@ -81,7 +75,7 @@ class CausticRenderer:
     ) -> Floats:
         """Return the irradiance ratio (size, size) of `irradiance.caustic_map`."""
         sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
-        self._surface(sea, grid, 0.0 if method == "scrolling" else time_s)
+        self._surface(sea, sun, grid, 0.0 if method == "scrolling" else time_s)
         total = self._rays(sun, refractive_index, grid, "rays 0")
         plane = Plane(
             sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method,
@@ -120,7 +114,7 @@ class CausticRenderer:
             dtype="f4",
         )
         target = gl_context().framebuffer([texture])
-        self._surface(sea, grid, 0.0 if s.method == "scrolling" else time_s)
+        self._surface(sea, sun, grid, 0.0 if s.method == "scrolling" else time_s)
         for channel, index in enumerate(indices):
             lights, totals = [], []
             total = self._rays(sun, index, grid, f"rays {channel}")
@@ -164,30 +158,38 @@ class CausticRenderer:
                 last=size.bit_length() - 1, layer=layers[0] + layer * layers[1],
             )  # fmt: skip
 
-    def _surface(self, sea: Sea, grid: int, time_s: float) -> None:
-        """Fill "position" and "normal"."""
+    def _surface(self, sea: Sea, sun: Array, grid: int, time_s: float) -> None:
+        """Fill "position", "normal" and "lit"."""
         check_time(time_s)
         inputs: dict[str, moderngl.Texture] = {}
         uniforms: dict[str, Any] = {"grid": grid, "detail__repeats": (0.0, 0.0)}
         if isinstance(sea, GerstnerSea) and sea.tiling == "lattice":
             inputs["waves"] = texture_from_array(wave_table(sea.waves, sea.tile_m, time_s))
             uniforms["wave_count"] = len(sea.waves.amplitude_m)
+            range_m = 2.0 * float(np.sum(sea.waves.amplitude_m))
         else:
-            inputs["fields"] = texture_from_array(field_image(sea, grid, time_s))
+            image = field_image(sea, grid, time_s)
+            inputs["fields"] = texture_from_array(image)
             uniforms["FIELDS"] = 1
+            range_m = sea.tile_m * float(np.ptp(image[:grid, :, 0]))
         detail = sea.detail(time_s)
         if detail is not None:
             inputs["slopes"] = texture_from_array(detail.slopes)
             uniforms |= {"detail__repeats": detail.repeats, "detail__offset": detail.offset}
         targets = [self._passes.texture(name, grid, grid, 4) for name in ("position", "normal")]
         self._passes.fill(targets, "surface", inputs, **uniforms)
+        towards = (*(sun[[0, 2]] / max(np.hypot(sun[0], sun[2]), 1e-9)), sun[1] / max(np.hypot(sun[0], sun[2]), 1e-9))
+        self._passes.fill(
+            [self._passes.texture("lit", grid, grid)], "lit", {"position": targets[0]}, towards=towards, grid=grid,
+            steps=shadow_steps(range_m, sun, sea.tile_m, grid), dark=IN_SHADOW,
+        )  # fmt: skip
 
     def _rays(self, sun: Array, refractive_index: float, grid: int, name: str) -> moderngl.Texture:
         """Fill the rays and the flux of each cell; return the mean flux of a cell, a texture of one texel."""
         targets = [self._passes.texture(name, grid, grid, 4), self._passes.texture(f"{name} flux", grid, grid, 2)]
+        inputs = {name: self._passes[name] for name in ("position", "normal", "lit")}
         self._passes.fill(
-            targets, "rays", {"position": self._passes["position"], "normal": self._passes["normal"]}, sun_in_air=sun,
-            refractive_index=refractive_index, grid=grid,
+            targets, "rays", inputs, sun_in_air=sun, refractive_index=refractive_index, grid=grid,
             flat_flux=float(sun[1] * fresnel_transmittance(sun[1], refractive_index)) / grid**2,
         )  # fmt: skip
         return self._mean(targets[1], grid, name)
@@ -215,14 +217,13 @@ class CausticRenderer:
             passes.fill([folded], "fold", {"light": drawn}, size=size)
             gaussian_blur(passes, light, folded, covariance)
             return light
-        radius_x, radius_z = plane.disc_radii
-        if max(radius_x, radius_z) < _NO_BLUR_PIXELS:
+        radii = plane.disc_radii
+        if max(radii) < NO_BLUR_PIXELS:
             passes.fill([light], "fold", {"light": drawn}, size=size)
             return light
-        folded, half = passes.texture("folded", size, size), passes.texture("half blurred", size, size)
+        folded = passes.texture("folded", size, size)
         passes.fill([folded], "fold", {"light": drawn}, size=size)
-        self._blur(half, folded, (1, 0), radius_x)
-        self._blur(light, half, (0, 1), radius_z)
+        disc_blur(passes, light, folded, radii)
         return light
 
     def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: Plane) -> None:
@@ -237,13 +238,3 @@ class CausticRenderer:
             self._passes.draw(
                 target, "cell", rays, geometry="caustics/gl/cell.geom", RECTANGLES=1, extents=(limit, widest), **common
             )
-
-    def _blur(
-        self, target: moderngl.Texture, image: moderngl.Texture, axis: tuple[int, int], radius_pixel: float
-    ) -> None:
-        kernel = marginal_kernel(round(radius_pixel / KERNEL_STEP) * KERNEL_STEP, image.width)
-        reach = len(kernel) // 2
-        weights = texture_from_array(kernel[None, reach:])
-        self._passes.fill(
-            [target], "blur", {"image": image, "weights": weights}, axis=axis, reach=reach, size=image.width
-        )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gaussian blur of a periodic map by two passes, one along x and one along a line that runs mostly along z.
+"""Blurs of a periodic map by two passes: the sun's disc, and Gaussians.
 
-A Gaussian of covariance S is the product of one along x of variance S_xx - S_xz^2/S_zz and one of variance S_zz over
-rows, each row moved by S_xz/S_zz along x.
+A disc is the product of its projections on both axes. A Gaussian of covariance S is the product of one along x of
+variance S_xx - S_xz^2/S_zz and one of variance S_zz over rows, each row moved by S_xz/S_zz along x.
 """
 
 from __future__ import annotations
@@ -14,11 +14,17 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.caustics.flux.sun_disc import KERNEL_STEP, marginal_kernel
 from mr360uw.caustics.gl.passes import Passes
 from mr360uw.gl.context import texture_from_array
 
 Array = NDArray[np.floating[Any]]
 
+NO_BLUR_PIXELS = 0.25
+"""Half width [pixel] of the sun's image below which maps are not blurred.
+
+The standard deviation that is left out is an eighth of a pixel; a bilinear read adds half a pixel anyway.
+"""
 _REACH = 3.5
 """Half width of kernels in standard deviations; what lies beyond is 5e-4 of the weight."""
 _AROUND = 2
@@ -27,6 +33,22 @@ _NO_SHEAR = 1e-3
 """Shift along x for each row below which rows are not moved: a tenth of a pixel a hundred rows away."""
 _STEP = 1.0 / 64.0
 """Standard deviations are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
+
+
+def disc_blur(
+    passes: Passes, target: moderngl.Texture, image: moderngl.Texture, radii_pixel: tuple[float, float]
+) -> None:
+    """Fill a texture with an image (size, size) convolved with a disc of half widths along x and z [pixel]."""
+    half = passes.texture("half blurred", image.width, image.width)
+    for to, source, radius, axis in (
+        (half, image, radii_pixel[0], (1, 0)), (target, half, radii_pixel[1], (0, 1))
+    ):  # fmt: skip
+        kernel = marginal_kernel(round(radius / KERNEL_STEP) * KERNEL_STEP, image.width)
+        reach = len(kernel) // 2
+        passes.fill(
+            [to], "blur", {"image": source, "weights": texture_from_array(kernel[None, reach:])}, axis=axis, shear=0.0,
+            scale=1.0, reach=reach, size=image.width,
+        )  # fmt: skip
 
 
 def gaussian_sum(
@@ -66,7 +88,7 @@ def gaussian_blur(
         if to is target and onto is not None:
             inputs["onto"] = onto
             uniforms["ADD"] = 1
-        passes.fill([to], "sheared", inputs, scale=weight if to is target else 1.0, **uniforms)
+        passes.fill([to], "blur", inputs, scale=weight if to is target else 1.0, **uniforms)
 
 
 @functools.lru_cache(maxsize=64)
