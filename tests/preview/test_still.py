@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import mr360uw as uw
-from mr360uw.cli.arguments import variants, view_of
 from mr360uw.cli import app
+from mr360uw.cli.arguments import variants, view_of
 from mr360uw.preview.contact_sheet import LARGEST_SHEET
 from mr360uw.preview.perspective import Perspective, look
 from mr360uw.preview.still import render_still
