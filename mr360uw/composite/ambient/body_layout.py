@@ -206,7 +206,7 @@ def _look(body: Body, begin: int, others: list[tuple[int, Transfer, RelativePose
     near_cosine = np.where(body.own.open[near], transfer.cosine[near], np.float32(0.0))
     for site, cosine in ((transfer.lookouts.site, body.own.direct), (near, near_cosine)):
         place, pairs, node = body.places(site), [], None
-        for first, other, pose in others:
+        for first, other, pose in others if len(site) else ():
             key = (mesh, other.mesh, pose.key, body.placed.casts_shadow, site.tobytes(), body.sunk_key)
             make = functools.partial(pair_view, transfer, place, cosine > 0.0, other, pose)
             pairs.append((kept("ambient pair", key, make), first))

@@ -179,10 +179,8 @@ def _met(
     direction: Floats,
     triangle: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    corners = scene.triangles[triangle]
-    weights, distance = barycentric(corners - origin[:, None], direction)
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    behind = np.sum(flat * direction, axis=-1) > 0.0
+    weights, distance = barycentric(scene.triangles[triangle] - origin[:, None], direction)
+    behind = np.sum(scene.normals[triangle] * direction, axis=-1) > 0.0
     knots, shares = knots_at(lattice.places[solid[triangle]], weights)
     knot = knots[np.arange(len(knots)), np.argmax(shares, axis=1)]
     return lattice.knot_site[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind

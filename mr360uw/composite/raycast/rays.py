@@ -7,8 +7,10 @@ without a wheel of embree, trimesh's own (slow) intersector is used.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +37,12 @@ class RayScene:
 
             faces = np.arange(3 * len(self.triangles)).reshape(-1, 3)
             self._trimesh = trimesh.Trimesh(self.triangles.reshape(-1, 3), faces, process=False).ray
+
+    @cached_property
+    def normals(self) -> Floats:
+        """Normals (T, 3) of the triangles, to the side from which their corners run counter-clockwise; not unit."""
+        a, b, c = (self.triangles[:, k] for k in range(3))
+        return np.cross(b - a, c - a)
 
     def first_hit(self, origins: Floats, directions: Floats) -> NDArray[np.int64]:
         """Return the index (n,) of the nearest triangle along each ray, -1 for none."""
@@ -67,9 +75,26 @@ def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
     By triple products: the ray d is the sum of a, b, c weighted by d.(b x c), d.(c x a), d.(a x b).
     On the device: gl/shaders/rays.glsl.
     """
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    bc, ca, ab = np.cross(b, c - b), np.cross(c, a - c), np.cross(a, b - a)
-    weights = np.stack([np.sum(directions * w, -1) for w in (bc, ca, ab)], axis=-1)
-    total = weights.sum(axis=-1)
-    total = np.where(np.abs(total) < 1e-300, 1e-300, total)
-    return weights / total[:, None], np.sum(a * bc, -1) / total
+    weights, distance = np.empty((len(triangles), 3)), np.empty(len(triangles))
+    _intersect(np.asarray(triangles, np.float64), np.asarray(directions, np.float64), weights, distance)
+    return weights, distance
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _triple(d: Any, p: Any, q: Any) -> Any:
+    """Return d.(p x (q - p))."""
+    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    return d[0] * (p[1] * z - p[2] * y) + d[1] * (p[2] * x - p[0] * z) + d[2] * (p[0] * y - p[1] * x)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> None:
+    for n in range(len(triangles)):
+        a, b, c, d = triangles[n, 0], triangles[n, 1], triangles[n, 2], directions[n]
+        weights[n, 0], weights[n, 1], weights[n, 2] = _triple(d, b, c), _triple(d, c, a), _triple(d, a, b)
+        total = weights[n, 0] + weights[n, 1] + weights[n, 2]
+        if abs(total) < 1e-300:
+            total = 1e-300
+        for k in range(3):
+            weights[n, k] /= total
+        distance[n] = _triple(a, b, c) / total

@@ -36,6 +36,10 @@ _PREDICTED = 4.0
 """Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
 _ROOTS = 4
 """Squares along the longer side of the ground around all bodies, before they are quartered."""
+_ASIDE = np.array([1.0 / 3.0, 1.0 / 5.0])
+"""Place of a corner of the largest squares beside the first body's origin, over their side. At the origin itself, light
+at the corner of a box that hangs above the ground rises by .002 outwards.
+"""
 _DEEPEST = 16
 """Most times that a square is quartered."""
 _FINEST = 0.5
@@ -121,9 +125,9 @@ class _Builder:
         low, high = ((self._bodies[:, :2] + way * reach) for way in (-1.0, 1.0))
         low, high = low.min(axis=0), high.max(axis=0)
         self._root_m = 2.0 ** np.ceil(np.log2(max(float((high - low).max()), 1e-6) / _ROOTS))
-        first = np.floor(low / self._root_m).astype(np.int64)
-        self._roots = np.floor(high / self._root_m).astype(np.int64) + 1 - first
-        self._low = first * self._root_m
+        first = np.floor(low / self._root_m - _ASIDE)
+        self._roots = (np.floor(high / self._root_m - _ASIDE) + 1.0 - first).astype(np.int64)
+        self._low = (first + _ASIDE) * self._root_m
         self._keys, self._number = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self._place, self._parts = np.zeros((0, 3)), list[SkyWeights]()
         self._value = np.zeros((0, glow_table().shape[-1]))
