@@ -1,5 +1,5 @@
 // Convolution along one axis of a periodic map; rows may be moved along x in proportion to their distance.
-// Held to caustics/flux/sun_disc.py and detail_blur.py.
+// Held to caustics/flux/sun_disc.py and caustics/flux/detail_blur.py.
 uniform sampler2D image;
 uniform sampler2D weights;  // symmetric: the middle and one side
 uniform int reach;

@@ -183,9 +183,8 @@ def surface(
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
-    count = len(triangle)
-    metallic, roughness, occlusion, index = (np.empty(count) for _ in range(4))
-    emission = np.empty((count, 3))
+    metallic, roughness, occlusion, index = np.empty((4, len(triangle)))
+    emission = np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
         of = np.flatnonzero(geometry.material[triangle] == number)
         metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A frame: its pixels, the camera that took it, its code values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.color import ColorSpec
+from mr360uw.sphere import direction_from_frame
+
+Floats = NDArray[np.floating[Any]]
+
+
+class Rectangle(NamedTuple):
+    """A part of a frame in pixels: top left corner and size. It may run over the seam: column + width > W."""
+
+    column: int
+    row: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A camera at one instant: what its frame shows of the world.
+
+    width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
+    surface_y_m: height of the mean water surface in the world. projection: how pixels become directions
+    (`mr360uw.sphere`).
+    """
+
+    width: int
+    height: int
+    position: Floats = field(default_factory=lambda: np.zeros(3))
+    world_from_camera: Floats = field(default_factory=lambda: np.eye(3))
+    surface_y_m: float = 5.0
+    projection: Literal["equirectangular"] = "equirectangular"
+
+    def directions(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return the unit directions (..., 3) in the world seen at continuous frame coordinates."""
+        return direction_from_frame(x, y, self.width, self.height) @ self.world_from_camera.T
+
+    def depth_of(self, point: Floats) -> Floats:
+        """Return the depth (...,) [m] below the mean surface of points (..., 3) from the camera, world axes."""
+        return self.surface_y_m - (point[..., 1] + self.position[1])
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """A value that is equal for views that show the same."""
+        return (
+            self.projection, self.width, self.height, self.position.tobytes(), self.world_from_camera.tobytes(),
+            self.surface_y_m,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class YuvImage:
+    """The planes of a decoded video frame, as code values.
+
+    y: (H, W); u, v: (H/2, W/2) for 4:2:0, (H, W/2) for 4:2:2, (H, W) for 4:4:4; uint8, or uint16 above 8 bits. Chroma
+    of 4:2:0 is sited left, as H.264 and HEVC do. spec: how the codes are to be read.
+    """
+
+    y: NDArray[np.unsignedinteger[Any]]
+    u: NDArray[np.unsignedinteger[Any]]
+    v: NDArray[np.unsignedinteger[Any]]
+    spec: ColorSpec

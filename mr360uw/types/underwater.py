@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the sea and the water do to light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.types.frames import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A displaced water surface at one time.
+
+    position: (..., 3), y = height above the mean surface. normal: (..., 3) unit, y > 0. jacobian: (...,) determinant
+    of the horizontal displacement, positive where the surface does not fold over.
+    """
+
+    position: Floats
+    normal: Floats
+    jacobian: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamSpread:
+    """Spread of sunlight that the water has turned by small angles, over a plane across the beam.
+
+    scattering: by small angles [1/m]; times the path from the surface it is an optical depth. angle_rad: (k,) standard
+    deviations of Gaussians over the path. optical_depth: (t,) ascending. weight: (t, k) of the Gaussians, each row of
+    sum 1, for light that has turned.
+    """
+
+    scattering: float
+    angle_rad: Floats
+    optical_depth: Floats
+    weight: Floats
+
+    def unturned(self, path_m: float) -> float:
+        """Return the fraction of the beam that has not turned after a path."""
+        return float(np.exp(-self.scattering * path_m))
+
+    def weights(self, path_m: float) -> Floats:
+        """Return the weights (k,) of the Gaussians after a path, sum 1."""
+        tau = self.scattering * path_m
+        return np.array([np.interp(tau, self.optical_depth, column) for column in self.weight.T])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CausticStack:
+    """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
+
+    ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z,
+    periodic. Maps lie along the beam: a pixel is where its ray comes from on the mean surface, and pixel (0, 0) spans
+    [0, tile_m/size) there from the world's origin. sun_direction: (3,) unit, towards the sun, in the water. soft: (D,
+    size, size, 1) the same of the light that the water has turned by small angles; None: even.
+    """
+
+    ratio: Floats
+    depth_m: Floats
+    tile_m: float
+    sun_direction: Floats
+    soft: Floats | None = None
+
+    @property
+    def softened(self) -> bool:
+        """Whether light that has turned has a pattern."""
+        return self.soft is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MediumTable:
+    """Everything one pixel needs of the water, for one camera depth, in linear RGB.
+
+    Distances S enter as t = S/(S + length_m) and depths d as d/(d + length_m), both uniform over [0, 1]; `up`, the y
+    of the view direction, is uniform over [-1, 1].
+
+    veil: (U, T, 3) radiance scattered into a camera ray of distance S, divided by 1 - exp(-S/length_m).
+    attenuation: (D, T, 3) effective beam attenuation [1/m] of an object at depth d seen over distance S:
+    transmittance = exp(-attenuation S).
+    diffuse: (D, 3) effective attenuation [1/m] of the ambient irradiance between the camera's depth and d:
+    E(d)/E(camera) = exp(-diffuse (d - camera_depth_m)).
+    beam: (D, 3) effective attenuation [1/m] of the sun's beam over its path p = d/(y of its direction) from the
+    surface, which enters like a depth: E(p)/E(0) = exp(-beam p). Light that has turned by small angles is still in it.
+    unscattered: (D, 3) the same of the part of the beam that has not turned at all.
+    refractive_index: of the water relative to air.
+    """
+
+    camera_depth_m: float
+    length_m: float
+    veil: Floats
+    attenuation: Floats
+    diffuse: Floats
+    beam: Floats
+    unscattered: Floats
+    refractive_index: float = REFRACTIVE_INDEX_SEA
