@@ -137,7 +137,7 @@ def test_exposure_is_what_all_channels_do() -> None:
 def test_a_shot_knows_nothing_of_the_next() -> None:
     gain = np.where(np.arange(90) < 40, 1.0, 3.0)[:, None] * EXPOSURE
     gain[:, 0] = 0.0  # a channel that is black
-    np.testing.assert_allclose(steady_gain(gain, np.zeros(90), np.arange(90) == 40, 30.0), gain, rtol=FLOAT64)
+    np.testing.assert_allclose(steady_gain(gain, np.zeros(90), 1.0 * (np.arange(90) == 40), 30.0), gain, rtol=FLOAT64)
     single = steady_gain(gain[:3], np.zeros(3), np.array([0.0, 0.5, 2.0]), 30.0)
     np.testing.assert_allclose(single, gain[:3], rtol=FLOAT64)
 

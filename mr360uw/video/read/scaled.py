@@ -20,19 +20,21 @@ _LEAST_ROWS = 16
 
 
 def scaled(plate: VideoReader, scale: float) -> VideoReader:
-    """Return a plate with frames of `scale` times its width and height, rounded to even sizes; itself for 1.
+    """Return a plate with frames of `scale` times its width and height, rounded to even sizes; for 1 itself.
 
     Raises `ParameterError` unless 0 < scale <= 1 and at least 16 rows are left.
     """
     if not 0.0 < scale <= 1.0:
         raise ParameterError(f"scale - must be > 0 and <= 1 (got {scale}) - give 0.25 for a quarter of the width")
+    if scale == 1.0:
+        return plate
     width, height = (2 * round(0.5 * scale * size) for size in (plate.width, plate.height))
     if height < _LEAST_ROWS:
         raise ParameterError(
             f"scale - leaves frames of {width}x{height} of {plate.width}x{plate.height} (got {scale}) - give at least "
             f"{_LEAST_ROWS / plate.height:.2g}"
         )
-    return plate if scale == 1.0 else _ScaledReader(plate, width, height)
+    return _ScaledReader(plate, width, height)
 
 
 class _ScaledReader(VideoReader):

@@ -30,7 +30,7 @@ from mr360uw.composite.ambient.on_ground.sky_weights import SkyWeights, sky_weig
 from mr360uw.composite.ambient.on_ground.standing import Standing
 from mr360uw.types import Floats
 
-TOLERANCE = 0.004
+TOLERANCE = 0.002
 """Largest error of the blocked fraction between samples: less than a code value."""
 _PREDICTED = 4.0
 """Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
