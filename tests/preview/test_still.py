@@ -20,8 +20,21 @@ from mr360uw.sample import SampleDive
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import at_scale, load_scene
 from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.video.write.image_writer import picture_codes
 
 CODE = 1.0 / 255.0
+
+
+@pytest.fixture(scope="module")
+def scene_file(dive: SampleDive) -> Path:
+    """The scene of the sample dive, drawn coarsely: how a frame is chosen does not depend on how fine it is."""
+    path = dive.scene.with_name("coarse.toml")
+    text = dive.scene.read_text("utf-8")
+    assert "[draw]\n" in text
+    path.write_text(
+        text.replace("[draw]\n", "[draw]\nsamples = 5\nsun_samples = 1\nambient_occlusion = false\n"), "utf-8"
+    )
+    return path
 
 
 def run(*words: str | Path) -> str:
@@ -68,8 +81,8 @@ def test_what_is_no_view_is_refused(text: str, size: str) -> None:
 # --- stills and drafts -----------------------------------------------------------------------------------------------
 
 
-def test_a_still_is_the_frame_that_the_library_renders(dive: SampleDive, tmp_path: Path) -> None:
-    scene = load_scene(dive.scene)
+def test_a_still_is_the_frame_that_the_library_renders(scene_file: Path, tmp_path: Path) -> None:
+    scene = load_scene(scene_file)
     with open_plate(scene) as video:
         plate = next(iter(video.frames(3, 4)))
     expected = uw.render_frame(plate.image_linear, scene, plate.time_s, "reference", index=3).image_linear
@@ -77,50 +90,48 @@ def test_a_still_is_the_frame_that_the_library_renders(dive: SampleDive, tmp_pat
     assert got.index == 3
     # the still goes through 8-bit planes with chroma of half resolution
     assert np.sqrt(np.mean((got.image_linear - np.clip(expected, 0.0, 1.0)) ** 2)) < CODE
-    at_time = render_still(scene, time_s=plate.time_s, backend="reference")
-    assert at_time.index == 3
-    run("still", dive.scene, tmp_path / "s.png", "--frame", "3", "--backend", "reference")
-    assert cv2.imread(str(tmp_path / "s.png")).shape[:2] == got.shape
+    run("still", scene_file, tmp_path / "s.png", "--time", str(plate.time_s), "--backend", "reference")
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "s.png"))[..., ::-1], picture_codes(got))
 
 
-def test_a_draft_is_the_composite_made_smaller(dive: SampleDive, tmp_path: Path) -> None:
-    scene = load_scene(dive.scene)
+def test_a_draft_is_the_composite_made_smaller(scene_file: Path, tmp_path: Path) -> None:
+    scene = load_scene(scene_file)
     whole = render_still(scene, frame=2, backend="reference").image_linear
     small = render_still(at_scale(scene, 0.5), frame=2, backend="reference").image_linear
     reduced = cv2.resize(whole, small.shape[1::-1], interpolation=cv2.INTER_AREA)
     # means of codes are not means of light, and the object's edges fall on other pixels
     assert np.sqrt(np.mean((small - reduced) ** 2)) < 3.0 * CODE
-    run("composite", dive.scene, tmp_path / "d.mp4", "--scale", "0.5", "--frames", "0:2", "--backend", "reference")
+    run("composite", scene_file, tmp_path / "d.mp4", "--scale", "0.5", "--frames", "0:2", "--backend", "reference")
     with uw.open_video(tmp_path / "d.mp4") as video:
         assert (video.width, video.height) == small.shape[1::-1]
         assert video.frame_count == 2
 
 
 @pytest.mark.parametrize("scale", [0.0, 1.5, 0.01, float("nan")])
-def test_a_scale_that_leaves_no_picture_is_refused(dive: SampleDive, scale: float) -> None:
+def test_a_scale_that_leaves_no_picture_is_refused(scene_file: Path, scale: float) -> None:
     with pytest.raises(uw.ParameterError, match="scale"):
-        render_still(at_scale(load_scene(dive.scene), scale))
+        render_still(at_scale(load_scene(scene_file), scale))
 
 
-def test_a_view_keeps_the_plates_codes(dive: SampleDive, tmp_path: Path) -> None:
+def test_a_view_keeps_the_plates_codes(scene_file: Path, tmp_path: Path) -> None:
     view = ("--view", "0,-10,80", "--size", "96x64", "--backend", "reference")
-    run("still", dive.scene, tmp_path / "v.png", *view)
+    run("still", scene_file, tmp_path / "v.png", *view)
     picture = cv2.imread(str(tmp_path / "v.png"), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (64, 96, 3)
     assert picture.dtype == np.uint8
     with pytest.raises(uw.OutputExistsError, match="already"):
-        CliRunner().invoke(app, ["still", str(dive.scene), str(tmp_path / "v.png")], catch_exceptions=False)
+        CliRunner().invoke(app, ["still", str(scene_file), str(tmp_path / "v.png")], catch_exceptions=False)
 
 
-def test_bad_stills_are_refused_before_they_are_rendered(dive: SampleDive, tmp_path: Path) -> None:
-    scene = load_scene(dive.scene)
+def test_bad_stills_are_refused_before_they_are_rendered(scene_file: Path, tmp_path: Path) -> None:
+    scene = load_scene(scene_file)
     with pytest.raises(uw.ParameterError, match="frame, time_s"):
         render_still(scene, frame=1, time_s=1.0)
     with pytest.raises(uw.VideoError, match="outside the clip"):
         render_still(scene, frame=10_000)
     for name in ("s.mp4", "none/s.png"):
         with pytest.raises(uw.ParameterError, match=name):
-            CliRunner().invoke(app, ["still", str(dive.scene), str(tmp_path / name)], catch_exceptions=False)
+            CliRunner().invoke(app, ["still", str(scene_file), str(tmp_path / name)], catch_exceptions=False)
 
 
 def test_a_frame_shows_itself_in_a_notebook() -> None:
@@ -141,11 +152,11 @@ def test_overrides_make_all_combinations() -> None:
         variants(["a.b"])
 
 
-def test_a_sweep_shows_every_variant_with_its_label(dive: SampleDive, tmp_path: Path) -> None:
+def test_a_sweep_shows_every_variant_with_its_label(scene_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.png"
-    run("sweep", dive.scene, out, "--set", "camera.depth_m=2,4", "--set", "water.type=IB,1C", "--backend", "reference")
+    run("sweep", scene_file, out, "--set", "camera.depth_m=2,4", "--set", "water.type=IB,1C", "--backend", "reference")
     sheet = cv2.imread(str(out))
-    with uw.open_video(dive.plate) as video:
+    with uw.open_video(scene_file.with_name("dive.mp4")) as video:
         assert sheet.shape[1] > 4 * video.width
         cells = [sheet[4 : 4 + video.height, 4 + k * (video.width + 4) :][:, : video.width] for k in range(4)]
     assert all(np.any(cells[0] != other) for other in cells[1:])
@@ -155,10 +166,10 @@ def test_a_sweep_shows_every_variant_with_its_label(dive: SampleDive, tmp_path: 
     assert "http" not in page
 
 
-def test_a_sweep_is_checked_before_it_is_rendered(dive: SampleDive, tmp_path: Path) -> None:
+def test_a_sweep_is_checked_before_it_is_rendered(scene_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.png"
     many = ",".join(map(str, range(1, LARGEST_SHEET + 2)))
     for values, error in ((f"camera.depth_m={many}", uw.ParameterError), ("camera.depth_m=4,-1", uw.SceneError)):
         with pytest.raises(error):
-            CliRunner().invoke(app, ["sweep", str(dive.scene), str(out), "--set", values], catch_exceptions=False)
+            CliRunner().invoke(app, ["sweep", str(scene_file), str(out), "--set", values], catch_exceptions=False)
     assert list(tmp_path.iterdir()) == []
