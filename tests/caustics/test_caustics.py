@@ -399,7 +399,7 @@ def test_stack_depths():
     np.testing.assert_allclose(stack_depths(3.0, 15.0, 1), [8.0])
     np.testing.assert_array_equal(stack_depths(2.1, 8.3, 5)[[0, -1]], [2.1, 8.3])
     for bad in ((0.0, 1.0, 2), (3.0, 2.0, 2), (1.0, 2.0, 0), (np.nan, 2.0, 2)):
-        with pytest.raises(ParameterError, match="stack|near_m"):
+        with pytest.raises(ParameterError, match=r"stack|near_m"):
             stack_depths(*bad)
 
 
