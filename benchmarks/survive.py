@@ -47,6 +47,8 @@ KINDS = {
     "png": ("out_%04d.png", []),
 }
 """Outputs and settings; of one thread the encoders are deterministic."""
+COARSE = ["draw.samples=1", "draw.sun_samples=1", "draw.ambient_occlusion=false"]
+"""How runs go on does not depend on how fine the pictures are."""
 STEADY_FROM, CALLS, CALLS_FROM = 300, 50, 10
 TOLERANCE = 0.05
 """Allowed spread of the resident memory, as a fraction of its median."""
@@ -72,7 +74,7 @@ class Command:
 
     def start(self) -> subprocess.Popen[str]:
         """Start it, with nothing on the terminal."""
-        settings = [f"output.segment_s={SEGMENT / 24}", *KINDS[self.kind][1]]
+        settings = [f"output.segment_s={SEGMENT / 24}", *COARSE, *KINDS[self.kind][1]]
         arguments = [part for setting in settings for part in ("--set", setting)]
         command = [sys.executable, "-m", "mr360uw", "composite", str(self.dive.scene), str(self.out), *arguments]
         return subprocess.Popen(
