@@ -60,8 +60,8 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
-    from mr360uw.render.analysis import analyse_video
 
     with terminal_progress() as progress:
         written = analyse_video(
