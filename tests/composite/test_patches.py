@@ -52,6 +52,16 @@ def test_values_between_samples_are_those_of_every_place(scene: Shot, rng: np.ra
     assert np.mean(wrong > 4.0 * tol.BETWEEN_SAMPLES) < tol.AT_OUTLINES
 
 
+def test_ground_beyond_its_extent_keeps_all_of_its_light(rng: np.random.Generator) -> None:
+    """No square of it is near enough to be sampled."""
+    far = shot(
+        placed(sphere(radius=0.3), (0.0, -0.8, -60.0)), width=256, environment=environment(),
+        receiver=Receiver(plane_y=FLOOR_Y_M, extent_m=2.0),
+    )  # fmt: skip
+    cache, (point, normal) = Cache(), places(rng, 100)
+    np.testing.assert_array_equal(free_between(far, ambient_light(far, cache), point, normal, cache), 1.0)
+
+
 def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.random.Generator) -> None:
     """Any values at the samples: to both sides of the lines of all squares they are the same."""
     light = ambient_light(scene, Cache())

@@ -129,8 +129,10 @@ class _Builder:
         self._roots = (np.floor(high / self._root_m - _ASIDE) + 1.0 - first).astype(np.int64)
         self._low = (first + _ASIDE) * self._root_m
         self._keys, self._number = np.zeros(0, np.int64), np.zeros(0, np.int64)
-        self._place, self._parts = np.zeros((0, 3)), list[SkyWeights]()
-        self._value = np.zeros((0, glow_table().shape[-1]))
+        self._place, table = np.zeros((0, 3)), glow_table()
+        # of no place, for bodies whose light on the ground is nowhere noticed
+        self._parts = [sky_weights(bodies, self._place, table[..., 0], up=self._up)]
+        self._value = np.zeros((0, table.shape[-1]))
 
     def build(self) -> Patches:
         """Return the patches."""

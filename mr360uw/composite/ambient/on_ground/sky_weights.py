@@ -51,7 +51,7 @@ def weights_of(swept: Swept, uniform: Floats, *, up: bool) -> SkyWeights:
     bodies, points = swept[0].shape[:2]
     weights, share = np.zeros((points, *uniform.shape), np.float32), np.zeros((bodies, points))
     _weigh(up, *swept, uniform[0] / np.pi, weights, share)
-    return SkyWeights(weights.reshape(points, -1), share)
+    return SkyWeights(weights.reshape(points, uniform.size), share)
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
