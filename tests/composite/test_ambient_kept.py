@@ -89,6 +89,15 @@ def test_bodies_that_move_together_keep_what_they_see() -> None:
     assert not any(pairs)
 
 
+def test_objects_that_shade_nothing_have_no_part_in_ambient_light() -> None:
+    scene = reef((0.0, 0.0, 0.0))
+    alone = replace(
+        scene, objects=tuple(replace(o, casts_shadow=False) for o in scene.objects),
+        draw=scene.draw.model_copy(update={"ambient_occlusion": False}),
+    )  # fmt: skip
+    assert ambient_light(alone, Cache()) is None
+
+
 def test_lookouts_interpolate_a_ball() -> None:
     transfer = make_transfer(OTHER)
     lattice, spread = transfer.lattice, transfer.lookouts.spread

@@ -40,8 +40,8 @@ def gaussians(spread: BeamSpread, depth_m: float, sun_in_water: Array, pixel_m: 
     weights = spread.weights(depth_m / up)
     weights = np.where(weights >= LEAST_WEIGHT, weights, 0.0)
     found = zip((weights / weights.sum()).tolist(), spread.angle_rad.tolist(), strict=True)
-    least = LEAST_PIXELS * pixel_m / float(np.linalg.norm(across, 2))
-    return [(weight, angle * across if angle >= least else 0.0 * across) for weight, angle in found if weight > 0.0]
+    wide, least_m = float(np.linalg.norm(across, 2)), LEAST_PIXELS * pixel_m
+    return [(weight, angle * across * (angle * wide >= least_m)) for weight, angle in found if weight > 0.0]
 
 
 def soft_light(ratio: Array, blurs: list[tuple[float, Array]], tile_m: float) -> Array:

@@ -14,7 +14,7 @@ from mr360uw.composite.ambient.on_ground.ground_kernel import shown
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
 from mr360uw.composite.ambient.solver import AmbientLight, Solver
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
@@ -25,18 +25,24 @@ _KEPT_PLACES, _KEPT_SWEEPS = 1 << 17, 8
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
     """Return how the bodies and the ground of a shot see each other."""
-    receiver = shot.receiver
-    on_ground = receiver is not None and receiver.occlusion
-    objects = shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if on_ground)
+    on_ground, objects = _on_ground(shot), _bodies(shot)
     heights = ground_heights(shot, objects, cache)
     key = (tuple((o.key, o.casts_shadow) for o in objects), tuple(heights), on_ground)
     return cache.get("ambient layout", key, lambda: make_layout(objects, heights, on_ground, cache))
 
 
+def _on_ground(shot: Shot) -> bool:
+    return shot.receiver is not None and shot.receiver.occlusion
+
+
+def _bodies(shot: Shot) -> tuple[PlacedObject, ...]:
+    """Return the objects that have a part in ambient light: all, or those alone that shade the ground."""
+    return shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if _on_ground(shot))
+
+
 def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
     """Return the solved ambient light of a shot; None where bodies have no part in it."""
-    receiver = shot.receiver
-    if not shot.objects or not (shot.draw.ambient_occlusion or (receiver is not None and receiver.occlusion)):
+    if not _bodies(shot):
         return None
     layout = ambient_layout(shot, cache)
     if (
