@@ -16,6 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.preview.perspective import Perspective
 from mr360uw.preview.still import check_output, render_still
+from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
 from mr360uw.scene.inputs import keep_inputs
 from mr360uw.scene.model import at_scale, load_scene
@@ -77,7 +78,7 @@ def sweep(
         found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
         if progress is not None:
             progress(number, len(scenes))
-    write_whole(out, _encoded(contact_sheet(found), out.suffix))
+    write_whole(out, encoded(contact_sheet(found), out.suffix))
     write_whole(page, contact_page(scene.name, found))
     return [out, page]
 
@@ -105,7 +106,7 @@ def contact_page(title: str, variants: Sequence[Variant]) -> str:
     """Return a page (HTML, complete in itself) of variants with their labels."""
     figures = "\n".join(
         f'<figure><img alt="{html.escape(one.label)}" src="data:image/png;base64,'
-        f'{base64.b64encode(_encoded(one.codes, ".png")).decode()}"><figcaption>{html.escape(one.label)}</figcaption>'
+        f'{base64.b64encode(encoded(one.codes, ".png")).decode()}"><figcaption>{html.escape(one.label)}</figcaption>'
         "</figure>"
         for one in variants
     )
@@ -126,11 +127,3 @@ def _small(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return codes
     size = (_CELL_WIDTH, max(1, round(height * _CELL_WIDTH / width)))
     return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _encoded(codes: NDArray[np.uint8], suffix: str) -> bytes:
-    import cv2
-
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(codes[..., ::-1]))
-    assert done
-    return bytes(data)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import encode
 
@@ -20,6 +20,13 @@ def thumbnail(linear: ArrayLike, width: int = LARGEST_WIDTH) -> bytes:
         size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     codes = np.round(255.0 * np.clip(encode(np.maximum(image, 0.0), "srgb"), 0.0, 1.0)).astype(np.uint8)
-    done, data = cv2.imencode(".png", np.ascontiguousarray(codes[..., ::-1]))
+    return encoded(codes, ".png")
+
+
+def encoded(codes: NDArray[np.uint8], suffix: str) -> bytes:
+    """Return codes (h, w, 3) as a picture file of the kind that a suffix names."""
+    import cv2
+
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(codes[..., ::-1]))
     assert done
     return bytes(data)
