@@ -40,6 +40,9 @@ BRIGHTEST_LOG = 40.0
 """Greatest log ratio of the light at a depth to that at the camera (2e17), so that products stay finite in single
 precision. Light that is so much brighter than at the camera does not reach it."""
 
+DARK = 1e-9
+"""Least irradiance in ratios of light, which bounds them in the dark."""
+
 GAMUT_THRESHOLD = 0.9
 GAMUT_POWER = 1.2
 """Where the compression of out-of-gamut colours sets in (distance from the largest channel), and how sharply."""

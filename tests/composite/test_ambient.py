@@ -27,6 +27,7 @@ from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.gl.context import gl_available
+from mr360uw.ibl.cosine import irradiance
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats, Layer
 from tests.composite import tolerances as tol
@@ -212,6 +213,20 @@ def test_a_red_ball_reddens_the_ground() -> None:
     free = free_of_bodies(scene, light, np.array([[0.55, -1.0, -1.5]]), up, Cache())
     assert free[0, 0] > free[0, 1] + tol.REDDENED
     assert free[0, 1] == pytest.approx(free[0, 2], abs=tol.FLOAT32_LOOKUP)
+
+
+def test_a_spotted_sky_leaves_no_negative_light_where_bodies_block_it_all() -> None:
+    map_ = np.zeros((32, 64, 3))
+    map_[4:12:3, ::5] = 1e3
+    light_of = irradiance(map_)
+    spotted = replace(environment(0.0), radiance=map_, irradiance=light_of, residual=map_, ambient=light_of)
+    black = replace(WHITE, base_color=(0.0, 0.0, 0.0, 1.0))
+    body = placed(sphere(24, black, 1.5), (0.0, 0.0, 0.0))
+    scene = shot(body, environment=spotted, receiver=Receiver(plane_y=-0.6))
+    x, z = np.meshgrid(np.linspace(-0.8, 0.8, 9), np.linspace(-0.8, 0.8, 9))
+    points = np.stack([x, np.full_like(x, -0.6), z], axis=-1).reshape(-1, 3)
+    free = free_of_bodies(scene, solved(scene), points, np.tile([0.0, 1.0, 0.0], (len(points), 1)), Cache())
+    assert np.all(free >= 0.0)
 
 
 # --- bodies --------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
 from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
-from mr360uw.composite.ambient.on_ground.ground_kernel import shown
+from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
 from mr360uw.composite.ambient.solver import AmbientLight, Solver
@@ -126,5 +126,4 @@ def _free_at(light: AmbientLight, patches: Patches, middle: Floats) -> Floats:
         some = np.flatnonzero(share)
         lost[some] -= np.pi * share[some, None] * layout.at_nodes(k, radiance, patches.place[some] + middle)
     normal = np.array([[0.0, 1.0 if up else -1.0, 0.0]])
-    whole = np.maximum(environment_lookup(light.ambient, normal), 1e-9)
-    return np.asarray(1.0 - shown(blocked.share.sum(axis=0))[:, None] * lost / whole)
+    return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(light.ambient, normal))

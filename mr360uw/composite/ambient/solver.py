@@ -24,7 +24,7 @@ from mr360uw.composite.ambient.directions import blurred, radiance_towards
 from mr360uw.composite.ambient.ground_light import GroundLight
 from mr360uw.composite.ambient.knot_values import CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
-from mr360uw.composite.ambient.on_ground.ground_kernel import gather, shown
+from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left, gather
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
 from mr360uw.composite.ambient.on_ground.light_table import light_table
 from mr360uw.composite.ambient.sunlight import Sunlight
@@ -61,8 +61,7 @@ class AmbientLight:
         normals (n, 3), with what bodies send there; `swept` is the layout's sweep of the places.
         """
         lost, share = light_lost(self.layout, self.table, self.sent, point, normal, swept)
-        whole = np.maximum(environment_lookup(self.ambient, normal), 1e-9)
-        return 1.0 - shown(share)[:, None] * lost / whole
+        return fraction_left(share, lost, environment_lookup(self.ambient, normal))
 
 
 def light_lost(

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
-from mr360uw.composite.receiver.ratio import BRIGHTEST, DARK, FADE_FROM
+from mr360uw.composite.receiver.ratio import BRIGHTEST, FADE_FROM
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
+from mr360uw.constants import DARK
 from mr360uw.gl.context import set_uniforms, texture_from_array
 from mr360uw.types import Floats
 
