@@ -6,6 +6,7 @@ A value is a function of its key, so the cache may be emptied at any moment with
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
@@ -32,19 +33,28 @@ class Cache:
 
     def __init__(self) -> None:
         self._kept: dict[str, dict[Hashable, Any]] = {}
+        self.made: Counter[str] = Counter()
+        """How often a value of each name was made."""
 
     def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
         """Return the value of a name for a key; call `make` if it is not among the last `keep` used of that name."""
         values = self._kept.setdefault(name, {})
-        value: T = values.pop(key) if key in values else make()
+        if key in values:
+            value: T = values.pop(key)
+        else:
+            value = make()
+            self.made[name] += 1
         values[key] = value
         while len(values) > keep:
             values.pop(next(iter(values)))
         return value
 
-    def drop(self, name: str) -> None:
-        """Remove the values of a name."""
-        self._kept.pop(name, None)
+    def drop(self, name: str, *keys: Hashable) -> None:
+        """Remove the values of a name, or of some of its keys."""
+        for key in keys:
+            self._kept.get(name, {}).pop(key, None)
+        if not keys:
+            self._kept.pop(name, None)
 
     def clear(self) -> None:
         """Remove all values."""

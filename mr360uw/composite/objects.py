@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.mesh.rig import load_rig
+from mr360uw.composite.mesh.rig import Rig, load_rig
 from mr360uw.composite.mesh.texture import Texture
 from mr360uw.composite.mesh.texture_file import read_texture
 from mr360uw.composite.motion import Motion, object_motion, rigid
@@ -20,6 +20,7 @@ from mr360uw.composite.playback import Playback, Poses, playback
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError
+from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.types import Floats
 
 _AT_REST = {
@@ -40,6 +41,8 @@ _AT_REST = {
     )
 }
 """The settings that do not change an object's meshes."""
+_RIGS = 4096
+"""Files of meshes that are kept: all of a long sequence."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,19 +97,31 @@ def load_object(settings: ObjectSettings) -> SceneObject:
     return load_objects([settings])[0]
 
 
-def load_objects(all_settings: Iterable[ObjectSettings]) -> tuple[SceneObject, ...]:
+def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None = None) -> tuple[SceneObject, ...]:
     """Return objects with their meshes, textures and overrides; raise `MeshError`.
 
-    Every file is read once, and objects that differ only in where they are share their meshes.
+    Every file is read once, and objects that differ only in where they are share their meshes. kept: what was read
+    before, for an object that changes.
     """
-    read, texture = functools.cache(load_rig), functools.cache(read_texture)
+    kept = KeptReads() if kept is None else kept
+    several = 4 * len(all_settings)
 
-    @functools.cache
+    def rig(path: Path, look: ObjectSettings) -> Rig:
+        key = (path, look.unit, look.part, look.outside_files)
+        return kept.get("rig", key, lambda: load_rig(path, look.unit, look.part, outside=look.outside_files), _RIGS)
+
+    def texture(path: Path, *, srgb: bool) -> Texture:
+        return kept.get("texture", (path, srgb), lambda: read_texture(path, srgb=srgb), 3 * several)
+
     def poses(look: ObjectSettings) -> tuple[Poses, ...]:
-        rigs = [read(path, look.unit, look.part, outside=look.outside_files) for path in _paths(look.mesh)]
+        rigs = [rig(path, look) for path in _paths(look.mesh)]
         return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
 
-    return tuple(_scene_object(settings, poses(settings.model_copy(update=_AT_REST))) for settings in all_settings)
+    def placed(settings: ObjectSettings) -> SceneObject:
+        look = settings.model_copy(update=_AT_REST)
+        return _scene_object(settings, kept.get("look", look, lambda: poses(look), several))
+
+    return tuple(kept.get("object", one, functools.partial(placed, one), several) for one in all_settings)
 
 
 def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneObject:

@@ -95,7 +95,7 @@ def first_pass(
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
-    stored = surroundings.scene.light.track
+    stored = surroundings.settings.track
     track = _stored_track(stored, video) if sun and stored is not None else None
     wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, calm)
     if not (wanted.sun or wanted.gain or calm is not None):
@@ -151,7 +151,7 @@ def _measured(
                 calm.add(frame)
             if progress is not None:
                 progress(frame.index + 1 - begin, None if end is None else end - begin)
-    confidence = surroundings.scene.light.minimum_confidence
+    confidence = surroundings.settings.minimum_confidence
     return ClipFacts(
         track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else None,
         maps.gain(float(video.frame_rate)) if wanted.gain else None,

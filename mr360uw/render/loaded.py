@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene resolved for frames of one size: files loaded, water solved, plan made, once before all frames."""
+"""A scene resolved for frames of one size: files loaded, water solved, plan made, once before all frames.
+
+A scene that is changed and loaded again by the same `Loader` shares all that the change leaves as it was.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.reading.files_read import files_read
+from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -62,39 +67,54 @@ class Loaded:
             self.receiver.check(stop)
 
 
-def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
-    """Return a scene loaded for frames of width x height.
+class Loader:
+    """Loads scenes for frames of width x height [pixels]; parts that a change leaves as they were are kept.
 
-    clip: whether the plate has several frames, for a first pass. Raises `SceneError`, `MeshError`, `VideoError` or
-    `ParameterError`.
+    clip: whether the plate has several frames, for a first pass. A part depends on its own settings and files alone, so
+    that what was loaded before changes no result. kept: counts what was made.
     """
-    with files_read() as object_files:
-        objects = load_objects(scene.objects)
-    with files_read() as other_files:
-        receiver = ReceiverClip(scene.receiver, width, height) if scene.receiver is not None else None
-        surroundings = load_surroundings(scene)
-    medium = surroundings.medium
-    still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
-    ground = still.at(0) if still is not None else None
-    facts = tuple(_facts(placed, surroundings.camera) for placed in objects)
-    found = dict.fromkeys(note for placed in objects for note in placed.notes)
-    return Loaded(
-        scene=scene,
-        width=width,
-        height=height,
-        surroundings=surroundings,
-        objects=objects,
-        lamps=load_lamps(scene.lamps, medium, scene.light.white_cd_m2),
-        receiver=receiver,
-        mattes=Mattes(scene, width, height),
-        caustic_depths=CausticDepths.of(scene, objects, ground, surroundings.camera, height),
-        plan=make_plan(
-            scene, facts, None if surroundings.medium is None else surroundings.medium.unit_table, clip=clip
-        ),
-        notes=(*found, *placement_notes(scene, objects, surroundings.camera, height)),
-        object_files=tuple(object_files),
-        other_files=tuple(other_files),
-    )
+
+    def __init__(self, width: int, height: int, *, clip: bool = True) -> None:
+        self._size, self._clip = (width, height), clip
+        self.kept = KeptReads()
+
+    def load(self, scene: Scene) -> Loaded:
+        """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
+        kept, (width, height) = self.kept, self._size
+        with files_read() as object_files:
+            objects = load_objects(scene.objects, kept)
+        with files_read() as other_files:
+            receiver = kept.get("receiver", scene.receiver, lambda: self._receiver(scene))
+            surroundings = load_surroundings(scene, kept)
+        medium, camera = surroundings.medium, surroundings.camera
+        still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
+        ground = still.at(0) if still is not None else None
+        facts = tuple(_facts(placed, camera) for placed in objects)
+        found = dict.fromkeys(note for placed in objects for note in placed.notes)
+        of_lamps = scene.lamps, Same(medium), scene.light.white_cd_m2
+        return Loaded(
+            scene=scene,
+            width=width,
+            height=height,
+            surroundings=surroundings,
+            objects=objects,
+            lamps=kept.get("lamps", of_lamps, lambda: load_lamps(scene.lamps, medium, scene.light.white_cd_m2)),
+            receiver=receiver,
+            mattes=kept.get("mattes", scene.holdouts, lambda: Mattes(scene, width, height)),
+            caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
+            plan=make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip),
+            notes=(*found, *placement_notes(scene, objects, camera, height)),
+            object_files=tuple(object_files),
+            other_files=tuple(other_files),
+        )
+
+    def _receiver(self, scene: Scene) -> ReceiverClip | None:
+        return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size)
+
+
+def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
+    """Return one scene loaded by a `Loader`."""
+    return Loader(width, height, clip=clip).load(scene)
 
 
 def _facts(placed: SceneObject, camera: CameraPath) -> ObjectFacts:

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mr360uw.ibl import LightSettings
 from mr360uw.medium import Medium
 from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
 from mr360uw.scene.model import Scene
@@ -14,9 +16,12 @@ from mr360uw.scene.model import Scene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """Camera path, medium and light reader of a scene. medium: for a camera at `camera.depth_m`; None without water."""
+    """Camera path, medium and light reader of a scene. medium: for a camera at `camera.depth_m`; None without water.
 
-    scene: Scene
+    settings: its `[light]` table.
+    """
+
+    settings: LightSettings
     camera: CameraPath
     medium: Medium | None
     light: LightReader
@@ -27,10 +32,21 @@ class Surroundings:
         return self.medium if self._depths is None else self._depths.at(self.camera.depth_at(time_s))
 
 
-def load_surroundings(scene: Scene) -> Surroundings:
-    """Return the surroundings of a scene. Raises `ParameterError` or `VideoError`."""
-    camera = CameraPath.of(scene)
+def load_surroundings(scene: Scene, kept: KeptReads | None = None) -> Surroundings:
+    """Return the surroundings of a scene. kept: what was made before. Raises `ParameterError` or `VideoError`."""
+    kept = KeptReads() if kept is None else kept
+    of_camera, of_water = (scene.camera, scene.plate, scene.water.type), (scene.water, scene.camera.depth_m)
+
+    def made() -> Surroundings:
+        camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))
+        medium, depths = kept.get("medium", (of_water, camera.sinks), lambda: _medium(scene, camera))
+        light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
+        return Surroundings(scene.light, camera, medium, light, depths)
+
+    return kept.get("surroundings", (of_camera, of_water, scene.light), made)
+
+
+def _medium(scene: Scene, camera: CameraPath) -> tuple[Medium | None, MediumAtDepths | None]:
+    """Return the medium at the scene's depth, and at all depths where the camera rises or sinks."""
     medium = scene.water.medium(scene.camera.depth_m)
-    light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
-    depths = MediumAtDepths(medium) if medium is not None and camera.sinks else None
-    return Surroundings(scene, camera, medium, light, depths)
+    return medium, MediumAtDepths(medium) if medium is not None and camera.sinks else None

@@ -12,7 +12,6 @@ from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import BRIGHTEST, FADE_FROM
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
-from mr360uw.constants import DARK
 from mr360uw.gl.context import set_uniforms, texture_from_array
 from mr360uw.types import Floats
 
@@ -103,7 +102,7 @@ class GroundShader:
             defines |= {"PLANE"}
         else:
             textures["shape"] = texture_from_array(_atlas(shape, rows))
-        numbers: dict[str, int | float] = {"DARK": DARK, "BRIGHTEST": BRIGHTEST}
+        numbers: dict[str, int | float] = {"BRIGHTEST": BRIGHTEST}
         if "LAMPS" in wanted:
             numbers["LAMPS"] = self._light.defines["LAMPS"]
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers})

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene that is changed and loaded again: what is made anew, and that it is what a fresh load gives."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import Loaded, Loader, load
+from mr360uw.video import VideoFrame
+from tests.scenes import gradient_plate, scene_with
+
+SIZE = (128, 64)
+DRAW = {"samples": 1, "sun_samples": 1, "ambient_occlusion": False}
+
+
+def tables(mesh: Path, **changed: Any) -> dict[str, Any]:
+    return {
+        "object": [{"mesh": str(mesh), "position_m": [0.3, -0.4, -3.0]}, {"mesh": str(mesh), "scale": 0.3}],
+        "receiver": {"height_m": -1.6},
+        "draw": DRAW,
+    } | changed
+
+
+def picture(loaded: Loaded) -> np.ndarray:
+    plate = VideoFrame.of_linear(gradient_plate(*SIZE), 0, 0.0)
+    backend, _ = make_backend("reference")
+    return np.asarray(finished(frame_stages(loaded, ClipFacts(), backend, plate, 0.0)).picture.image_linear)
+
+
+@pytest.mark.parametrize(
+    ("changed", "made"),
+    [
+        ({}, set()),
+        ({"sea": {"wind_speed": 7.0}}, set()),
+        ({"draw": DRAW | {"grain": 0.5}}, set()),
+        ({"light": {"peak": 9.0}}, {"surroundings"}),
+        ({"water": {"type": "II"}}, {"surroundings", "camera", "medium", "lamps"}),
+        ({"camera": {"depth_m": 3.0}}, {"surroundings", "camera", "medium", "lamps"}),
+        ({"receiver": {"height_m": -1.2}}, {"receiver"}),
+        ({"lamp": [{"attach": "camera"}]}, {"lamps"}),
+    ],
+)
+def test_only_what_a_change_touches_is_made_anew(
+    tmp_path: Path, whale: Path, changed: dict[str, Any], made: set[str]
+) -> None:
+    loader = Loader(*SIZE, clip=False)
+    loader.load(scene_with(tmp_path, None, **tables(whale)))
+    before = loader.kept.cache.made.copy()
+    scene = scene_with(tmp_path, None, **tables(whale, **changed))
+    again = loader.load(scene)
+    assert set(loader.kept.cache.made - before) == made
+    np.testing.assert_array_equal(picture(again), picture(load(scene, *SIZE, clip=False)))
+
+
+def test_an_object_that_is_moved_keeps_its_mesh(tmp_path: Path, whale: Path) -> None:
+    loader = Loader(*SIZE, clip=False)
+    first, second = loader.load(scene_with(tmp_path, None, **tables(whale))).objects
+    moved = [{"mesh": str(whale), "position_m": [1.0, 0.0, -3.0]}, {"mesh": str(whale), "scale": 0.3}]
+    there, other = loader.load(scene_with(tmp_path, None, **tables(whale, object=moved))).objects
+    assert there.settings.position_m == (1.0, 0.0, -3.0)
+    assert there.meshes[0] is first.meshes[0] is second.meshes[0]
+    assert other is second
+
+
+def test_a_file_that_changes_is_read_again(tmp_path: Path, whale: Path) -> None:
+    mesh = tmp_path / "fish.glb"
+    shutil.copy(whale, mesh)
+    loader, scene = Loader(*SIZE, clip=False), scene_with(tmp_path, None, **tables(mesh))
+    before = loader.load(scene)
+    assert loader.load(scene).objects[0] is before.objects[0]
+    stamp = mesh.stat()
+    os.utime(mesh, ns=(stamp.st_atime_ns, stamp.st_mtime_ns + 1))
+    after = loader.load(scene)
+    assert after.objects[0] is not before.objects[0]
+    assert after.object_files == before.object_files == (mesh,)
