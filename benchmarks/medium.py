@@ -44,6 +44,8 @@ from tests.medium.picture import Scene, relative_rms, render  # noqa: E402
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 DOCS = ROOT / "docs"
 DEPTHS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0)
+STREAMS = 64
+"""Directions a hemisphere of the exact field, four times as many as the renderers solve."""
 RULES = ("rectangle", "integrated", "fitted")
 
 
@@ -174,7 +176,8 @@ def section_models() -> None:
     exposed = {kind: [] for kind in kinds}
     for i, name in enumerate(JERLOV_TYPES):
         water = Water.jerlov(name)
-        exact_field = LightField(water.absorption(w), water.scattering(w), water.phase, streams=64)
+        moments = water.moments(w, 2 * STREAMS + 1)
+        exact_field = LightField(water.absorption(w), water.scattering(w), moments, streams=STREAMS)
         models = {kind: spectral_model(water, w, kind) for kind in ("kd", "kd+", "table")}
         three = spectral_model(water, [650.0, 550.0, 450.0], "kd")
         for j, depth in enumerate(DEPTHS):
