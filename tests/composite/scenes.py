@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import fields, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ from mr360uw.types import CausticStack, Environment, Floats, MediumTable, Sun, V
 SUN = Sun(unit([0.3, 0.9, -0.2]), np.array([1.2, 1.5, 1.4]), 0.03, 1.0)
 
 
+@functools.cache
 def environment(constant: float | None = None) -> Environment:
     """Return the light of a sea, brighter from above, or the same from everywhere."""
     d = directions(64, 32)
