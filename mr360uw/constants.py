@@ -40,6 +40,9 @@ BRIGHTEST_LOG = 40.0
 """Greatest log ratio of the light at a depth to that at the camera (2e17), so that products stay finite in single
 precision. Light that is so much brighter than at the camera does not reach it."""
 
+BRIGHTEST = 64.0
+"""Most light that lamps and bodies that shine add on the ground, as a multiple of the plate's own: past six stops its
+noise is what would be seen."""
 DARK = 1e-9
 """Least irradiance in ratios of light, which bounds them in the dark."""
 

@@ -215,6 +215,17 @@ def test_a_red_ball_reddens_the_ground() -> None:
     assert free[0, 1] == pytest.approx(free[0, 2], abs=tol.FLOAT32_LOOKUP)
 
 
+def test_a_base_colour_above_one_reflects_no_more_than_all_light() -> None:
+    inside = []
+    for white in (1.0, 2.5):
+        material = replace(WHITE, base_color=(white, white, white, 1.0))
+        scene = shot(placed(crate(material), (0.0, -0.5, -2.0)), environment=environment(0.5), sun=None)
+        (values,) = solved(scene).values
+        assert values is not None
+        inside.append(values)
+    np.testing.assert_array_equal(inside[0], inside[1])
+
+
 def test_a_spotted_sky_leaves_no_negative_light_where_bodies_block_it_all() -> None:
     map_ = np.zeros((32, 64, 3))
     map_[4:12:3, ::5] = 1e3

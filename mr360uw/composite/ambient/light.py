@@ -85,7 +85,7 @@ def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: 
     free, jump = patches.between(values, place + (shot.view.position - middle), 1.0)
     if np.any(jump):
         free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
-    return free.reshape(point.shape)
+    return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
 
 
 def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:

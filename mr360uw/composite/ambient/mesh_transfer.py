@@ -98,11 +98,16 @@ class Transfer:
         return OwnView(lost, sites, open_, plain, plain - lost[self.lookouts.site])
 
     def reflected(self, medium_index: float) -> Floats:
-        """Return the fraction (S, 3) of ambient light that sites send back, the coat's part taken as diffuse."""
+        """Return the fraction (S, 3) of ambient light that sites send back, the coat's part taken as diffuse.
+
+        At most 1: a base colour above 1 brightens its own picture, but light that grew from wall to wall would have no
+        end.
+        """
         f0 = dielectric_f0(self.index, medium_index)[:, None] * np.ones(3)
         split = np.stack(split_sum(np.full(len(f0), 1.0), np.full(len(f0), _TYPICAL_COSINE)), axis=-1)
         coat = reflectance(f0, split)
-        return np.where(self.metallic[:, None] > 0.5, self.base, self.base + (1.0 - self.base) * coat)
+        base = np.minimum(self.base, 1.0)
+        return np.where(self.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
 
 
 def make_transfer(mesh: Mesh) -> Transfer:

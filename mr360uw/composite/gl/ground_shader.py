@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
-from mr360uw.composite.receiver.ratio import BRIGHTEST, FADE_FROM
+from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms, texture_from_array
@@ -102,9 +102,7 @@ class GroundShader:
             defines |= {"PLANE"}
         else:
             textures["shape"] = texture_from_array(_atlas(shape, rows))
-        numbers: dict[str, int | float] = {"BRIGHTEST": BRIGHTEST}
-        if "LAMPS" in wanted:
-            numbers["LAMPS"] = self._light.defines["LAMPS"]
+        numbers = {"LAMPS": self._light.defines["LAMPS"]} if "LAMPS" in wanted else {}
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers})
         bind(shader, textures)
         self._light.set(shader)

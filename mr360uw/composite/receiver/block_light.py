@@ -85,7 +85,8 @@ def free_images(
     if np.any(uneven):
         of = j[uneven], i[uneven]
         quarters = _free(shot, light, _quarter_places(shot, ground, *of), cache)
-        free, sharp = enlarged(quarters), crossed[of] | (_missed_between(quarters) > SMOOTH)
+        free = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
+        sharp = crossed[of] | (_missed_between(quarters) > SMOOTH)
         if np.any(sharp):
             free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
         parts.append((uneven, free))

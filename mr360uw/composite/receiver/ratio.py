@@ -18,13 +18,11 @@ from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
-from mr360uw.constants import DARK
+from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.types import Floats
 
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out, so that shadow and waves end without a line."""
-BRIGHTEST = 64.0
-"""Most light that lamps add, as a multiple of the plate's own: past six stops its noise is what would be seen."""
 
 
 def ambient_share(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from mr360uw.constants import DARK
+from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.types import Floats
 
 UNNOTICED, NOTICED = 0.012, 0.036
@@ -37,10 +37,11 @@ def fraction_left(blocked: Floats, lost: Floats, whole: Floats) -> Floats:
     """Return the fraction (n, 3) of the ambient irradiance `whole` that is left on the ground without `lost`.
 
     blocked: (n,) fraction of uniform light that bodies block. `lost` and `whole` are sums over different pixels, so
-    that under bodies that block all of a spotted sky more may be lost than there was: nothing is left then.
+    that under bodies that block all of a spotted sky more may be lost than there was: nothing is left then. Bodies that
+    shine add `BRIGHTEST` times the plate's light at most.
     """
     left = 1.0 - shown(blocked)[:, None] * lost / np.maximum(whole, DARK)
-    return np.asarray(np.maximum(left, 0.0))
+    return np.asarray(np.clip(left, 0.0, BRIGHTEST))
 
 
 _compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
