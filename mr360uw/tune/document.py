@@ -6,6 +6,7 @@ Nothing here draws or serves; one thread uses a document at a time.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -76,14 +77,19 @@ class Document:
         return self._wrong + self._file_wrong
 
     def problem_of(self, key: str) -> str:
-        """Return what is wrong with the value of a key, "" if nothing is."""
-        name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key_of(key)).lstrip(".")
-        for line in self.problems:
-            where, _, what = line.partition(" - ")
-            place = where.rpartition(" ")[2]
-            if place == name or place.startswith((f"{name}[", f"{name}.")):
-                return what
-        return ""
+        """Return what is wrong with the value of a dotted key, "" if nothing is."""
+        found = [what for at, what in self._placed_problems() if at == key or at.startswith(f"{key}.")]
+        return found[0] if found else ""
+
+    def problem_keys(self) -> tuple[str, ...]:
+        """Return the dotted keys of parameters that have a problem; of lists and vectors, not of their elements."""
+        places = [at.split(".") for at, _ in self._placed_problems()]
+        return tuple(".".join(parts[: 3 if len(parts) > 1 and parts[1].isdecimal() else 2]) for parts in places)
+
+    def _placed_problems(self) -> list[tuple[str, str]]:
+        """Return (dotted key, what is wrong) of the problems, whose lines start with 'file:line key[0].key - '."""
+        lines = [line.partition(" - ") for line in self._wrong]
+        return [(re.sub(r"\[(\d+)\]", r".\1", where.rpartition(" ")[2]), what) for where, _, what in lines]
 
     @property
     def dirty(self) -> bool:

@@ -123,12 +123,18 @@ class Group:
     models: tuple[type[BaseModel], ...]
     tag: str
 
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Names of the kinds; ("",) where there is one."""
+        return tuple(str(m.model_fields[self.tag].default) for m in self.models) if self.tag else ("",)
+
     def fields(self, tag: str | None = None) -> tuple[Field, ...]:
         """Return the fields of a kind of the table; None: of the default kind."""
         model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        tags = tuple(m.model_fields[self.tag].default for m in self.models) if self.tag else ()
         return tuple(
-            _field(f"{self.key}.{field.alias or name}", field.alias or name, field, tags if name == self.tag else ())
+            _field(
+                f"{self.key}.{field.alias or name}", field.alias or name, field, self.tags if name == self.tag else ()
+            )
             for name, field in model.model_fields.items()
         )
 
