@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
+
+After a change a draft is made, and when nothing was asked for a moment, the picture at full size.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+from mr360uw.errors import Mr360uwError
+from mr360uw.scene.model import Scene
+
+REST_S = 0.15
+"""Time without another change [s] after which the full picture is made. Twice as long, it comes visibly late; at half
+of it slow drags start full pictures that hold up the next draft."""
+_QUICK_S = 0.1
+"""Full pictures that take less [s] need no draft before them."""
+_KEPT = 48
+"""Pictures that browsers may still fetch, of up to 1 MB."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A picture to be made.
+
+    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`, with its options. width:
+    [pixels] of the full picture. full: whether to make that once nothing else is asked for.
+    """
+
+    scene: Scene
+    revision: int
+    index: int
+    view: str
+    width: int
+    full: bool = True
+    options: tuple[tuple[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture that was made, as JPEG; or, where none could be made, the reasons. seconds: it took."""
+
+    number: int
+    wanted: Wanted
+    width: int
+    height: int
+    draft: bool
+    seconds: float
+    data: bytes
+    problems: tuple[str, ...] = ()
+
+
+class Renderer(Protocol):
+    """Makes pictures; belongs to the thread that made it."""
+
+    def picture(self, wanted: Wanted, width: int) -> tuple[bytes, int, int]:
+        """Return a picture of about a width as JPEG, with its width and height [pixels]."""
+
+    def close(self) -> None:
+        """Let go of everything."""
+
+
+class Pictures:
+    """The thread that makes pictures. make: called in it for the renderer. publish: called in it with each picture."""
+
+    def __init__(self, make: Callable[[], Renderer], publish: Callable[[Picture], None]) -> None:
+        self._make, self._publish = make, publish
+        self._changed = threading.Condition()
+        self._wanted: Wanted | None = None
+        self._jobs: deque[tuple[Callable[[Any], Any], Future[Any]]] = deque()
+        self._closed = False
+        self._kept: OrderedDict[int, Picture] = OrderedDict()
+        self._count = 0
+        self._full_s = 1.0
+        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
+        self._thread.start()
+
+    def want(self, wanted: Wanted) -> None:
+        """Ask for a picture, in place of one that was asked for and not begun."""
+        with self._changed:
+            self._wanted = wanted
+            self._changed.notify()
+
+    def ask(self, job: Callable[[Any], T]) -> Future[T]:
+        """Run a function of the renderer in its thread when no picture is wanted; return its future result."""
+        future: Future[T] = Future()
+        with self._changed:
+            self._jobs.append((job, future))
+            self._changed.notify()
+        return future
+
+    def get(self, number: int) -> Picture | None:
+        """Return a picture by its number while it is kept."""
+        with self._changed:
+            return self._kept.get(number)
+
+    def close(self) -> None:
+        """End the thread after the picture that it is at."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(timeout=30.0)
+
+    def _run(self) -> None:
+        renderer: Renderer | None = None
+        while True:
+            with self._changed:
+                while self._wanted is None and not self._jobs and not self._closed:
+                    self._changed.wait()
+                if self._closed:
+                    break
+                wanted, self._wanted = self._wanted, None
+                job = self._jobs.popleft() if wanted is None else None
+            try:
+                renderer = renderer or self._make()
+            except Mr360uwError as error:
+                self._fail(wanted, job, error)
+                continue
+            if job is not None:
+                _run_job(job, renderer)
+            elif wanted is not None:
+                self._serve(renderer, wanted)
+        if renderer is not None:
+            renderer.close()
+
+    def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
+        """Make the draft and, after a rest, the full picture, unless another is asked for meanwhile."""
+        if self._full_s > _QUICK_S or not wanted.full:
+            if not self._one(renderer, wanted, draft=True) or not wanted.full:
+                return
+            with self._changed:
+                self._changed.wait_for(lambda: self._wanted is not None or self._closed, timeout=REST_S)
+                if self._wanted is not None or self._closed:
+                    return
+        self._one(renderer, wanted, draft=False)
+
+    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool) -> bool:
+        """Make and publish one picture; return whether it could be made."""
+        start = time.perf_counter()
+        try:
+            data, width, height = renderer.picture(wanted, wanted.width // 2 if draft else wanted.width)
+        except (Mr360uwError, OSError, MemoryError) as error:
+            self._publish(self._numbered(_failed(wanted, error)))
+            return False
+        seconds = time.perf_counter() - start
+        if not draft:
+            self._full_s = seconds
+        self._publish(self._numbered(Picture(0, wanted, width, height, draft, seconds, data)))
+        return True
+
+    def _fail(self, wanted: Wanted | None, job: tuple[Any, Future[Any]] | None, error: Exception) -> None:
+        if job is not None:
+            job[1].set_exception(error)
+        elif wanted is not None:
+            self._publish(self._numbered(_failed(wanted, error)))
+
+    def _numbered(self, picture: Picture) -> Picture:
+        with self._changed:
+            self._count += 1
+            numbered = replace(picture, number=self._count)
+            if numbered.data:
+                self._kept[numbered.number] = numbered
+            while len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        return numbered
+
+
+def _failed(wanted: Wanted, error: Exception) -> Picture:
+    lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
+    return Picture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
+
+
+def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: Renderer) -> None:
+    work, future = job
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        future.set_result(work(renderer))
+    except Exception as error:  # noqa: BLE001 - whoever asked gets it
+        future.set_exception(error)
