@@ -32,8 +32,8 @@ class Clip(Protocol):
 class Session:
     """A document, where in its clip the page is, and how the picture is shown. For the thread of the event loop.
 
-    pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures [pixels].
-    picture: the newest that could be made, of whatever state. problems: why the newest state has none.
+    pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures
+    [pixels]. picture: the newest that could be made, of whatever state. problems: why the newest state has none.
     """
 
     def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int) -> None:

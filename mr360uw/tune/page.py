@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tuning page: header, controls, picture and time line of one tab, joined to the session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from mr360uw.errors import Mr360uwError, OutputExistsError
+from mr360uw.tune.controls import ControlPanel
+from mr360uw.tune.header import Header
+from mr360uw.tune.session import Event, Session
+from mr360uw.tune.stage import Stage
+
+
+def build_page(session: Session) -> None:
+    """Build the page of one tab and keep it in step with the session until the tab is closed."""
+    ui.add_head_html('<link rel="stylesheet" href="/tune/page.css"><script src="/tune/page.js" defer></script>')
+    TunePage(session)
+
+
+class TunePage:
+    """One tab."""
+
+    def __init__(self, session: Session) -> None:
+        self.session, self.document = session, session.document
+        self.client = ui.context.client
+        with ui.element("div").classes("page") as self.root:
+            self.header = Header(session, self.guarded, self.save)
+            with ui.element("div").classes("page-controls"):
+                self.controls = ControlPanel(
+                    session.document, mark=self._mark, choose=self._choose, keyed=dict, key_value=self._key_value,
+                    failed=self.failed,
+                )  # fmt: skip
+            self.stage = Stage(session)
+            self.foot = ui.element("div").classes("page-foot")
+        ui.on("tune", lambda event: self._pressed(str(event.args)))
+        self.client.on_delete(session.observe(self._follow))
+        self._follow("document")
+        self._follow("picture")
+        self._follow("time")
+
+    def guarded(self, action: Callable[[], Any]) -> None:
+        """Run an action of the user; tell its error."""
+        try:
+            action()
+        except (Mr360uwError, OSError) as error:
+            self.failed(error)
+
+    def failed(self, error: Exception) -> None:
+        """Tell an error."""
+        with self.root:
+            ui.notify(str(error), type="negative", multi_line=True, timeout=8000, close_button="Close")
+
+    def save(self) -> None:
+        """Save the document; ask first where the file was changed meanwhile."""
+        try:
+            self.document.save()
+        except OutputExistsError:
+            self.header.ask_overwrite()
+        except (Mr360uwError, OSError) as error:
+            self.failed(error)
+
+    def _follow(self, event: Event) -> None:
+        if event == "document":
+            self.controls.refresh()
+            self.header.refresh()
+            self.stage.expect()
+        elif event == "picture":
+            self.stage.show()
+        else:
+            self.stage.follow()
+
+    def _pressed(self, name: str) -> None:
+        session = self.session
+        actions: dict[str, Callable[[], Any]] = {
+            "save": self.save, "undo": self.document.undo, "redo": self.document.redo,
+            "play": lambda: session.play(not session.playing), "back": lambda: session.seek(session.index - 1),
+            "forward": lambda: session.seek(session.index + 1), "start": lambda: session.seek(0),
+            "end": lambda: session.seek(session.frame_count - 1),
+        }  # fmt: skip
+        if name in actions:
+            self.guarded(actions[name])
+
+    def _mark(self, key: str) -> None:
+        pass
+
+    def _choose(self, key: str, number: int) -> None:
+        pass
+
+    def _key_value(self, key: str, value: Any, group: str | None) -> None:
+        pass
