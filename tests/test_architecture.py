@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
     "runs": {"render", "scene", "composite", "video", "ibl", "threads", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
-    "preview": {"render", "scene", "video", "composite", "progress", *PHYSICS},
+    "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
 }
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}

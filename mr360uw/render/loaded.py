@@ -71,12 +71,12 @@ class Loader:
     """Loads scenes for frames of width x height [pixels]; parts that a change leaves as they were are kept.
 
     clip: whether the plate has several frames, for a first pass. A part depends on its own settings and files alone, so
-    that what was loaded before changes no result. kept: counts what was made.
+    that what was loaded before changes no result. kept: counts what was made; loaders of other sizes may share it.
     """
 
-    def __init__(self, width: int, height: int, *, clip: bool = True) -> None:
+    def __init__(self, width: int, height: int, *, clip: bool = True, kept: KeptReads | None = None) -> None:
         self._size, self._clip = (width, height), clip
-        self.kept = KeptReads()
+        self.kept = KeptReads() if kept is None else kept
 
     def load(self, scene: Scene) -> Loaded:
         """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
@@ -84,7 +84,7 @@ class Loader:
         with files_read() as object_files:
             objects = load_objects(scene.objects, kept)
         with files_read() as other_files:
-            receiver = kept.get("receiver", scene.receiver, lambda: self._receiver(scene))
+            receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
             surroundings = load_surroundings(scene, kept)
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
@@ -100,7 +100,7 @@ class Loader:
             objects=objects,
             lamps=kept.get("lamps", of_lamps, lambda: load_lamps(scene.lamps, medium, scene.light.white_cd_m2)),
             receiver=receiver,
-            mattes=kept.get("mattes", scene.holdouts, lambda: Mattes(scene, width, height)),
+            mattes=kept.get("mattes", (scene.holdouts, self._size), lambda: Mattes(scene, width, height)),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
             plan=make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip),
             notes=(*found, *placement_notes(scene, objects, camera, height)),

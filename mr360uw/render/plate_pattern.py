@@ -8,9 +8,11 @@ the size of caustics is smoothed, by the fraction of its variance that the scene
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 
 import numpy as np
 
+from mr360uw.cache import Same
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -18,6 +20,7 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
+from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
 from mr360uw.video import VideoFrame
@@ -51,6 +54,19 @@ def plate_pattern(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> 
         series.add(plate)
         calm = series.result()
     return PlatePattern(plate, calm.mean, _height_above(loaded.receiver.at(plate.index), loaded), calm.strength)
+
+
+def pattern_key(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> Hashable:
+    """Return the key of `plate_pattern`: all that the pattern depends on.
+
+    The waves count where the frame itself shows how strong its caustics are.
+    """
+    if not loaded.plan.pattern.runs or loaded.receiver is None:
+        return None
+    surroundings, scene = loaded.surroundings, loaded.scene
+    of_clip = loaded.receiver, surroundings.camera, scene.camera.depth_m
+    alone = scene.sea, scene.water.refractive_index, scene.caustics.water_blur, surroundings.medium
+    return plate, of_clip, loaded.receiver.at(plate.index), Same(facts.calm), alone if facts.calm is None else ()
 
 
 def _height_above(receiver: Receiver, loaded: Loaded) -> float:

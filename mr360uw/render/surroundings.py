@@ -35,7 +35,9 @@ class Surroundings:
 def load_surroundings(scene: Scene, kept: KeptReads | None = None) -> Surroundings:
     """Return the surroundings of a scene. kept: what was made before. Raises `ParameterError` or `VideoError`."""
     kept = KeptReads() if kept is None else kept
-    of_camera, of_water = (scene.camera, scene.plate, scene.water.type), (scene.water, scene.camera.depth_m)
+    levelled_by_plate = scene.plate if scene.camera.gravity is not None else None
+    of_camera = scene.camera, levelled_by_plate, scene.water.type
+    of_water = scene.water, scene.camera.depth_m
 
     def made() -> Surroundings:
         camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))

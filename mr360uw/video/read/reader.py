@@ -35,6 +35,10 @@ class VideoReader(Clip, ABC):
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the plate does not hold all of these frames."""
 
+    def file_of(self, index: int) -> Path:  # noqa: ARG002 - sequences have one for each frame
+        """Return the file that holds a frame."""
+        return self.path
+
     @abstractmethod
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop (to the end by default).
