@@ -11,8 +11,10 @@ from nicegui import ui
 from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.tune.controls import ControlPanel
 from mr360uw.tune.header import Header
+from mr360uw.tune.render_dialog import RenderDialog
 from mr360uw.tune.session import Event, Session
 from mr360uw.tune.stage import Stage
+from mr360uw.tune.widgets import Button
 
 
 def build_page(session: Session) -> None:
@@ -35,6 +37,9 @@ class TunePage:
                     failed=self.failed,
                 )  # fmt: skip
             self.stage = Stage(session)
+            self.render = RenderDialog(session, self.guarded)
+            with self.header.tools:
+                Button("Render …", self.render.open, title="composite the whole clip")
             self.foot = ui.element("div").classes("page-foot")
         ui.on("tune", lambda event: self._pressed(str(event.args)))
         self.client.on_delete(session.observe(self._follow))
@@ -68,10 +73,13 @@ class TunePage:
             self.controls.refresh()
             self.header.refresh()
             self.stage.expect()
+            self.render.refresh()
         elif event == "picture":
             self.stage.show()
-        else:
+        elif event == "time":
             self.stage.follow()
+        else:
+            self.render.refresh()
 
     def _pressed(self, name: str) -> None:
         session = self.session

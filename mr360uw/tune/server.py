@@ -105,7 +105,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
             loop.call_soon_threadsafe(lambda: held[0].take(picture))
 
         pictures = Pictures(lambda: PageRenderer(backend), publish)
-        held.append(Session(document, pictures, clip, _WIDTH))
+        held.append(Session(document, pictures, clip, _WIDTH, backend))
         held[0].show()
         watch = loop.create_task(_watch(document))
         loop.call_soon(ready)
@@ -113,6 +113,8 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
             yield
         finally:
             watch.cancel()
+            if held[0].run is not None:
+                held[0].run.cancel()
             await asyncio.to_thread(pictures.close)
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
@@ -123,6 +125,13 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         if found is None:
             return Response(status_code=404, headers=_NO_STORE)
         return Response(found.data, media_type="image/jpeg", headers=_NO_STORE)
+
+    @app.get("/result")
+    def result() -> Response:
+        run = held[0].run
+        if run is None or run.state != "done" or not run.out.is_file():
+            return Response(status_code=404, headers=_NO_STORE)
+        return FileResponse(run.out, headers=_NO_STORE)
 
     @app.get("/tune/{name}")
     def part(name: str) -> Response:

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from mr360uw.errors import ParameterError
+from mr360uw.tune.composite_run import CompositeRun
 from mr360uw.tune.document import Document
 from mr360uw.tune.pictures import Picture, Pictures, Wanted
 
-Event = Literal["document", "picture", "time"]
+Event = Literal["document", "picture", "time", "run"]
 
 
 class Clip(Protocol):
@@ -33,12 +36,14 @@ class Session:
     """A document, where in its clip the page is, and how the picture is shown. For the thread of the event loop.
 
     pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures
-    [pixels]. picture: the newest that could be made, of whatever state. problems: why the newest state has none.
+    [pixels]. backend: of the pictures and of runs. picture: the newest that could be made, of whatever state. problems:
+    why the newest state has none. run: the last run of the whole clip.
     """
 
-    def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int) -> None:
+    def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int, backend: str = "auto") -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
-        self.width = min(width, clip.width)
+        self.width, self.backend = min(width, clip.width), backend
+        self.run: CompositeRun | None = None
         self.index, self.view, self.playing = 0, "composite", False
         self.options: tuple[tuple[str, Any], ...] = ()
         self.picture: Picture | None = None
@@ -103,6 +108,14 @@ class Session:
             self._played_from = (self.index, time.monotonic())
             self.show()
             self._tell("time")
+
+    def start_run(self, out: Path) -> CompositeRun:
+        """Return a new run to an output; raise `ParameterError` while another one is going on."""
+        if self.run is not None and self.run.state == "running":
+            raise ParameterError(f"render - a run is going on (got {self.run.out}) - wait for it, or cancel it")
+        self.run = CompositeRun(out, lambda: self._tell("run"))
+        self._tell("run")
+        return self.run
 
     def take(self, picture: Picture) -> None:
         """Take a picture that was made."""
