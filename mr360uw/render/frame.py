@@ -17,7 +17,7 @@ from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
-from mr360uw.render.shots import shot_at, shutter_times, with_caustics
+from mr360uw.render.shots import instants, shot_at, with_caustics
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -52,23 +52,24 @@ def frame_stages(
     drawn.
     """
     plan, water, found, layers = loaded.plan, None, None, []
-    light = plate_light(loaded, facts, plate) if plan.environment.runs else None
+    now = loaded.at(plate.time_s)
+    light = plate_light(now, facts, plate) if plan.environment.runs else None
     check_finite("light of the plate", plate.index, light and light.environment)
     shot = None
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
-        water = exposed_water(loaded.surroundings, light, plate.time_s)
+        water = exposed_water(now.surroundings, light, plate.time_s)
         check_finite("water", plate.index, water)
-        for time_s in shutter_times(loaded, plate.time_s, shutter_s):
-            shot = with_caustics(loaded, backend, shot_at(loaded, light, water, time_s, plate.index), time_s)
+        for time_s, then in instants(loaded, now, plate.time_s, shutter_s):
+            shot = with_caustics(then, backend, shot_at(then, light, water, time_s, plate.index), time_s)
             layer, found = backend.layer(shot, variables=variables)
             check_finite("layer", plate.index, *layer.tiles)
             layers.append(layer)
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame
 
-    picture = plate.over(layer, over_tile, loaded.scene.draw.grain)
+    picture = plate.over(layer, over_tile, now.scene.draw.grain)
     check_finite("composite", plate.index, picture)
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
 

@@ -15,16 +15,22 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
-from mr360uw.types import Floats, Light, MediumTable, Sun
+from mr360uw.types import Light, MediumTable, Sun
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
 
 
-def shutter_times(loaded: Loaded, time_s: float, shutter_s: float) -> Floats:
-    """Return the instants (n,) [s] over which a frame is averaged for motion blur; one without it."""
-    steps = loaded.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
-    return time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> list[tuple[float, Loaded]]:
+    """Return the instants [s] over which a frame is averaged for motion blur, one without it, and the scene at each.
+
+    now: the scene at the frame's time. Its light and water hold for the whole exposure.
+    """
+    steps = now.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
+    if steps == 1:
+        return [(time_s, now)]
+    times = time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+    return [(one, loaded.at(one, now)) for one in times.tolist()]
 
 
 def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int) -> Shot:
