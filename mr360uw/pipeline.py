@@ -204,7 +204,8 @@ def _find_facts(
     since, plan = time.perf_counter(), loaded.plan
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     calm = calm_series(loaded) if not video.is_still else None
-    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=span, **wanted)
+    keyed = loaded.surroundings_at if loaded.scene.keys else None
+    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=span, keyed=keyed, **wanted)
     work.keep_facts(facts)
     times.add("first pass", since)
     return facts

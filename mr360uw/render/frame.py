@@ -21,7 +21,7 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
-from mr360uw.render.shots import layer_key, shot_at, shutter_times, with_caustics
+from mr360uw.render.shots import instants, layer_key, shot_at, with_caustics
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -65,21 +65,22 @@ def frame_stages(
     depends on: a stage runs unless its result is there. Yields after the plate's light is measured and after the layer
     is drawn.
     """
-    plan, grain, index, time_s = loaded.plan, loaded.scene.draw.grain, plate.index, plate.time_s
-    kept, found, layers = Cache() if kept is None else kept, None, []
+    plan, index, time_s = loaded.plan, plate.index, plate.time_s
+    now = loaded.at(time_s)
+    kept, grain, found, layers = Cache() if kept is None else kept, now.scene.draw.grain, None, []
     light = pattern = water = shot = None
     if plan.environment.runs:
-        of_light, of_pattern = light_key(loaded, facts, plate), pattern_key(loaded, facts, plate)
-        light = kept.get("light", of_light, lambda: finite("light", index, plate_light(loaded, facts, plate)))
-        pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(loaded, facts.calm, plate))
+        of_light, of_pattern = light_key(now, facts, plate), pattern_key(now, facts, plate)
+        light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
+        pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(now, facts.calm, plate))
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
-        of_water = loaded.surroundings, light, time_s
+        of_water = now.surroundings, light, time_s
         water = kept.get("water", of_water, lambda: finite("water", index, exposed_water(*of_water)))
-        for instant_s in shutter_times(loaded, time_s, shutter_s):
-            bare = shot_at(loaded, light, pattern, water, instant_s, index, kept)
-            shot = with_caustics(loaded, backend, bare, instant_s, kept)
+        for instant_s, then in instants(loaded, now, time_s, shutter_s):
+            bare = shot_at(then, light, pattern, water, instant_s, index, kept)
+            shot = with_caustics(then, backend, bare, instant_s, kept)
             drawn = partial(_drawn, backend, shot, index, variables)
             layer, found = kept.get("layer", layer_key(shot, variables), drawn)
             layers.append(layer)

@@ -28,10 +28,16 @@ _NOT_OF_LAYERS = {name: DrawSettings.model_fields[name].default for name in ("gr
 """Settings of drawing that the layer of one instant does not depend on."""
 
 
-def shutter_times(loaded: Loaded, time_s: float, shutter_s: float) -> Floats:
-    """Return the instants (n,) [s] over which a frame is averaged for motion blur; one without it."""
-    steps = loaded.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
-    return time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> list[tuple[float, Loaded]]:
+    """Return the instants [s] over which a frame is averaged for motion blur, one without it, and the scene at each.
+
+    now: the scene at the frame's time. Its light and water hold for the whole exposure.
+    """
+    steps = now.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
+    if steps == 1:
+        return [(time_s, now)]
+    times = time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+    return [(one, loaded.at(one, now)) for one in times.tolist()]
 
 
 def shot_at(

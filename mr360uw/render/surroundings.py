@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mr360uw.ibl import LightSettings
@@ -11,6 +12,7 @@ from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
+from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.model import Scene
 
 
@@ -46,6 +48,12 @@ def load_surroundings(scene: Scene, kept: KeptReads | None = None) -> Surroundin
         return Surroundings(scene.light, camera, medium, light, depths)
 
     return kept.get("surroundings", (of_camera, of_water, scene.light), made)
+
+
+def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
+    """Return the function of time [s] that gives a scene's surroundings."""
+    kept = KeptReads()
+    return lambda time_s: load_surroundings(scene_at(scene, time_s), kept)
 
 
 def _medium(scene: Scene, camera: CameraPath) -> tuple[Medium | None, MediumAtDepths | None]:

@@ -25,16 +25,25 @@ _SLOPE_GRID = 128
 """Points across the tile that the mean square slope is taken of."""
 
 
+WAVES_STAY = "waves would jump: the wind is what changes a sea, key sea.wind_speed"
+"""Advice on parameters that decide on the waves' lengths, directions or periods."""
+
+
 class SeaParameters(Parameters):
     """Parameters of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
 
     wind_speed: float = parameter(4.0, "wind speed 10 m above the sea", unit="m/s", low=0.0, high=40.0)
     wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
-    tile_m: float = parameter(8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0)
-    water_depth_m: float = parameter(1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0)
-    loop_s: float | None = parameter(
-        None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0
+    tile_m: float = parameter(
+        8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0, fixed=WAVES_STAY
     )
+    water_depth_m: float = parameter(
+        1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0, fixed=WAVES_STAY
+    )
+    loop_s: float | None = parameter(
+        None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
     detail_slope: float | None = parameter(
         None, "root mean square slope of all other waves; none: what the sea's own leave of Cox & Munk's for the wind",
         low=0.0, high=0.5,
@@ -42,8 +51,12 @@ class SeaParameters(Parameters):
     detail_kind: Literal["blur", "ripples"] = parameter(
         "blur", "blur: those waves blur caustics; ripples: two scrolling maps on the surface, for fine grids"
     )
-    detail_wavelength_m: float = parameter(0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0)
-    detail_speed: float = parameter(0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0)
+    detail_wavelength_m: float = parameter(
+        0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0, fixed=WAVES_STAY
+    )
+    detail_speed: float = parameter(
+        0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0, fixed=WAVES_STAY
+    )
     seed: int = parameter(1, "seed of the waves' directions and phases", low=0)
 
     @property

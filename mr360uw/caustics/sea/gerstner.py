@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
@@ -44,7 +44,7 @@ _FOLDING = 1.0 + 1e-9
 class GerstnerWave(Parameters):
     """One explicit wave."""
 
-    wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m")
+    wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m", fixed=WAVES_STAY)
     amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=1000.0)
     steepness: float = parameter(1.0, "horizontal over vertical amplitude", low=0.0, high=1.0)
     phase_rad: float = parameter(0.0, "phase at the origin at time 0", unit="rad")
@@ -91,13 +91,14 @@ class GerstnerSea(SeaParameters):
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
     spread_deg: float = parameter(
-        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0
-    )
+        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
     dominant_wavelength_m: float | None = parameter(
-        None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0
+        None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
     )
     shortest_wavelength_m: float | None = parameter(
-        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
+        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
     )
     wave_count: int = parameter(24, "number of waves", low=1, high=512)
     tiling: Literal["lattice", "blend"] = parameter(

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
 from mr360uw.caustics.sea.spectrum import variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
@@ -41,8 +41,9 @@ class SpectralSea(SeaParameters):
     swell: float = parameter(0.0, "0: wind sea, 1: long parallel crests", low=0.0, high=1.0)
     choppiness: float = parameter(0.7, "horizontal shift: 0 = none, 1 = circular orbits", low=0.0, high=2.0)
     shortest_wavelength_m: float | None = parameter(
-        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
-    )
+        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
 
     @property
     def lattice(self) -> tuple[Array, Array]:
