@@ -13,7 +13,7 @@ from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import Frame, finished, frame_stages
-from mr360uw.render.loaded import Loader
+from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame
@@ -62,13 +62,17 @@ class LivePreview:
         Sun and veil are measured in this frame alone: a composite of the clip takes them from all of it, so that its
         light may differ a little. There is no motion blur. Raises what `composite_video` raises.
         """
-        columns, rows = size = self._plates.size(scene, width)
-        scaled = at_scale(scene, columns / self._plates.reader(scene).width)
-        loaded = Loader(columns, rows, clip=False, kept=self._reads).load(scaled)
+        loaded = self.loaded(scene, width)
         loaded.check(index + 1)
-        plate, facts = self._plates.at(scene, index, size), ClipFacts.of_frame("scene", None)
+        plate, facts = self.plate(scene, index, width), ClipFacts.of_frame("scene", None)
         with one_blas_thread():
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
+
+    def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
+        """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
+        columns, rows = self._plates.size(scene, width)
+        scaled = at_scale(scene, columns / self._plates.reader(scene).width)
+        return Loader(columns, rows, clip=False, kept=self._reads).load(scaled)
 
     def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""

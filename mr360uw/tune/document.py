@@ -135,8 +135,8 @@ class Document:
                     self.unset(key)
 
     @contextmanager
-    def together(self, label: str) -> Iterator[None]:
-        """Make all changes within one step, told to observers once."""
+    def together(self, label: str, *, group: str | None = None) -> Iterator[None]:
+        """Make all changes within one step, told to observers once. group: as `set` has it."""
         if self._together is not None:  # inside of another step
             yield
             return
@@ -146,7 +146,7 @@ class Document:
         finally:
             self._together = None
             if self.text != before:
-                self._push(_Step(label, before, None))
+                self._push(_Step(label, before, group))
                 self._tell()
 
     def replace(self, label: str, text: str) -> None:
@@ -238,12 +238,13 @@ class Document:
         before = self.text
         self._take(text)
         if self._together is None:
-            if not (group is not None and self._past and self._past[-1].group == group and not self._future):
-                self._push(_Step(label, before, group))
+            self._push(_Step(label, before, group))
             self._tell()
 
     def _push(self, step: _Step) -> None:
-        self._past = [*self._past[-_LONGEST_HISTORY:], step]
+        goes_on = step.group is not None and self._past and self._past[-1].group == step.group and not self._future
+        if not goes_on:
+            self._past = [*self._past[-_LONGEST_HISTORY:], step]
         self._future = []
 
     def _travel(self, source: list[_Step], target: list[_Step]) -> None:

@@ -9,12 +9,15 @@ from typing import Any
 from nicegui import ui
 
 from mr360uw.errors import Mr360uwError, OutputExistsError
-from mr360uw.tune.controls import ControlPanel
-from mr360uw.tune.header import Header
-from mr360uw.tune.render_dialog import RenderDialog
+from mr360uw.tune import tracks
+from mr360uw.tune.panels.controls import ControlPanel
+from mr360uw.tune.panels.header import Header
+from mr360uw.tune.panels.place_tools import PlaceTools
+from mr360uw.tune.panels.render_dialog import RenderDialog
+from mr360uw.tune.panels.stage import Stage
+from mr360uw.tune.panels.time_panel import TimePanel
+from mr360uw.tune.panels.widgets import Button
 from mr360uw.tune.session import Event, Session
-from mr360uw.tune.stage import Stage
-from mr360uw.tune.widgets import Button
 
 
 def build_page(session: Session) -> None:
@@ -33,14 +36,15 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, mark=self._mark, choose=self._choose, keyed=dict, key_value=self._key_value,
-                    failed=self.failed,
+                    session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
+                    key_value=self._key_value, failed=self.failed,
                 )  # fmt: skip
-            self.stage = Stage(session)
+            self.stage = Stage(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
             with self.header.tools:
                 Button("Render …", self.render.open, title="composite the whole clip")
-            self.foot = ui.element("div").classes("page-foot")
+            self.place = PlaceTools(session, self.stage, self.failed)
+            self.time = TimePanel(session, self.guarded)
         ui.on("tune", lambda event: self._pressed(str(event.args)))
         self.client.on_delete(session.observe(self._follow))
         self._follow("document")
@@ -74,29 +78,37 @@ class TunePage:
             self.header.refresh()
             self.stage.expect()
             self.render.refresh()
+            self.time.refresh()
+            self.place.refresh()
         elif event == "picture":
             self.stage.show()
         elif event == "time":
             self.stage.follow()
+            self.time.follow()
+            self.place.refresh()
+            self.controls.refresh()
         else:
             self.render.refresh()
 
     def _pressed(self, name: str) -> None:
         session = self.session
         actions: dict[str, Callable[[], Any]] = {
-            "save": self.save, "undo": self.document.undo, "redo": self.document.redo,
-            "play": lambda: session.play(not session.playing), "back": lambda: session.seek(session.index - 1),
-            "forward": lambda: session.seek(session.index + 1), "start": lambda: session.seek(0),
-            "end": lambda: session.seek(session.frame_count - 1),
+            "save": self.save, "undo": self.document.undo, "redo": self.document.redo, "play": self.time.play,
+            "back": lambda: session.seek(session.index - 1), "forward": lambda: session.seek(session.index + 1),
+            "start": lambda: session.seek(session.range[0]), "end": lambda: session.seek(session.range[1] - 1),
         }  # fmt: skip
         if name in actions:
             self.guarded(actions[name])
 
-    def _mark(self, key: str) -> None:
-        pass
+    def _keyed(self) -> dict[str, Any]:
+        return tracks.values_at(self.document, self.session.time_s)
 
-    def _choose(self, key: str, number: int) -> None:
-        pass
+    def _mark(self, key: str) -> None:
+        self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
 
     def _key_value(self, key: str, value: Any, group: str | None) -> None:
-        pass
+        tracks.set_key(self.document, key, self.session.time_s, value, group=group)
+
+    def _choose(self, key: str, number: int) -> None:
+        if key == "object":
+            self.place.select(number)

@@ -46,8 +46,21 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
+class Drawn:
+    """A picture as JPEG, with its size [pixels]. panorama: whether it is equirectangular."""
+
+    data: bytes
+    width: int
+    height: int
+    panorama: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture that was made, as JPEG; or, where none could be made, the reasons. seconds: it took."""
+    """A picture that was made, as JPEG; or, where none could be made, the reasons.
+
+    seconds: it took. panorama: whether it is equirectangular.
+    """
 
     number: int
     wanted: Wanted
@@ -57,13 +70,14 @@ class Picture:
     seconds: float
     data: bytes
     problems: tuple[str, ...] = ()
+    panorama: bool = True
 
 
 class Renderer(Protocol):
     """Makes pictures; belongs to the thread that made it."""
 
-    def picture(self, wanted: Wanted, width: int) -> tuple[bytes, int, int]:
-        """Return a picture of about a width as JPEG, with its width and height [pixels]."""
+    def picture(self, wanted: Wanted, width: int) -> Drawn:
+        """Return a picture of about a width."""
 
     def close(self) -> None:
         """Let go of everything."""
@@ -77,8 +91,10 @@ class Pictures:
         self._changed = threading.Condition()
         self._wanted: Wanted | None = None
         self._jobs: deque[tuple[Callable[[Any], Any], Future[Any]]] = deque()
+        self._urgent: deque[tuple[Callable[[Any], Any], Future[Any]]] = deque()
         self._closed = False
-        self._kept: OrderedDict[int, Picture] = OrderedDict()
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._stored: dict[int, bytes] = {}
         self._count = 0
         self._full_s = 1.0
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
@@ -90,18 +106,33 @@ class Pictures:
             self._wanted = wanted
             self._changed.notify()
 
-    def ask(self, job: Callable[[Any], T]) -> Future[T]:
-        """Run a function of the renderer in its thread when no picture is wanted; return its future result."""
+    def ask(self, job: Callable[[Any], T], *, urgent: bool = False) -> Future[T]:
+        """Run a function of the renderer in its thread when no picture is wanted; return its future result.
+
+        urgent: before the next picture; for functions of a few milliseconds.
+        """
         future: Future[T] = Future()
         with self._changed:
-            self._jobs.append((job, future))
+            (self._urgent if urgent else self._jobs).append((job, future))
             self._changed.notify()
         return future
 
-    def get(self, number: int) -> Picture | None:
-        """Return a picture by its number while it is kept."""
+    def get(self, number: int) -> bytes | None:
+        """Return the JPEG of a picture by its number while it is kept."""
         with self._changed:
-            return self._kept.get(number)
+            return self._stored.get(number) or self._kept.get(number)
+
+    def store(self, data: bytes) -> int:
+        """Keep a JPEG of another kind, as a thumbnail, for good; return its number."""
+        with self._changed:
+            self._count += 1
+            self._stored[self._count] = data
+            return self._count
+
+    def drop(self, number: int) -> None:
+        """Let go of a picture that was stored."""
+        with self._changed:
+            self._stored.pop(number, None)
 
     def close(self) -> None:
         """End the thread after the picture that it is at."""
@@ -114,12 +145,15 @@ class Pictures:
         renderer: Renderer | None = None
         while True:
             with self._changed:
-                while self._wanted is None and not self._jobs and not self._closed:
+                while self._wanted is None and not self._urgent and not self._jobs and not self._closed:
                     self._changed.wait()
                 if self._closed:
                     break
-                wanted, self._wanted = self._wanted, None
-                job = self._jobs.popleft() if wanted is None else None
+                wanted, job = None, None
+                if self._urgent or self._wanted is None:
+                    job = (self._urgent or self._jobs).popleft()
+                else:
+                    wanted, self._wanted = self._wanted, None
             try:
                 renderer = renderer or self._make()
             except Mr360uwError as error:
@@ -138,7 +172,9 @@ class Pictures:
             if not self._one(renderer, wanted, draft=True) or not wanted.full:
                 return
             with self._changed:
-                self._changed.wait_for(lambda: self._wanted is not None or self._closed, timeout=REST_S)
+                self._changed.wait_for(lambda: self._wanted or self._urgent or self._closed, timeout=REST_S)
+                if self._urgent and self._wanted is None:
+                    self._wanted = wanted  # again, after that
                 if self._wanted is not None or self._closed:
                     return
         self._one(renderer, wanted, draft=False)
@@ -147,14 +183,18 @@ class Pictures:
         """Make and publish one picture; return whether it could be made."""
         start = time.perf_counter()
         try:
-            data, width, height = renderer.picture(wanted, wanted.width // 2 if draft else wanted.width)
+            drawn = renderer.picture(wanted, wanted.width // 2 if draft else wanted.width)
         except (Mr360uwError, OSError, MemoryError) as error:
             self._publish(self._numbered(_failed(wanted, error)))
             return False
         seconds = time.perf_counter() - start
         if not draft:
             self._full_s = seconds
-        self._publish(self._numbered(Picture(0, wanted, width, height, draft, seconds, data)))
+        self._publish(
+            self._numbered(
+                Picture(0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama)
+            )
+        )
         return True
 
     def _fail(self, wanted: Wanted | None, job: tuple[Any, Future[Any]] | None, error: Exception) -> None:
@@ -168,7 +208,7 @@ class Pictures:
             self._count += 1
             numbered = replace(picture, number=self._count)
             if numbered.data:
-                self._kept[numbered.number] = numbered
+                self._kept[numbered.number] = numbered.data
             while len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
         return numbered

@@ -7,7 +7,8 @@ from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.tune.pictures import Wanted
+from mr360uw.tune.pictures import Drawn, Wanted
+from mr360uw.tune.situation import Situation, situation
 from mr360uw.video.write.image_writer import picture_codes
 
 
@@ -17,11 +18,19 @@ class PageRenderer:
     def __init__(self, backend: str = "auto") -> None:
         self.preview = LivePreview(backend)
 
-    def picture(self, wanted: Wanted, width: int) -> tuple[bytes, int, int]:
-        """Return a picture of about a width as JPEG, with its width and height [pixels]."""
+    def picture(self, wanted: Wanted, width: int) -> Drawn:
+        """Return a picture of about a width; raises what `LivePreview.frame` raises."""
         frame = self.preview.frame(wanted.scene, wanted.index, width)
         codes = picture_codes(frame.picture, deep=False)
-        return encoded(codes, ".jpg"), codes.shape[1], codes.shape[0]
+        return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0])
+
+    def plate(self, scene: Scene, index: int, width: int) -> bytes:
+        """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
+        return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
+
+    def situation(self, scene: Scene, index: int, time_s: float) -> Situation:
+        """Return camera, receiver and objects of a frame; raises what loading the scene raises."""
+        return situation(self.preview, scene, index, time_s)
 
     def close(self) -> None:
         """Let go of everything."""

@@ -124,7 +124,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         found = held[0].pictures.get(number)
         if found is None:
             return Response(status_code=404, headers=_NO_STORE)
-        return Response(found.data, media_type="image/jpeg", headers=_NO_STORE)
+        return Response(found, media_type="image/jpeg", headers=_NO_STORE)
 
     @app.get("/result")
     def result() -> Response:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import time
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -14,6 +14,8 @@ from mr360uw.tune.document import Document
 from mr360uw.tune.pictures import Picture, Pictures, Wanted
 
 Event = Literal["document", "picture", "time", "run"]
+THUMBNAIL_WIDTH = 160
+"""Width of the time line's pictures [pixels]."""
 
 
 class Clip(Protocol):
@@ -37,18 +39,23 @@ class Session:
 
     pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures
     [pixels]. backend: of the pictures and of runs. picture: the newest that could be made, of whatever state. problems:
-    why the newest state has none. run: the last run of the whole clip.
+    why the newest state has none. run: the last run of the whole clip. range: frames start:stop of it. views: names of
+    views with their labels. thumbnails: numbers of small pictures, by frame. kept_pictures: numbers of pictures that
+    snapshots and comparisons keep, by name.
     """
 
     def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int, backend: str = "auto") -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
         self.run: CompositeRun | None = None
-        self.index, self.view, self.playing = 0, "composite", False
+        self.index, self.view = 0, "composite"
+        self.range = (0, self.frame_count)
+        self.views: dict[str, str] = {"composite": "Composite"}
+        self.thumbnails: dict[int, int] = {}
+        self.kept_pictures: dict[str, int] = {}
         self.options: tuple[tuple[str, Any], ...] = ()
         self.picture: Picture | None = None
         self.problems: tuple[str, ...] = ()
-        self._played_from = (0, 0.0)
         self._observers: list[Callable[[Event], None]] = []
         document.observe(self._document_changed)
 
@@ -62,13 +69,14 @@ class Session:
         """Time of the frame that is shown."""
         return self.index / float(self.clip.frame_rate)
 
+    def is_present(self, picture: Picture) -> bool:
+        """Whether a picture is of the present state, as a draft or at full size."""
+        return picture.wanted == self._wanted(full=picture.wanted.full)
+
     @property
     def behind(self) -> bool:
         """Whether the picture is not of the present state at full size."""
-        newest = self.picture
-        if newest is None or newest.draft:
-            return True
-        return newest.wanted != self._wanted(full=newest.wanted.full)
+        return self.picture is None or self.picture.draft or not self.is_present(self.picture)
 
     def observe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
         """Call a function after every change with its kind; return the function that ends it."""
@@ -80,17 +88,17 @@ class Session:
 
         return end
 
-    def show(self) -> None:
-        """Ask for a picture of the present state."""
-        self.pictures.want(self._wanted(full=not self.playing))
+    def show(self, *, full: bool = True) -> None:
+        """Ask for a picture of the present state; full: at full size, once nothing changes."""
+        self.pictures.want(self._wanted(full=full))
 
-    def seek(self, index: int) -> None:
-        """Show another frame of the clip; the nearest there is."""
+    def seek(self, index: int, *, scrubbing: bool = False) -> None:
+        """Show another frame of the clip, the nearest there is. scrubbing: more will follow, and a draft will do."""
         index = min(max(index, 0), self.frame_count - 1)
-        if index != self.index:
-            self.index = index
-            self._played_from = (index, time.monotonic())
-            self.show()
+        moved, self.index = index != self.index, index
+        if moved or (not scrubbing and self.behind):
+            self.show(full=not scrubbing)
+        if moved:
             self._tell("time")
 
     def look(self, view: str | None = None, *, width: int | None = None, **options: Any) -> None:
@@ -101,14 +109,6 @@ class Session:
         self.show()
         self._tell("time")
 
-    def play(self, playing: bool) -> None:
-        """Start or stop playing: frames at the clip's times, as many of them as can be made."""
-        if playing != self.playing:
-            self.playing = playing and self.frame_count > 1
-            self._played_from = (self.index, time.monotonic())
-            self.show()
-            self._tell("time")
-
     def start_run(self, out: Path) -> CompositeRun:
         """Return a new run to an output; raise `ParameterError` while another one is going on."""
         if self.run is not None and self.run.state == "running":
@@ -117,21 +117,40 @@ class Session:
         self._tell("run")
         return self.run
 
+    def set_range(self, start: int, stop: int) -> None:
+        """Set the frames start:stop that are played and rendered."""
+        if (start, stop) != self.range:
+            self.range = (start, stop)
+            self._tell("time")
+
+    def keep_picture(self, name: str) -> None:
+        """Keep the newest picture under a name."""
+        data = None if self.picture is None else self.pictures.get(self.picture.number)
+        if data is not None:
+            self.replaced(name, data)
+
+    def replaced(self, name: str, data: bytes) -> int:
+        """Keep a JPEG under a name, in place of one that had it; return its number."""
+        if name in self.kept_pictures:
+            self.pictures.drop(self.kept_pictures[name])
+        self.kept_pictures[name] = self.pictures.store(data)
+        return self.kept_pictures[name]
+
+    async def thumbnail(self, frame: int) -> None:
+        """Make the small picture of a frame of the plate, unless it is there."""
+        if frame not in self.thumbnails:
+            scene = self.document.scene
+            job = self.pictures.ask(lambda renderer: renderer.plate(scene, frame, THUMBNAIL_WIDTH))
+            data: bytes = await asyncio.wrap_future(job)
+            self.thumbnails[frame] = self.pictures.store(data)
+
     def take(self, picture: Picture) -> None:
         """Take a picture that was made."""
         if picture.problems:
             self.problems = picture.problems
-            self.playing = False
         else:
             self.picture, self.problems = picture, ()
         self._tell("picture")
-        if self.playing:
-            start, began = self._played_from
-            passed = int((time.monotonic() - began) * float(self.clip.frame_rate))
-            following = (start + max(passed, 1)) % self.frame_count
-            self.index = following if following != self.index else (self.index + 1) % self.frame_count
-            self.show()
-            self._tell("time")
 
     def _wanted(self, *, full: bool) -> Wanted:
         document = self.document

@@ -12,7 +12,7 @@ import pytest
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
-from mr360uw.tune.pictures import Picture, Pictures, Wanted
+from mr360uw.tune.pictures import Drawn, Picture, Pictures, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 
@@ -28,12 +28,12 @@ class Studio:
         self.closed = False
         self.pictures = Pictures(lambda: self, self.made.put)
 
-    def picture(self, wanted: Wanted, width: int) -> tuple[bytes, int, int]:
+    def picture(self, wanted: Wanted, width: int) -> Drawn:
         self.begun.put(wanted.revision)
         assert self.gate.acquire(timeout=WAIT_S)
         if self.fails is not None:
             raise self.fails
-        return f"{wanted.revision}".encode(), width, width // 2
+        return Drawn(f"{wanted.revision}".encode(), width, width // 2)
 
     def close(self) -> None:
         self.closed = True
@@ -65,7 +65,7 @@ def test_a_draft_comes_first_and_the_full_picture_after_a_rest(studio: Studio) -
         (1, True, 256, 128), (1, False, 512, 256)
     ]  # fmt: skip
     assert draft.number < full.number
-    assert studio.pictures.get(full.number) == full
+    assert studio.pictures.get(full.number) == full.data
     assert studio.pictures.get(99) is None
 
 
@@ -115,6 +115,28 @@ def test_jobs_run_beside_pictures_and_give_their_errors(studio: Studio) -> None:
     assert studio.pictures.ask(lambda renderer: renderer is studio).result(WAIT_S)
     with pytest.raises(ZeroDivisionError):
         studio.pictures.ask(lambda _: 1 // 0).result(WAIT_S)
+
+
+def test_urgent_jobs_come_before_pictures_that_are_then_made(studio: Studio) -> None:
+    studio.want(1)
+    assert studio.begun.get(timeout=WAIT_S) == 1
+    late = studio.pictures.ask(lambda _: studio.made.qsize())
+    soon = studio.pictures.ask(lambda _: studio.made.qsize(), urgent=True)
+    studio.want(2)
+    studio.gate.release(3)
+    assert soon.result(WAIT_S) == 1
+    assert late.result(WAIT_S) == 3
+    assert [studio.next() for _ in range(3)] == [(1, True), (2, True), (2, False)]
+
+
+def test_stored_pictures_stay_until_they_are_dropped(studio: Studio) -> None:
+    studio.gate.release(2)
+    number = studio.pictures.store(b"thumb")
+    assert studio.pictures.get(number) == b"thumb"
+    studio.pictures.drop(number)
+    assert studio.pictures.get(number) is None
+    studio.want(1, full=False)
+    assert studio.made.get(timeout=WAIT_S).number == number + 1
 
 
 def test_few_pictures_are_kept(studio: Studio) -> None:

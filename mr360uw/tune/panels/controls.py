@@ -87,6 +87,11 @@ class ControlPanel(Element, component="controls.js"):
         self._props["errors"], self._props["keyed"] = errors, self._keyed()
         self.update()
 
+    def default_of(self, key: str) -> Any:
+        """Return the default of a parameter; None where it has none."""
+        field = self._field(key)
+        return None if field is None else field.default
+
     def _field(self, key: str) -> Field | None:
         return self._fields.get(".".join(part for part in key.split(".") if not part.isdecimal()))
 

@@ -12,8 +12,8 @@ from nicegui import background_tasks, ui
 
 from mr360uw.files import write_whole
 from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.session import Session
-from mr360uw.tune.widgets import Button, Choice, Text
 
 _SCALES = {"1": "full size", "0.5": "half size", "0.25": "quarter size"}
 

@@ -10,9 +10,9 @@ from typing import Any
 from nicegui import ui
 
 from mr360uw.tune.document import Snapshot
+from mr360uw.tune.panels.widgets import Button, Choice, Text, menu
 from mr360uw.tune.presets import PRESETS
 from mr360uw.tune.session import Session
-from mr360uw.tune.widgets import Button, Choice, Text, menu
 
 _MODES: dict[str, bool | None] = {"auto": None, "dark": True, "light": False}
 
@@ -78,6 +78,7 @@ class Header:
     def _keep(self) -> None:
         taken = {kept.name for kept in self._document.snapshots}
         number = next(k for k in range(1, len(taken) + 2) if f"snapshot {k}" not in taken)
+        self._session.keep_picture(f"snapshot {number}")
         self._document.keep(f"snapshot {number}")
 
     def _restore(self, kept: Snapshot) -> None:
