@@ -14,28 +14,11 @@ from typing import Any, Literal
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from mr360uw.tune.marks import Handle, Marker
 from mr360uw.tune.placing import Point
 
-Kind = Literal["object", "sun", "lamp", "spot"]
-Handle = Literal["move", "turn", "scale"]
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]
-
-
-@dataclass(frozen=True, slots=True)
-class Marker:
-    """A mark over the picture. name: unique. label: its text. radius: angular radius [rad] of an object, for handles.
-
-    kind: an object, the sun, a lamp, or a spot (a clicked point). handles: those it has while it is selected.
-    """
-
-    name: str
-    longitude: float
-    latitude: float
-    kind: Kind = "object"
-    label: str = ""
-    radius: float = 0.0
-    handles: tuple[Handle, ...] = ("move", "turn", "scale")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,10 @@ from fastapi import Request, Response
 from nicegui import app, ui
 
 from mr360uw.preview.thumbnail import encoded
+from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
 from mr360uw.tune.timeline import Curve, KeyEdit, Thumbnail, Timeline
-from mr360uw.tune.viewer import Marker, Viewer
+from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
 WIDTH = 1024
