@@ -62,12 +62,12 @@ class LivePreview:
         Sun and veil are measured in this frame alone: a composite of the clip takes them from all of it, so that its
         light may differ a little. There is no motion blur. Raises what `composite_video` raises.
         """
-        columns, rows = size = self._plates.size(scene, width)
-        scaled = at_scale(scene, columns / self._plates.reader(scene).width)
-        loaded = Loader(columns, rows, clip=False, kept=self._reads).load(scaled)
-        loaded.check(index + 1)
-        plate, facts = self._plates.at(scene, index, size), ClipFacts.of_frame("scene", None)
         with one_blas_thread():
+            columns, rows = size = self._plates.size(scene, width)
+            scaled = at_scale(scene, columns / self._plates.reader(scene).width)
+            loaded = Loader(columns, rows, clip=False, kept=self._reads).load(scaled)
+            loaded.check(index + 1)
+            plate, facts = self._plates.at(scene, index, size), ClipFacts.of_frame("scene", None)
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
 
     def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
