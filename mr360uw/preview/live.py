@@ -62,10 +62,10 @@ class LivePreview:
         Sun and veil are measured in this frame alone: a composite of the clip takes them from all of it, so that its
         light may differ a little. There is no motion blur. Raises what `composite_video` raises.
         """
-        loaded = self.loaded(scene, width)
-        loaded.check(index + 1)
-        plate, facts = self.plate(scene, index, width), ClipFacts.of_frame("scene", None)
         with one_blas_thread():
+            loaded = self.loaded(scene, width)
+            loaded.check(index + 1)
+            plate, facts = self.plate(scene, index, width), ClipFacts.of_frame("scene", None)
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
