@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -126,11 +127,29 @@ def _lengths(annotation: Any) -> frozenset[int]:
 
 
 def with_values(scene: M, keys: Iterable[KeyedParameter], time_s: float) -> M:
-    """Return a scene with the values that keys give at a time; they are not checked, see `key_problems`."""
+    """Return a scene with the values that keys give at a time; they are not checked, see `key_problems`.
+
+    A sea whose wind changes gets the settings that keep its waves where they are.
+    """
     for key in keys:
         target = target_of(scene, key.parameter)
         scene = _replaced(scene, target.path, target.value(key, time_s))
+        for name, value in _kept_waves(scene, target, key).items():
+            scene = _replaced(scene, ("sea", name), value)
     return scene
+
+
+def _kept_waves(scene: BaseModel, target: Target, key: KeyedParameter) -> dict[str, Any]:
+    """Return the settings of a sea, unless they are set, that hold for all values of its keyed wind."""
+    if target.path == ("sea", "wind_speed"):
+        found: dict[str, Any] = {"waves_of_wind_speed": float(np.clip(np.max(key.value), *bounds_of(target.field)))}
+    elif target.path == ("sea", "wind_direction_deg"):
+        turns = np.unwrap(np.asarray(key.value, np.float64), period=FULL_TURN_DEG)
+        found = {"waves_of_wind_deg": (float(turns.min()), float(turns.max()))}
+    else:
+        return {}
+    sea = getattr(scene, "sea", None)
+    return {name: value for name, value in found.items() if getattr(sea, name, value) is None}
 
 
 def _replaced(owner: Any, path: Location, value: Any) -> Any:

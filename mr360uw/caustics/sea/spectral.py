@@ -101,7 +101,7 @@ def _variance_of(sea: SpectralSea) -> Array:
     kx, kz = sea.lattice
     variance = variance_density(
         kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
-        sea.water_depth_m,
+        sea.water_depth_m, turns=sea.waves_of_wind_deg is not None,
     ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
     highest = np.arange(sea.resolution) == sea.resolution // 2
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
