@@ -33,9 +33,9 @@ ALLOWED: dict[str, set[str]] = {
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
-    "tune": {"preview", "runs", "render", "scene", "composite", "video", "progress", "threads", *PHYSICS},
+    "tune": {"match", "preview", "runs", "render", "scene", "composite", "video", "progress", "threads", *PHYSICS},
 }
-HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
+HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui"}
 
 
 def imports(path: Path) -> set[str]:

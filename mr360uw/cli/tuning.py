@@ -34,7 +34,7 @@ def tune(
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
         raise Mr360uwError("tune - needs packages that are not installed - pip install mr360uw[tune]")
     from mr360uw.scene.template import write_scene
-    from mr360uw.tune.document import Document
+    from mr360uw.tune.editing.document import Document
 
     scene = source
     if mesh is not None:

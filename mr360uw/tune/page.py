@@ -9,9 +9,10 @@ from typing import Any
 from nicegui import ui
 
 from mr360uw.errors import Mr360uwError, OutputExistsError
-from mr360uw.tune import tracks
+from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.controls import ControlPanel
 from mr360uw.tune.panels.header import Header
+from mr360uw.tune.panels.match_dialog import MatchDialog
 from mr360uw.tune.panels.place_tools import PlaceTools
 from mr360uw.tune.panels.render_dialog import RenderDialog
 from mr360uw.tune.panels.stage import Stage
@@ -41,9 +42,11 @@ class TunePage:
                 )  # fmt: skip
             self.stage = Stage(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
+            self.match = MatchDialog(session, self.guarded)
             with self.header.tools:
+                Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
                 Button("Render …", self.render.open, title="composite the whole clip")
-            self.place = PlaceTools(session, self.stage, self.failed)
+            self.place = PlaceTools(session, self.stage, self.failed, self.match.water)
             self.time = TimePanel(session, self.guarded)
         ui.on("tune", lambda event: self._pressed(str(event.args)))
         self.client.on_delete(session.observe(self._follow))

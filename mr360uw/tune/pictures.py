@@ -32,7 +32,7 @@ T = TypeVar("T")
 class Wanted:
     """A picture to be made.
 
-    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`, with its options. width:
+    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`. dark: its charts. width:
     [pixels] of the full picture. full: whether to make that once nothing else is asked for.
     """
 
@@ -42,7 +42,7 @@ class Wanted:
     view: str
     width: int
     full: bool = True
-    options: tuple[tuple[str, Any], ...] = ()
+    dark: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.tune.document import Document
+from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard, is_loopback
 from mr360uw.tune.page import build_page
+from mr360uw.tune.page_renderer import PageRenderer, clip_of
 from mr360uw.tune.pictures import Picture, Pictures
-from mr360uw.tune.renderer import PageRenderer, clip_of
 from mr360uw.tune.session import Session
 
 PORT = 8360

@@ -10,8 +10,9 @@ from typing import Any, Literal, Protocol
 
 from mr360uw.errors import ParameterError
 from mr360uw.tune.composite_run import CompositeRun
-from mr360uw.tune.document import Document
+from mr360uw.tune.editing.document import Document
 from mr360uw.tune.pictures import Picture, Pictures, Wanted
+from mr360uw.tune.views import VIEWS
 
 Event = Literal["document", "picture", "time", "run"]
 THUMBNAIL_WIDTH = 160
@@ -48,12 +49,11 @@ class Session:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
         self.run: CompositeRun | None = None
-        self.index, self.view = 0, "composite"
+        self.index, self.view, self.dark = 0, "composite", True
         self.range = (0, self.frame_count)
-        self.views: dict[str, str] = {"composite": "Composite"}
+        self.views = {name: view.name for name, view in VIEWS.items()}
         self.thumbnails: dict[int, int] = {}
         self.kept_pictures: dict[str, int] = {}
-        self.options: tuple[tuple[str, Any], ...] = ()
         self.picture: Picture | None = None
         self.problems: tuple[str, ...] = ()
         self._observers: list[Callable[[Event], None]] = []
@@ -101,11 +101,11 @@ class Session:
         if moved:
             self._tell("time")
 
-    def look(self, view: str | None = None, *, width: int | None = None, **options: Any) -> None:
-        """Show another view, at another width of full pictures, or with other options of the view."""
+    def look(self, view: str | None = None, *, width: int | None = None, dark: bool | None = None) -> None:
+        """Show another view, at another width of full pictures, or with charts that are dark or light."""
         self.view = self.view if view is None else view
         self.width = self.width if width is None else min(width, self.clip.width)
-        self.options = tuple(sorted({**dict(self.options), **options}.items()))
+        self.dark = self.dark if dark is None else dark
         self.show()
         self._tell("time")
 
@@ -154,7 +154,7 @@ class Session:
 
     def _wanted(self, *, full: bool) -> Wanted:
         document = self.document
-        return Wanted(document.scene, document.revision, self.index, self.view, self.width, full, self.options)
+        return Wanted(document.scene, document.revision, self.index, self.view, self.width, full, self.dark)
 
     def _document_changed(self) -> None:
         if self.picture is None or self.picture.wanted.revision != self.document.revision:

@@ -12,41 +12,44 @@ from mr360uw.errors import ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.scene.model import Scene
 from mr360uw.tune import placing
+from mr360uw.tune.marks import Marker, markers, receiver_edge
 from mr360uw.tune.placing import Point
 from mr360uw.types import Floats, View
 
 _WIDTH = 512
 """Width of the frames that are resolved for placing [pixels]; results do not depend on it."""
-_RIM_POINTS = 97
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """An object as it is in a frame. position: (3,) in the world; rotation: (3, 3); hull: (h, 3, 3) of the mesh.
+    """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
 
-    with_camera: whether its settings are in the camera's axes. reach_m: radius about its position.
+    rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
+    rotation_deg: (yaw, pitch, roll), as set for this time.
     """
 
-    name: str
     position: Floats
+    center: Floats
     rotation: Floats
     scale: float
     hull: Floats
     with_camera: bool
-
-    @property
-    def reach_m(self) -> float:
-        """Radius [m] of the ball around the position that holds it."""
-        return self.scale * float(np.linalg.norm(self.hull, axis=-1).max())
+    rotation_deg: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Situation:
-    """A frame's camera, receiver (or None), and objects."""
+    """A frame's camera, receiver (or None), and objects. edge: lines around the receiver.
+
+    lamps: their positions (3,) in the world; None of those that go with the camera or an object.
+    """
 
     camera: View
     receiver: Receiver | None
     bodies: tuple[Body, ...]
+    lamps: tuple[Floats | None, ...]
+    marks: tuple[Marker, ...]
+    edge: tuple[tuple[Point, ...], ...]
 
     def standing(self, number: int, point: Point) -> Floats:
         """Return the position setting of an object that stands where a point shows the receiver."""
@@ -57,8 +60,9 @@ class Situation:
         return self.setting_of(number, place)
 
     def swimming(self, number: int, point: Point) -> Floats:
-        """Return the position setting of an object that is moved to a point, as far from the camera as it is."""
-        return self.setting_of(number, placing.swim_to(self.camera, point, self.bodies[number].position))
+        """Return the position setting of an object whose middle is moved to a point, as far away as it is."""
+        body = self.bodies[number]
+        return self.setting_of(number, placing.swim_to(self.camera, point, body.center) - body.center + body.position)
 
     def setting_of(self, number: int, position: Floats) -> Floats:
         """Return the position setting of an object for a position (3,) in the world."""
@@ -71,30 +75,22 @@ class Situation:
             return placing.facing_yaw_deg(np.zeros(3), placing.in_camera(self.camera, body.position))
         return placing.facing_yaw_deg(self.camera.position, body.position)
 
-    def shown(self, number: int) -> tuple[Point, float] | None:
-        """Return the point that shows an object's position and its angular radius [rad]; None around the camera."""
-        body = self.bodies[number]
-        if not np.any(body.position != self.camera.position):
-            return None
-        seen = placing.shown_at(self.camera, body.position)
-        return seen.point, float(np.arctan2(body.reach_m, seen.distance_m))
+    def shown(self, number: int) -> Point | None:
+        """Return the point that shows an object's middle; None at the camera."""
+        found = [mark for mark in self.marks if mark.name == f"object.{number}"]
+        return Point(found[0].longitude, found[0].latitude) if found else None
+
+    def lamp_at(self, number: int, point: Point) -> Floats:
+        """Return the position setting of a lamp in the world that is moved to a point, as far away as it is."""
+        lamp = self.lamps[number]
+        if lamp is None:
+            raise ParameterError(f"lamp.{number} - goes with the camera or an object (got a drag) - set its position")
+        return placing.swim_to(self.camera, point, lamp)
 
     def sun_angles_deg(self, point: Point) -> tuple[float, float]:
         """Return azimuth and elevation [deg] of a point in the levelled frame, as `light.sun_azimuth_deg` has them."""
         x, y, z = placing.ray(self.camera, point)
         return float(np.degrees(np.arctan2(x, -z))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
-
-    def rim(self) -> list[list[Point]]:
-        """Return the line around the part of a level receiver that is changed; nothing for others."""
-        if self.receiver is None or self.receiver.plane_y is None:
-            return []
-        around = np.linspace(-np.pi, np.pi, _RIM_POINTS)
-        down = self.receiver.plane_y - float(self.camera.position[1])
-        radius = np.sqrt(max(self.receiver.extent_m**2 - down**2, 0.0))
-        if radius <= 0.0:
-            return []
-        places = np.stack([radius * np.sin(around), np.full_like(around, down), -radius * np.cos(around)], axis=-1)
-        return [[placing.shown_at(self.camera, self.camera.position + place).point for place in places]]
 
 
 def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> Situation:
@@ -102,13 +98,18 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
     loaded = preview.loaded(scene, _WIDTH).at(time_s)
     view = loaded.view(time_s)
     bodies = []
-    for number, one in enumerate(loaded.objects):
+    for one in loaded.objects:
         placed = one.at(time_s, index, view.position, view.world_from_camera)
         with_camera = one.settings.attach == "camera"
         turned = placed.world_from_object[:3, :3] / placed.scale
-        name = f"{number + 1} {one.settings.mesh.stem}"
+        center = placed.to_world(placed.mesh.center_m)
+        origin = placed.world_from_object[:3, 3].copy()
         bodies.append(
-            Body(name, placed.world_from_object[:3, 3].copy(), turned, placed.scale, placed.mesh.hull, with_camera)
+            Body(origin, center, turned, placed.scale, placed.mesh.hull, with_camera, one.settings.rotation_deg)
         )
     receiver = None if loaded.receiver is None else loaded.receiver.at(index)
-    return Situation(view, receiver, tuple(bodies))
+    edge = () if receiver is None else tuple(map(tuple, receiver_edge(view, receiver)))
+    lamps = tuple(
+        lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
+    )
+    return Situation(view, receiver, tuple(bodies), lamps, tuple(markers(loaded, time_s, index, None)), edge)

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from mr360uw.scene.handbook import choices
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import models_of
-from mr360uw.tune.fields import FIRST, Field, Group, groups
+from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
 
 GROUPS = {group.key: group for group in groups()}
 EVERY = [

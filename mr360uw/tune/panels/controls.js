@@ -1,4 +1,4 @@
-// The controls of all parameters, drawn from their descriptions. Held to tune/fields.py.
+// The controls of all parameters, drawn from their descriptions. Held to tune/editing/fields.py.
 //
 // spec: the tables and fields; tree: the values that the scene file sets; errors and texts: by dotted key; keyed: the
 // values now of the parameters that have keys. Emits: change {key, value, group}, reset {key, default}, add {key,

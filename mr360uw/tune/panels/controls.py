@@ -11,9 +11,9 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from mr360uw.tune.document import Document
-from mr360uw.tune.fields import FIRST, Field, Group, groups
-from mr360uw.tune.toml_edit import toml_text
+from mr360uw.tune.editing.document import Document
+from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
+from mr360uw.tune.editing.toml_edit import toml_text
 
 
 def control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:

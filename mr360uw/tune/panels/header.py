@@ -9,9 +9,9 @@ from typing import Any
 
 from nicegui import ui
 
-from mr360uw.tune.document import Snapshot
+from mr360uw.tune.editing.document import Snapshot
+from mr360uw.tune.editing.presets import PRESETS
 from mr360uw.tune.panels.widgets import Button, Choice, Text, menu
-from mr360uw.tune.presets import PRESETS
 from mr360uw.tune.session import Session
 
 _MODES: dict[str, bool | None] = {"auto": None, "dark": True, "light": False}
@@ -38,9 +38,15 @@ class Header:
             self.tools = ui.element("span").classes("header-tools")
             ui.element("span").classes("grow")
             dark = ui.dark_mode(None)
+
+            def show(mode: str) -> None:
+                dark.set_value(_MODES[mode])
+                if mode != "auto":
+                    session.look(dark=mode == "dark")
+
             Choice(
                 "Dark or light", {"auto": "Auto", "dark": "Dark", "light": "Light"}, "auto",
-                lambda mode: dark.set_value(_MODES[mode]),
+                show,
             )  # fmt: skip
         self._notices = ui.element("div").classes("page-notices")
         self._shown: tuple[object, ...] = ()

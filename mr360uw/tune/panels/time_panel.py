@@ -13,7 +13,7 @@ from nicegui import background_tasks, ui
 
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
-from mr360uw.tune import tracks
+from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.widgets import Choice
 from mr360uw.tune.session import Session
 from mr360uw.tune.timeline import Curve, KeyEdit, Thumbnail, Timeline

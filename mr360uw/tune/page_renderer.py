@@ -8,7 +8,9 @@ from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.tune.pictures import Drawn, Wanted
+from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
+from mr360uw.tune.views import VIEWS
 from mr360uw.video.write.image_writer import picture_codes
 
 
@@ -20,9 +22,12 @@ class PageRenderer:
 
     def picture(self, wanted: Wanted, width: int) -> Drawn:
         """Return a picture of about a width; raises what `LivePreview.frame` raises."""
-        frame = self.preview.frame(wanted.scene, wanted.index, width)
-        codes = picture_codes(frame.picture, deep=False)
-        return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0])
+        preview, view = self.preview, VIEWS[wanted.view]
+        frame = preview.frame(wanted.scene, wanted.index, width)
+        loaded = preview.loaded(wanted.scene, width).at(frame.plate.time_s)
+        shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
+        codes = view.draw(shown)
+        return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0], view.panorama)
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""

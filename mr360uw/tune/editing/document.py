@@ -7,19 +7,15 @@ Nothing here draws or serves; one thread uses a document at a time.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import OutputExistsError, SceneError, VideoError
-from mr360uw.files import write_whole
-from mr360uw.reading.input_files import read_text, unreadable
-from mr360uw.scene.model import Scene, scene_from_dict
-from mr360uw.scene.problems import key_lines
-from mr360uw.tune.toml_edit import find, key_of, with_entry, with_value, without
+from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.tune.editing.scene_file import SceneFile
+from mr360uw.tune.editing.toml_edit import find, key_of, with_entry, with_value, without
 
 _LONGEST_HISTORY = 1000
 """Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""
@@ -51,15 +47,14 @@ class Document:
 
     def __init__(self, path: Path) -> None:
         """Open a scene file; raise `SceneError` where it gives no scene."""
-        self.path = path
-        self.text = self._saved = self._read()
-        self.scene, self.tree = self._scene_of(self.text)
+        self.path, self._file = path, SceneFile(path)
+        self.text = self._saved = self._file.read()
+        self.scene, self.tree = self._file.scene_of(self.text), self._file.tree_of(self.text)
         self._wrong: tuple[str, ...] = ()
         self._file_wrong: tuple[str, ...] = ()
         self.revision = 0
         self.outside: str | None = None
         self.snapshots: list[Snapshot] = []
-        self._stamp = self._stamp_now()
         self._past: list[_Step] = []
         self._future: list[_Step] = []
         self._observers: list[Callable[[], None]] = []
@@ -151,7 +146,7 @@ class Document:
 
     def replace(self, label: str, text: str) -> None:
         """Take another text as one step; raise `SceneError` where it is not TOML."""
-        self._check_toml(text)
+        self._file.tree_of(text)
         self._change(label, text, None)
 
     def undo(self) -> None:
@@ -187,23 +182,20 @@ class Document:
         self.poll()
         if self.outside is not None and not overwrite:
             raise OutputExistsError(f"{self.path} - was changed by another program - take its text, or overwrite it")
-        write_whole(self.path.resolve(), self.text)
-        self._saved, self.outside, self._stamp = self.text, None, self._stamp_now()
-        self._file_wrong = ()
+        self._file.write(self.text)
+        self._saved, self.outside, self._file_wrong = self.text, None, ()
         self._tell()
 
     def poll(self) -> None:
         """Look whether the file was changed: without unsaved changes its text is taken, else it is in `outside`."""
-        stamp = self._stamp_now()
-        if stamp == self._stamp:
+        if not self._file.changed():
             return
-        self._stamp = stamp
         self.outside, self._file_wrong = None, ()
         try:
-            self.outside = self._read()
-            self._check_toml(self.outside)
+            self.outside = self._file.read()
+            self._file.tree_of(self.outside)
         except SceneError as error:  # a file that is gone, `save` writes again
-            self._file_wrong = error.problems if stamp is not None else ()
+            self._file_wrong = error.problems if self._file.exists() else ()
         if self.outside == self._saved:
             self.outside = None
         if self.outside is not None and not self.dirty and not self._file_wrong:
@@ -215,7 +207,7 @@ class Document:
         """Take the text that the file has now, as a step that can be undone; raise `SceneError` if it is not TOML."""
         if self.outside is not None:
             taken = self.outside
-            self._check_toml(taken)
+            self._file.tree_of(taken)
             self._saved, self.outside = taken, None
             self._change("changed by another program", taken, None)
             self._tell()
@@ -255,40 +247,13 @@ class Document:
             self._tell()
 
     def _take(self, text: str) -> None:
-        self.text, self.tree = text, tomllib.loads(text)
+        self.text, self.tree = text, self._file.tree_of(text)
         self.revision += 1
         try:
-            self.scene, _ = self._scene_of(text)
+            self.scene = self._file.scene_of(text)
             self._wrong = ()
         except SceneError as error:
             self._wrong = error.problems
-
-    def _scene_of(self, text: str) -> tuple[Scene, dict[str, Any]]:
-        self._check_toml(text)
-        tree = tomllib.loads(text)
-        folder = self.path.resolve().parent
-        return scene_from_dict(tree, folder, where=str(self.path), lines=key_lines(text)), tree
-
-    def _check_toml(self, text: str) -> None:
-        try:
-            tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise SceneError(str(self.path), [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
-
-    def _read(self) -> str:
-        if reason := unreadable(self.path):
-            raise SceneError(str(self.path), [reason])
-        try:
-            return read_text(self.path, VideoError)
-        except VideoError as error:
-            raise SceneError(str(self.path), [str(error).removeprefix(f"{self.path} - ")]) from None
-
-    def _stamp_now(self) -> tuple[int, int] | None:
-        try:
-            status = self.path.stat()
-        except OSError:
-            return None
-        return status.st_mtime_ns, status.st_size
 
     def _tell(self) -> None:
         for callback in tuple(self._observers):
