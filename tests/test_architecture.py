@@ -32,6 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "runs": {"render", "scene", "composite", "video", "ibl", "threads", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", *PHYSICS},
+    "match": {"render", "scene", "video", "progress", *PHYSICS},
     "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
 }
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
