@@ -32,6 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "runs": {"render", "scene", "composite", "video", "ibl", "threads", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
+    "match": {"render", "scene", "video", "progress", *PHYSICS},
     "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
     "tune": {"match", "preview", "runs", "render", "scene", "composite", "video", "progress", "threads", *PHYSICS},
 }

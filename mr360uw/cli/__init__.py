@@ -35,6 +35,7 @@ for _command in (
     tools.sample,
     tools.analyse,
     tools.caustics,
+    tools.match,
     tools.schema,
     tools.info,
 ):

@@ -26,7 +26,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
-_CLEAR_SKY_DIRECT = 0.75
+CLEAR_SKY_DIRECT = 0.75
 """Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
@@ -56,7 +56,7 @@ class LightReader:
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
         self._underwater, self._camera, self._table = table is not None, camera, table
-        self._share = scene.water.sun_share or _CLEAR_SKY_DIRECT
+        self._share = scene.water.sun_share or CLEAR_SKY_DIRECT
         self._refractive_index = scene.water.refractive_index
         self._clearness = None if table is None else _clearness(table)
         settings = scene.light
@@ -157,6 +157,6 @@ def direct_to_diffuse(table: MediumTable) -> float:
 
     The beam fades faster than all light; what is scattered out of it forwards becomes diffuse.
     """
-    direct = _CLEAR_SKY_DIRECT * float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
+    direct = CLEAR_SKY_DIRECT * float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
     diffuse = float(luminance(1.0 / ambient_ratio(table, 0.0))) - direct
     return float(np.clip(direct / max(diffuse, 1e-6), _LEAST_DIRECT, _MOST_DIRECT))
