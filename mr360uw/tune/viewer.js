@@ -70,15 +70,17 @@ export default {
     }
     canvas.addEventListener("webglcontextlost", this.lost);
     canvas.addEventListener("webglcontextrestored", this.restored);
-    canvas.addEventListener("wheel", this.wheel, { passive: false });
+    this.$refs.stage.addEventListener("wheel", this.wheel, { passive: false });
     this.watcher = new ResizeObserver(() => this.resize());
     this.watcher.observe(canvas);
+    this.watchRatio();
     this.resize();
     this.load(this.picture);
     this.loadOther(this.other);
   },
   beforeUnmount() {
     this.watcher?.disconnect();
+    this.ratio?.removeEventListener("change", this.newRatio);
     this.events.stop();
   },
   computed: {
@@ -210,9 +212,20 @@ export default {
       const { width, height } = canvas.getBoundingClientRect();
       if (!width || !height) return;
       this.size = { width, height };
-      canvas.width = Math.max(Math.round(width * window.devicePixelRatio), 1);
-      canvas.height = Math.max(Math.round(height * window.devicePixelRatio), 1);
+      const ratio = window.devicePixelRatio;
+      canvas.width = Math.max(Math.round(width * ratio), 1);
+      canvas.height = Math.max(Math.round(height * ratio), 1);
       this.draw(); // at once: a canvas that is resized is empty
+    },
+    // A window that is moved to another screen changes its pixels, not its size.
+    watchRatio() {
+      this.ratio?.removeEventListener("change", this.newRatio);
+      this.ratio = window.matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
+      this.ratio.addEventListener("change", this.newRatio);
+    },
+    newRatio() {
+      this.resize();
+      this.watchRatio();
     },
     paint() {
       this.frame ??= requestAnimationFrame(() => this.draw());
@@ -405,7 +418,7 @@ export default {
       if (handle.handle === "move") end = pointBeside(start, (large * 0.5 * Math.PI) / 180, right, up);
       else if (handle.handle === "turn") end = pointBeside(start, (handle.arm * large) / 90, right || up, 0);
       else {
-        const arm = handle.arm * 1.02 ** (large * (right || up));
+        const arm = Math.atan(Math.tan(handle.arm) * 1.02 ** (large * (right || up))); // sizes go with tangents
         const middle = this.markers.find((marker) => marker.name === handle.name);
         end = pointBeside(middle, arm, 1, 1);
       }

@@ -25,7 +25,8 @@ from mr360uw.video import VideoFrame
 from mr360uw.video.write.image_writer import picture_codes
 
 _WIDTH = 1024
-"""Width [px] of panoramas that are smooth or coarse; those of the frame's own detail have its size."""
+"""Width [px] of panoramas that are coarse, or have edges of their own; those of the frame's detail have its size."""
+_SMOOTH_WIDTH = 512
 _LARGEST_WIDTH = 4096
 _FAR_M = 1e5
 """Length [m] of a way through water that nothing is seen through."""
@@ -87,11 +88,11 @@ def difference_picture(shown: ShownFrame) -> Codes:
 
 
 def water_picture(shown: ShownFrame) -> Codes:
-    """Return the water alone: the veil over a long way in every direction; (512, 1024, 3)."""
+    """Return the water alone: the veil over a long way in every direction; (256, 512, 3)."""
     if shown.frame.medium is None:
         return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
-    x, y = np.arange(_WIDTH) + 0.5, (np.arange(_WIDTH // 2) + 0.5)[:, None]
-    up = shown.view_of(_WIDTH).directions(x, y)[..., 1]
+    view = shown.view_of(_SMOOTH_WIDTH)
+    up = view.directions(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])[..., 1]
     return _quantized(np.clip(encode(np.maximum(veil_lookup(shown.frame.medium, _FAR_M, up), 0.0), "srgb"), 0.0, 1.0))
 
 

@@ -27,7 +27,8 @@ const TEXT = `
 .uw-stage { position: relative; flex: 1 1 0; min-height: 0; overflow: hidden; background: #16181b; }
 .uw-stage canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: crosshair; }
 .uw-stage canvas:focus-visible { outline-offset: -2px; }
-.uw-stage svg { position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; }
+.uw-stage svg { position: absolute; inset: 0; height: 100%; pointer-events: none; }
+.uw-between { position: absolute; top: 0; bottom: 0; left: calc(50% - 1px); width: 2px; background: #fff; }
 .uw-stage .uw-chip { position: absolute; bottom: 8px; padding: 2px 8px; border-radius: 4px; pointer-events: none;
   background: rgb(10 14 18 / 0.72); color: #f1f5f9; }
 .uw-badge { position: absolute; top: 10px; left: 50%; transform: translateX(-50%); padding: 3px 12px;

@@ -25,12 +25,12 @@ export const template = `
     </span>
     <span class="uw-where" aria-hidden="true">{{ where }}</span>
   </div>
-  <div class="uw-stage">
+  <div ref="stage" class="uw-stage">
     <canvas ref="canvas" tabindex="0" role="application"
       :aria-label="(shown.name || 'Picture') + '. Arrow keys turn the view, plus and minus change its size, 0 resets it, Enter picks its middle.'"
       @pointerdown="down" @pointermove="moved" @pointerup="up" @pointercancel="held = null" @pointerleave="pointed = null"
       @keydown="key"></canvas>
-    <svg aria-hidden="true">
+    <svg aria-hidden="true" :style="{ width: pane.width + 'px' }">
       <path v-for="(line, k) in horizonLines" :key="k" :d="line" fill="none" stroke="#000" stroke-opacity=".55" stroke-width="3" />
       <path v-for="(line, k) in horizonLines" :key="'w' + k" :d="line" fill="none" stroke="#67e8f9" stroke-width="1.4" stroke-dasharray="7 5" />
     </svg>
@@ -47,6 +47,7 @@ export const template = `
         aria-valuemax="100" :aria-valuenow="Math.round(100 * wipe)" :style="{ left: 100 * wipe + '%' }"
         @keydown="wipeKey" @pointerdown="wipeDown" @pointermove="wipeMove"></div>
     </template>
+    <div v-if="comparison === 'side'" class="uw-between"></div>
     <template v-if="comparison !== 'none' && second">
       <span class="uw-chip" style="left: 8px">{{ shown.name }}</span>
       <span class="uw-chip" style="right: 8px">{{ second }}</span>
