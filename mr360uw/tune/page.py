@@ -86,7 +86,7 @@ class TunePage:
         elif event == "picture":
             self.stage.show()
         elif event == "time":
-            self.stage.follow()
+            self.stage.expect()
             self.time.follow()
             self.place.refresh()
             self.controls.refresh()

@@ -137,7 +137,7 @@ NUMBER, SLIDER, CHOICE, SWITCH, TEXT, COLOUR = "number", "slider", "choice", "sw
         ("camera.depth_m", NUMBER, "7.5", 7.5, True),
         ("water.visibility_m", SLIDER, "End", 90.0, True),
         ("draw.sun_samples", NUMBER, "2", 2, False),
-        ("water.type", CHOICE, '"III"', "III", False),  # the visibility counts instead
+        ("water.type", CHOICE, '"III"', "III", True),  # in place of the visibility
         ("object.0.visible", SWITCH, "", False, True),
         ("object.0.double_sided", CHOICE, "true", True, False),
         ("object.0.position_m", NUMBER, "-0.5", [-0.5, -0.6, -3.6], False),

@@ -36,6 +36,14 @@ FIRST = {
 }
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
 
+INSTEAD = {
+    "water.visibility_m": "water.type",
+    "water.type": "water.visibility_m",
+    "lamp.lumen": "lamp.watts",
+    "lamp.watts": "lamp.lumen",
+}
+"""Parameters of which one stands in place of the other: a control that sets one removes the other."""
+
 _TITLES = {
     "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps",
     "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface",

@@ -97,7 +97,12 @@ def samples(document: Document, key: KeyedParameter, end_s: float, component: in
     if key.interpolation == "hold":  # a step is upright
         times = np.unique([*times, *(time - _SAME_S for time in key.time_s)])
     rows = [(float(time), value_at(document, key, float(time))) for time in times if 0.0 <= time <= end_s]
-    return [(time, value if component is None else value[component]) for time, value in rows]
+    return [(time, component_of(value, component)) for time, value in rows]
+
+
+def component_of(value: Any, component: int | None) -> float:
+    """Return a component of a vector, or a number for None."""
+    return float(value if component is None else value[component])
 
 
 def present_value(document: Document, parameter: str, default: Any) -> Any:

@@ -95,7 +95,7 @@ class TimePanel:
         key = tracks.tracks(self._document)[name]
         field = target_of(self._document.scene, name).field
         low, high = bounds_of(field)
-        values = [value if component is None else value[component] for value in key.value]  # type: ignore[index]
+        values = [tracks.component_of(value, component) for value in key.value]
         end_s = self._session.frame_count / float(self._session.clip.frame_rate)
         return Curve(
             label, stated(field, "unit"), tuple(zip(key.time_s, values, strict=True)),
