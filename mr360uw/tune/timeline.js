@@ -15,10 +15,11 @@ export default {
   props: {
     count: Number, // frames of the clip
     rate: Number, // frames a second
-    at: Object, // { frame, serial } of the play head
-    range: Object, // { start, stop, serial }: first frame, and the one after the last
+    // of these, after: the number of the last event that Python had heard of
+    at: Object, // { frame, serial, after } of the play head
+    range: Object, // { start, stop, serial, after }: first frame, and the one after the last
     thumbnails: { type: Array, default: () => [] }, // { frame, url }
-    curve: Object, // { label, unit, low, high, keys: [[s, value]], interpolation, samples: [[s, value]] } or null; serial
+    curve: Object, // { label, unit, low, high, keys: [[s, value]], interpolation, samples: [[s, value]] } or null; serial, after
   },
   emits: ["seek", "play", "range", "keys"],
   data() {
@@ -37,6 +38,7 @@ export default {
   },
   created() {
     this.events = new Throttle((name, told) => this.$emit(name, told));
+    this.number = 0; // of the newest event; an answer to an older one would undo what was done since
     this.take(this.curve);
   },
   mounted() {
@@ -51,13 +53,13 @@ export default {
   },
   watch: {
     at(now, before) {
-      if (now.serial !== before.serial && !this.playing && !this.scrubbing) this.frame = now.frame;
+      if (this.isNew(now, before) && !this.playing && !this.scrubbing) this.frame = now.frame;
     },
     range(now, before) {
-      if (now.serial !== before.serial) [this.start, this.stop] = [now.start, now.stop];
+      if (this.isNew(now, before)) [this.start, this.stop] = [now.start, now.stop];
     },
     curve(now, before) {
-      if (now?.serial === before?.serial) return;
+      if (now && !this.isNew(now, before)) return;
       if (this.held === undefined) this.take(now);
       else this.waiting = false;
     },
@@ -112,6 +114,13 @@ export default {
   },
   methods: {
     short,
+    isNew(now, before) {
+      return now.serial !== before?.serial && now.after >= this.number;
+    },
+    numbered(told) {
+      this.number += 1;
+      return { ...told, number: this.number };
+    },
     across(frame) {
       return (100 * frame) / Math.max(this.count, 1);
     },
@@ -133,16 +142,19 @@ export default {
       const at = clamp(Math.round(frame), 0, this.count - 1);
       if (at === this.frame && scrubbing) return;
       this.frame = at;
-      const told = { frame: at, time_s: at / this.rate, scrubbing };
+      const told = this.numbered({ frame: at, time_s: at / this.rate, scrubbing });
       if (scrubbing) this.events.later("seek", SEEK_MS, told);
       else this.events.now("seek", told);
+    },
+    rest() {
+      this.events.now("seek", this.numbered({ frame: this.frame, time_s: this.frame / this.rate, scrubbing: false }));
     },
     play(playing) {
       this.playing = playing;
       this.$emit("play", { playing });
       if (!playing) {
         cancelAnimationFrame(this.beat);
-        this.events.now("seek", { frame: this.frame, time_s: this.frame / this.rate, scrubbing: false });
+        this.rest();
         return;
       }
       if (this.frame < this.start || this.frame >= this.stop - 1) this.frame = this.start;
@@ -175,7 +187,7 @@ export default {
     scrubEnd() {
       if (!this.scrubbing) return;
       this.scrubbing = false;
-      this.events.now("seek", { frame: this.frame, time_s: this.frame / this.rate, scrubbing: false });
+      this.rest();
     },
     stripKey(event) {
       const step = event.shiftKey ? 10 : 1;
@@ -200,7 +212,7 @@ export default {
     setRange(start, stop) {
       const from = clamp(start, 0, this.count - 1);
       [this.start, this.stop] = [from, clamp(stop, from + 1, this.count)];
-      this.events.now("range", { start: this.start, stop: this.stop });
+      this.events.now("range", this.numbered({ start: this.start, stop: this.stop }));
     },
     hold(event) {
       event.target.setPointerCapture(event.pointerId);
@@ -231,7 +243,7 @@ export default {
       if (this.chosen >= this.keys.length) this.chosen = -1;
     },
     tell(done) {
-      const told = { keys: this.keys.map((key) => [...key]), interpolation: this.kind, done };
+      const told = this.numbered({ keys: this.keys.map((key) => [...key]), interpolation: this.kind, done });
       this.waiting = true;
       if (done) this.events.now("keys", told);
       else this.events.later("keys", KEYS_MS, told);

@@ -64,11 +64,13 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
 
     def __init__(self, count: int, rate: float) -> None:
         super().__init__()
-        self._serial = 0
+        self._serial, self._heard = 0, 0
         self._props.update({"count": count, "rate": rate, "thumbnails": [], "curve": None})
         self.set_frame(0)
         self.set_range(0, count)
         self.classes("w-full")
+        for name in ("seek", "range", "keys"):
+            self.on(name, self._hear)
 
     def set_clip(self, count: int, rate: float) -> None:
         """Take another clip; its range is all of it, and its thumbnails are to be given again."""
@@ -97,7 +99,12 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
 
     def on_seek(self, handler: Callable[[Seek], Any]) -> None:
         """Call a handler when the play head moves, at most 17 times a second and where it comes to rest."""
-        self.on("seek", lambda event: handler(Seek(**event.args)))
+
+        def told(event: GenericEventArguments) -> Any:
+            a = event.args
+            return handler(Seek(a["frame"], a["time_s"], a["scrubbing"]))
+
+        self.on("seek", told)
 
     def on_play(self, handler: Callable[[bool], Any]) -> None:
         """Call a handler when playing begins (True) and ends; the element itself moves the head in real time."""
@@ -117,7 +124,13 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self.on("keys", told)
 
     def _set(self, name: str, value: dict[str, Any] | None) -> None:
-        """Send a value with a serial number: an update sends all values again, and only new ones count."""
+        """Send a value, numbered: an update sends all values again, and only new ones count.
+
+        It also says what was heard of last: the browser leaves out what does not know of its newest event yet.
+        """
         self._serial += 1
-        self._props[name] = None if value is None else {**value, "serial": self._serial}
+        self._props[name] = None if value is None else {**value, "serial": self._serial, "after": self._heard}
         self.update()
+
+    def _hear(self, event: GenericEventArguments) -> None:
+        self._heard = max(self._heard, event.args["number"])

@@ -345,6 +345,21 @@ def test_the_play_head_is_dragged_and_moved_by_keys(shown: Page) -> None:
     assert not shown.until("seek", lambda told: not told[0]["scrubbing"])[0]["scrubbing"]
 
 
+def test_an_answer_to_an_older_step_does_not_undo_a_newer_one(shown: Page) -> None:
+    """Python answers each step after the next one is made."""
+    shown.fresh()
+    shown.do("timeline", "set_frame", frame=10)
+    shown.page.wait_for_selector(".uw-strip[aria-valuenow='10']")
+    name = "mounted_app.elements[Object.keys(mounted_app.elements).find(k => mounted_app.elements[k].props.at)].props"
+    late = f"() => {{ const p = {name}; p.at = {{ frame: 99, serial: 1000, after: p.at.after }}; }}"
+    shown.page.locator(".uw-strip").press("ArrowRight")
+    shown.page.evaluate(late)
+    shown.until("seek", lambda told: told[0]["frame"] == 11)
+    assert shown.page.locator(".uw-strip").get_attribute("aria-valuenow") == "11"
+    shown.do("timeline", "set_frame", frame=40)
+    shown.page.wait_for_selector(".uw-strip[aria-valuenow='40']")
+
+
 def test_keys_are_dragged_added_and_removed(shown: Page) -> None:
     shown.fresh()
     key = "circle[data-key='1']"
