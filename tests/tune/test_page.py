@@ -169,7 +169,7 @@ def test_every_kind_of_control_sets_its_parameter(
         control.locator("input").press("Enter")
     if expected is None:
         return
-    control.locator(".mark").wait_for()  # the document has it
+    tab.page.locator(f"button[title='undo: set {key}']").wait_for()  # the document has it
     assert control.locator(".error").count() == 0
     if seen:
         tab.until("() => document.querySelector('.stage-bar > .status').textContent.includes('rendering')")

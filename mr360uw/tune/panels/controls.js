@@ -256,7 +256,7 @@ export default {
                 <button v-for="(one, k) in tree[group.key] || []" type="button" :aria-pressed="k === at(group)" @click="select(group, k)">{{ name(group, k) }}</button>
                 <input v-if="needed(group)" type="text" spellcheck="false" :value="adding[group.key]" :placeholder="needed(group).label + (count(group) ? ': the same' : '')"
                   :aria-label="needed(group).label + ' of a new entry'" @input="adding = {...adding, [group.key]: $event.target.value}">
-                <button type="button" class="quiet add" @click="add(group)" :aria-label="'add to ' + group.title" title="add">＋</button>
+                <button type="button" class="quiet add" @click="add(group)" :aria-label="'add to ' + group.title" title="add">+</button>
                 <button v-if="count(group)" type="button" class="quiet remove" @click="$emit('remove', {key: group.key + '.' + at(group)})"
                   :aria-label="'remove from ' + group.title" title="remove the chosen one">−</button>
               </div>

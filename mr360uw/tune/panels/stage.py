@@ -34,7 +34,7 @@ class Stage:
                     "Width of the full picture", {str(w): f"{w} px" for w in widths}, str(session.width),
                     lambda width: session.look(width=int(width)),
                 )  # fmt: skip
-                self._comparison = Choice("Second picture", _COMPARISONS, "", self._compare)
+                self._comparison = Choice("Compare with", _COMPARISONS, "", self._compare)
                 self.tools = ui.element("span").classes("stage-tools")
                 ui.element("span").classes("grow")
                 self._status = Text("", classes="status").props("role=status")
@@ -55,6 +55,8 @@ class Stage:
         session, picture = self._session, self._session.picture
         if picture is not None and picture.number != self._shown_number:
             self._shown_number = picture.number
+            if self._compared:  # what is no panorama is shown alone
+                self.viewer.set_compare("wipe" if picture.panorama else "none")
             self.viewer.show(
                 f"/picture/{picture.number}", stale=not session.is_present(picture), coarse=picture.draft,
                 panorama=picture.panorama, name=session.views[picture.wanted.view],

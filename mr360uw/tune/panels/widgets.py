@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
+from nicegui.events import GenericEventArguments
 
 
 class Text(TextElement):
@@ -55,8 +56,8 @@ class Choice(Element):
         super().__init__("select")
         self._props["aria-label"] = label
         self._props["title"] = label
-        self.on("change", lambda event: action(str(event.args)), js_handler="(e) => emit(e.target.value)")
-        self._value = value
+        self.on("change", self._changed, js_handler="(e) => emit(e.target.value)")
+        self._action = action
         self._options: dict[str, str] = {}
         self.offer(options, value)
 
@@ -69,6 +70,10 @@ class Choice(Element):
                 for name, text in options.items():
                     Text(text, "option").props["value"] = name
         self.choose(value)
+
+    def _changed(self, event: GenericEventArguments) -> None:
+        self._props["value"] = str(event.args)  # what the browser shows already
+        self._action(str(event.args))
 
     def choose(self, value: str) -> None:
         """Show another value as chosen."""
