@@ -163,6 +163,8 @@ class Pictures:
                 _run_job(job, renderer)
             elif wanted is not None:
                 self._serve(renderer, wanted)
+        for _, future in (*self._urgent, *self._jobs):
+            future.cancel()
         if renderer is not None:
             renderer.close()
 

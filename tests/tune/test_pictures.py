@@ -129,6 +129,19 @@ def test_urgent_jobs_come_before_pictures_that_are_then_made(studio: Studio) -> 
     assert [studio.next() for _ in range(3)] == [(1, True), (2, True), (2, False)]
 
 
+def test_jobs_that_are_left_at_the_end_are_cancelled(studio: Studio) -> None:
+    studio.want(1)
+    assert studio.begun.get(timeout=WAIT_S) == 1
+    left = studio.pictures.ask(lambda _: 1)
+    closing = threading.Thread(target=studio.pictures.close)
+    closing.start()
+    while not studio.pictures._closed:  # only then may the picture end
+        pass
+    studio.gate.release(1)
+    closing.join(WAIT_S)
+    assert left.cancelled()
+
+
 def test_stored_pictures_stay_until_they_are_dropped(studio: Studio) -> None:
     studio.gate.release(2)
     number = studio.pictures.store(b"thumb")
