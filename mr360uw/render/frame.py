@@ -69,7 +69,7 @@ def frame_stages(
     kept, found, layers = Cache() if kept is None else kept, None, []
     light = pattern = water = shot = None
     if plan.environment.runs:
-        of_light, of_pattern = light_key(loaded, facts, plate), pattern_key(loaded, facts, plate)
+        of_light, of_pattern = light_key(loaded, facts, plate), pattern_key(loaded, facts.calm, plate)
         light = kept.get("light", of_light, lambda: finite("light", index, plate_light(loaded, facts, plate)))
         pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(loaded, facts.calm, plate))
     yield  # from here on the thread of the backend
