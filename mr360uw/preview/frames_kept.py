@@ -4,25 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
+
+import numpy as np
 
 from mr360uw.reading.kept_reads import KeptReads, stamp
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.video import VideoFrame, VideoReader
+from mr360uw.video.read.reader import Seeker
 from mr360uw.video.read.scaled import scaled_size, smaller
 
 _KEPT_FRAMES = 8
 """Frames that are kept at the size they were asked for: 6 MB each at 2048 x 1024."""
-_READ_ON = 24
-"""Frames ahead that are reached by decoding on; what is farther is sought. Seeking costs at most as many again."""
 
 
 @dataclass(slots=True)
-class _Pass:
-    """A pass over a plate that is still open. next_index: of the frame that comes next."""
+class _OpenPlate:
+    """A plate whose file is open. frames: the pass that goes on; next_index: of the frame that comes next in it."""
 
     reader: VideoReader
+    seek: Seeker
+    stack: ExitStack
     frames: Iterator[VideoFrame]
     next_index: int
 
@@ -32,7 +36,7 @@ class KeptFrames:
 
     def __init__(self, reads: KeptReads) -> None:
         self._reads = reads
-        self._open: _Pass | None = None
+        self._open: _OpenPlate | None = None
 
     def reader(self, scene: Scene) -> VideoReader:
         """Return the reader of a scene's plate at its full size; opened again where the file has changed."""
@@ -58,18 +62,32 @@ class KeptFrames:
 
         return cache.get("plate at its size", (which, size), reduced, _KEPT_FRAMES)
 
+    def overview(self, scene: Scene, count: int, width: int) -> list[VideoFrame]:
+        """Return up to `count` frames, evenly spread over a clip, that are read without others before them."""
+        reader, size = self.reader(scene), self.size(scene, width)
+        last = 1 if reader.frame_count is None else reader.frame_count
+        places = np.linspace(0, last - 1, count).astype(int).tolist()
+        return [self.at(scene, index, size) for index in dict.fromkeys(map(reader.entry_before, places))]
+
     def close(self) -> None:
         """Close the file that is open."""
+        if self._open is not None:
+            self._open.stack.close()
         self._open = None
 
     def _decoded(self, reader: VideoReader, index: int) -> VideoFrame:
         """Return a frame of a reader, decoding on from the last one where that is near."""
-        going, self._open = self._open, None
-        if going is None or going.reader is not reader or not 0 <= index - going.next_index < _READ_ON:
-            going = _Pass(reader, iter(reader.frames(index)), index)
-        while True:
-            frame = next(going.frames)
-            if frame.index == index:
-                going.next_index = index + 1
-                self._open = going
-                return frame
+        plate = self._opened(reader)
+        if not reader.entry_before(index) <= plate.next_index <= index:
+            plate.frames = plate.seek(index)
+        plate.next_index = -1
+        frame = next(frame for frame in plate.frames if frame.index == index)
+        plate.next_index = index + 1
+        return frame
+
+    def _opened(self, reader: VideoReader) -> _OpenPlate:
+        if self._open is None or self._open.reader is not reader:
+            self.close()
+            stack = ExitStack()
+            self._open = _OpenPlate(reader, stack.enter_context(reader.seeker()), stack, iter(()), -1)
+        return self._open

@@ -17,7 +17,9 @@ from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
+from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
+from mr360uw.render.plate_pattern import calm_series
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
@@ -76,6 +78,16 @@ def measured_range(video: VideoReader, start: int, stop: int) -> tuple[int, int]
     margin = math.ceil(MARGIN_S * float(video.frame_rate))
     end = stop if video.intact_frames is None else min(video.intact_frames, stop + margin)
     return max(0, start - margin), max(stop, end)
+
+
+def clip_facts(
+    loaded: Loaded, video: VideoReader, progress: Progress | None = None, *, frames: tuple[int, int] | None = None
+) -> ClipFacts:
+    """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
+    plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
+    wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
+    keyed = loaded.surroundings_at if loaded.scene.keys else None
+    return first_pass(loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, **wanted)
 
 
 def first_pass(

@@ -70,7 +70,7 @@ def frame_stages(
     kept, grain, found, layers = Cache() if kept is None else kept, now.scene.draw.grain, None, []
     light = pattern = water = shot = None
     if plan.environment.runs:
-        of_light, of_pattern = light_key(now, facts, plate), pattern_key(now, facts, plate)
+        of_light, of_pattern = light_key(now, facts, plate), pattern_key(now, facts.calm, plate)
         light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
         pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(now, facts.calm, plate))
     yield  # from here on the thread of the backend

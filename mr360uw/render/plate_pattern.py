@@ -20,9 +20,9 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
-from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
+from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 
 _TYPICAL_HEIGHT_M = 2.0
@@ -56,17 +56,20 @@ def plate_pattern(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> 
     return PlatePattern(plate, calm.mean, _height_above(loaded.receiver.at(plate.index), loaded), calm.strength)
 
 
-def pattern_key(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> Hashable:
+def pattern_key(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> Hashable:
     """Return the key of `plate_pattern`: all that the pattern depends on.
 
     The waves count where the frame itself shows how strong its caustics are.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    surroundings, scene = loaded.surroundings, loaded.scene
-    of_clip = loaded.receiver, surroundings.camera, scene.camera.depth_m
-    alone = scene.sea, scene.water.refractive_index, scene.caustics.water_blur, surroundings.medium
-    return plate, of_clip, loaded.receiver.at(plate.index), Same(facts.calm), alone if facts.calm is None else ()
+    seen = plate, loaded.receiver, loaded.receiver.at(plate.index), loaded.surroundings.camera, Same(calm)
+    return seen, waves_key(loaded.scene) if calm is None else ()
+
+
+def waves_key(scene: Scene) -> Hashable:
+    """Return the key of the contrast of the caustics that a scene's sea makes on the ground."""
+    return scene.sea, scene.camera.depth_m, scene.water, scene.caustics.water_blur
 
 
 def _height_above(receiver: Receiver, loaded: Loaded) -> float:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mr360uw.preview.live import LivePreview, PlateClip
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, PlateClip
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
@@ -23,8 +23,9 @@ class PageRenderer:
     def picture(self, wanted: Wanted, width: int) -> Drawn:
         """Return a picture of about a width; raises what `LivePreview.frame` raises."""
         preview, view = self.preview, VIEWS[wanted.view]
-        frame = preview.frame(wanted.scene, wanted.index, width)
-        loaded = preview.loaded(wanted.scene, width).at(frame.plate.time_s)
+        scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
+        frame = preview.frame(scene, wanted.index, width)
+        loaded = preview.loaded(scene, width).at(frame.plate.time_s)
         shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
         codes = view.draw(shown)
         return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0], view.panorama)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 from mr360uw.errors import Mr360uwError
+from mr360uw.preview.live import COARSE_WIDTH
 from mr360uw.scene.model import Scene
 
 REST_S = 0.15
@@ -185,7 +186,7 @@ class Pictures:
         """Make and publish one picture; return whether it could be made."""
         start = time.perf_counter()
         try:
-            drawn = renderer.picture(wanted, wanted.width // 2 if draft else wanted.width)
+            drawn = renderer.picture(wanted, min(wanted.width // 2, COARSE_WIDTH) if draft else wanted.width)
         except (Mr360uwError, OSError, MemoryError) as error:
             self._publish(self._numbered(_failed(wanted, error)))
             return False
