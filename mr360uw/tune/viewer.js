@@ -82,6 +82,9 @@ export default {
     this.watcher?.disconnect();
     this.ratio?.removeEventListener("change", this.newRatio);
     this.events.stop();
+    const canvas = this.$refs.canvas;
+    canvas.removeEventListener("webglcontextlost", this.lost);
+    this.painter?.gl?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow for few contexts
   },
   computed: {
     pane() {

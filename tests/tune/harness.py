@@ -23,7 +23,7 @@ from mr360uw.tune.timeline import Curve, KeyEdit, Thumbnail, Timeline
 from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
-WIDTH = 1024
+WIDTH = 512
 TOLD: list[tuple[str, Any]] = []
 NOW: dict[str, Any] = {}
 
@@ -39,6 +39,11 @@ def picture(red: float, width: int = WIDTH, height: int = WIDTH // 2) -> np.ndar
 @app.get("/picture/{red}.png")
 def _picture(red: int) -> Response:
     return Response(encoded(picture(red), ".png"), media_type="image/png")
+
+
+@app.get("/small/{red}.png")
+def _small(red: int) -> Response:
+    return Response(encoded(picture(red, 64, 32), ".png"), media_type="image/png")
 
 
 @app.get("/slow/{red}.png")
@@ -75,21 +80,21 @@ def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") 
     return Curve("Wind speed", "m/s", keys, samples, interpolation, 0.0, 40.0)  # type: ignore[arg-type]
 
 
-@ui.page("/")
-def page(dark: int = 0, bare: int = 0) -> None:
-    ui.dark_mode(value=bool(dark))
-    ui.query(".nicegui-content").classes("p-0 gap-0").style("height: 100vh")
+@app.post("/fresh")
+async def _fresh() -> None:
+    """Replace the elements of the page by new ones: a page that is loaded takes a second, elements do not."""
+    TOLD.clear()
+    with NOW["root"].client:
+        NOW["root"].clear()
+        with NOW["root"]:
+            build()
+
+
+def build() -> None:
     with ui.element("div").classes("w-full").style("flex: 1 1 0; min-height: 0"):
-        viewer = Viewer(bar=not bare)
+        viewer = Viewer()
     timeline = Timeline(COUNT, RATE)
     NOW.update(viewer=viewer, timeline=timeline)
-    viewer.show("/picture/200.png")
-    viewer.show_other("/picture/40.png")
-    horizon = [Point(a, -0.12) for a in np.linspace(-np.pi, np.pi, 181)]
-    viewer.set_marks([Marker("whale", 0.35, -0.1, "object", "Whale", 0.25), Marker("sun", -0.4, 0.9, "sun", "Sun"),
-                 Marker("lamp", -0.8, -0.3, "lamp", "Lamp 1")], [horizon])  # fmt: skip
-    timeline.set_thumbnails([Thumbnail(f, f"/picture/{f % 256}.png") for f in range(0, COUNT, 30)])
-    timeline.set_curve(curve(((1.0, 4.0), (5.0, 12.0), (8.0, 6.0))))
     for name in ("pick", "drag", "view", "select", "shown", "failed"):
         getattr(viewer, f"on_{name}")(note(name))
     viewer.on_select(viewer.select)
@@ -100,6 +105,28 @@ def page(dark: int = 0, bare: int = 0) -> None:
         timeline.set_curve(curve(edit.keys, edit.interpolation))
 
     timeline.on_keys(answer)
+    viewer.show("/picture/200.png")
+    viewer.show_other("/picture/40.png")
+    horizon = [Point(a, -0.12) for a in np.linspace(-np.pi, np.pi, 181)]
+    viewer.set_marks(
+        [
+            Marker("whale", 0.35, -0.1, "object", "Whale", 0.25),
+            Marker("sun", -0.4, 0.9, "sun", "Sun"),
+            Marker("lamp", -0.8, -0.3, "lamp", "Lamp 1"),
+        ],
+        [horizon],
+    )
+    timeline.set_thumbnails([Thumbnail(f, f"/small/{f % 256}.png") for f in range(0, COUNT, 60)])
+    timeline.set_curve(curve(((1.0, 4.0), (5.0, 12.0), (8.0, 6.0))))
+
+
+@ui.page("/")
+def page(dark: int = 0) -> None:
+    ui.dark_mode(value=bool(dark))
+    ui.query(".nicegui-content").classes("p-0 gap-0")
+    NOW["root"] = ui.column().classes("w-full gap-0").style("height: 100vh")
+    with NOW["root"]:
+        build()
 
 
 if __name__ in {"__main__", "__mp_main__"}:

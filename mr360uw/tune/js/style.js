@@ -23,7 +23,8 @@ const TEXT = `
 .uw-group button { border-radius: 0; }
 .uw-group button:first-child { border-radius: 4px 0 0 4px; }
 .uw-group button:last-child { border-radius: 0 4px 4px 0; }
-.uw-where { margin-left: auto; color: var(--uw-soft); font-variant-numeric: tabular-nums; white-space: nowrap; }
+/* its room is kept while it is empty: a bar that grew would move the picture under the pointer */
+.uw-where { margin-left: auto; min-width: 176px; min-height: 1.4em; text-align: right; color: var(--uw-soft); font-variant-numeric: tabular-nums; white-space: nowrap; }
 .uw-stage { position: relative; flex: 1 1 0; min-height: 0; overflow: hidden; background: #16181b; }
 .uw-stage canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: crosshair; }
 .uw-stage canvas:focus-visible { outline-offset: -2px; }
