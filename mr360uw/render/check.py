@@ -19,6 +19,7 @@ from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.keyed import keyed_in_words
+from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.write.creating import check_target
@@ -132,6 +133,8 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
         *(f"note      {note}" for note in (*video.notes, *video.doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
     lines += [f"keyed     {line}" for line in keyed_in_words(loaded.scene)]
+    if tables := tables_on_the_way(loaded.scene):
+        lines.append(f"keyed     the water takes {tables} tables on its way, about {tables * TABLE_S:.0f} s in all")
     for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
         triangles = len(placed.meshes[0].positions)

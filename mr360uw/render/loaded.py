@@ -26,6 +26,7 @@ from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.overrides import dotted
 from mr360uw.types import View
@@ -109,7 +110,7 @@ class Loader:
     def load(self, scene: Scene) -> Loaded:
         """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
         with self._one_thread:
-            first = self._load(scene_at(scene, 0.0))
+            first = self._load(scene_at(scene, 0.0), water_between(scene, 0.0))
             if not scene.keys:
                 return first
             all_keys = [first, *(self._load(scene_at(scene, time_s)) for time_s in key_times(scene.keys))]
@@ -125,16 +126,23 @@ class Loader:
     def at(self, whole: Loaded, time_s: float, frame: Loaded | None = None) -> Loaded:
         """Return a loaded scene with keys for an instant, see `Loaded.at`."""
         with self._one_thread:
-            return self._load(scene_at(whole.scene, time_s), whole, frame)
+            between = water_between(whole.scene, time_s) if frame is None else None
+            return self._load(scene_at(whole.scene, time_s), between, whole, frame)
 
-    def _load(self, scene: Scene, whole: Loaded | None = None, frame: Loaded | None = None) -> Loaded:
-        """Return a scene without keys loaded. whole: that it is an instant of, with its plan, notes and files."""
+    def _load(
+        self,
+        scene: Scene,
+        between: WaterBetween | None = None,
+        whole: Loaded | None = None,
+        frame: Loaded | None = None,
+    ) -> Loaded:
+        """Return a scene without keys loaded. whole: that it is an instant of, with its plan and notes."""
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
             objects = load_objects(scene.objects, kept)
         with files_read() as other_files:
             receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
-            surroundings = load_surroundings(scene, kept) if frame is None else frame.surroundings
+            surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
