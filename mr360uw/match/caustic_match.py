@@ -23,11 +23,13 @@ Array = NDArray[np.float64]
 
 _LEAST_CONTRAST = 0.03
 """Standard deviation over mean of the floor's light below which nothing is fitted: codecs and drifting particles."""
+_WAVES = (0.6, 1.7)
+"""Frequencies over those of waves of the same length that count as caustics; caustics have 0.9 to 1.3."""
 _LEAST_TOLD = 0.5
 """Least fraction of a parameter's variance that the pattern must tell for it to be changed."""
 _LEAST_SENSE = 0.15
 """Least length of the mean direction of travel for the wind's direction to be changed; made seas have 0.4 to 0.7."""
-_FINEST = 3.0
+_FINEST = 2.0
 """Shortest wavelength that is measured, over the median footprint of a pixel."""
 _STATED_DOUBT, _SKY_DOUBT = 0.06, 0.15
 """Standard deviation of the logarithm of the beam's fraction on the floor, where `water.sun_share` states that of the
@@ -169,6 +171,12 @@ def _no_caustics(series: FloorSeries, measures: PatternMeasures) -> str:
         return (
             f"The floor shows no caustics: its light moves by {100.0 * contrast:.1f} % "
             f"(at least {100.0 * _LEAST_CONTRAST:.0f} % are needed). The water is murky, or the floor in the shade."
+        )
+    slow, fast = _WAVES
+    if not slow < measures.dispersion < fast:
+        return (
+            f"What moves on the floor is no caustics: its frequencies are {measures.dispersion:.1f} times those of "
+            "waves of its size. The camera moves without a track, or the floor's height is wrong."
         )
     return ""
 

@@ -71,14 +71,16 @@ class FloorGrid:
         return x, z
 
     def footprint_m(self, position: Array, pixel_rad: float) -> Array:
-        """Return the width (n, n) [m] of what one pixel of the plate covers, or of one of the grid where that is wider.
+        """Return the width (n, n) [m] of the square that `seen` averages over at each pixel.
 
-        It is the side of a square of the same area. pixel_rad: angle of a pixel of the plate.
+        A pixel of the plate is a square w wide, of the same area; it has the variance w^2/12, the linear interpolation
+        between pixels w^2/6, and a pixel of the grid p^2/12: together those of a square of the width sqrt(3 w^2 + p^2).
+        pixel_rad: angle of a pixel of the plate.
         """
         x, z = self.places()
         down = position[1] - self.floor_y
         distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
-        return np.maximum(distance * pixel_rad * np.sqrt(distance / down), self.pixel_m)
+        return np.sqrt(3.0 * (distance * pixel_rad) ** 2 * distance / down + self.pixel_m**2)
 
     def seen(self, frame: VideoFrame, position: Array, rotation: Array) -> NDArray[np.float32]:
         """Return the linear light (n, n, 3) that a frame shows on the region.

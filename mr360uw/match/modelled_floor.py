@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Our caustics of a sea on the region of floor that a plate shows, as its camera would see them.
 
-    E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = q b(d)/r(d)
+    E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
 
-f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface; b,
-r: fractions of the beam and of all light that reach d; s: fraction of the beam that has not turned; C: caustic ratio of
-that part, B: of the rest. Both are averaged over the footprint of the plate's pixels.
+f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
+sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has not
+turned; C: caustic ratio of that part, B: of the rest. Both are averaged over the footprint of the plate's pixels.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mr360uw.match.floor_series import FloorSeries
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import refract_to_water
-from mr360uw.render.lights import CLEAR_SKY_DIRECT
+from mr360uw.render.lights import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.types import BeamSpread, Floats
 
 Array = NDArray[np.float64]
@@ -64,8 +64,9 @@ class ModelledFloor:
         sun_share = sun_share or CLEAR_SKY_DIRECT
         medium, at = series.medium, np.array([series.floor_depth_m])
         up = float(refract_to_water(series.sun_in_air, medium.refractive_index)[1])
-        left = ambient_ratio(medium.unit_table, at) / ambient_ratio(medium.unit_table, 0.0)
-        beam = float(luminance(sun_share * beam_fraction(medium.unit_table, at, up) / left)[0])
+        whole = ambient_ratio(medium.unit_table, at) / ambient_ratio(medium.unit_table, 0.0)
+        direct = (1.0 - (1.0 - sun_share) * CLEAR_SKY) * beam_fraction(medium.unit_table, at, up)
+        beam = float(luminance(direct)[0] / luminance(whole)[0])
         unturned = float(luminance(unscattered_share(medium.unit_table, at, up))[0])
         spread = spread_of(medium) if water_blur else None
         return cls(

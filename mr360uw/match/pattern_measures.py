@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats
 
@@ -57,6 +58,15 @@ class PatternMeasures:
         """Mean phase speed [m/s] over the bands, weighted by power."""
         speed = self.frequency_rad_s * self.wavelength_m / (2.0 * np.pi)
         return float(np.average(speed, weights=np.maximum(self.power, _TINY)))
+
+    @property
+    def dispersion(self) -> float:
+        """Median over the bands of the frequency over that of deep-water waves of the same length, sqrt(g k).
+
+        About 1 for caustics at the right scale; it grows with the square root of a floor's height that is too large.
+        """
+        waves = np.sqrt(GRAVITY_M_S2 * 2.0 * np.pi / self.wavelength_m)
+        return float(np.median(self.frequency_rad_s / waves))
 
     @property
     def azimuth_deg(self) -> float:

@@ -29,9 +29,9 @@ SEAS = (52, 64)
 """Seas of the first and of the second round. With half as many the errors are a fifth larger."""
 _REACH, _LEAST_REACH = 2.0, 0.5
 """Half width of the second round in standard deviations of the first, and at least in the logarithm."""
-_FOOTPRINT_MEAN, _FOOTPRINT_SIGMA = 0.25, 0.25
-"""Mean and standard deviation of the logarithm of the footprint over the made seas, against that of a pixel: cameras
-and codecs blur."""
+_FOOTPRINT_MEAN, _FOOTPRINT_SIGMA = -0.05, 0.2
+"""Mean and standard deviation of the logarithm of the footprint over the made seas, against that of a pixel: codecs
+blur, and the maps are averaged a little more than the plate is."""
 _RIDGE = 3.0
 """Weight of the ridge, in seas. Between 1 and 10 errors differ by a tenth."""
 _FARTHEST = 3.0

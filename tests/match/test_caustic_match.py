@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
+from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_distance
 from mr360uw.match import sea_regression as regression
@@ -80,6 +81,17 @@ def test_a_plane_wave_is_measured(length_m: float, azimuth_deg: float, speed_m_s
     rate = 2.0 * np.pi * speed_m_s / length_m
     # mean over the line of the time window, 2 pi/T = 1.7 rad/s wide on either side
     assert found.frequency_rad_s[strongest] == pytest.approx(rate, rel=0.06)
+
+
+def test_waves_of_deep_water_have_a_dispersion_of_one() -> None:
+    """In their own band; a pattern that is drawn past at another speed has another."""
+    edges = np.array([0.7, 0.9])
+    speed = np.sqrt(GRAVITY_M_S2 * 0.8 / (2.0 * np.pi))
+    for factor in (1.0, 0.4):
+        relative = relative_light(wave(0.8, 30.0, factor * speed))
+        found = pattern_measures(relative, PIXEL_M, STEP_S, edges).dispersion
+        # the time window is 1.7 rad/s wide, against 8.8 rad/s of this wave
+        assert found == pytest.approx(factor, rel=0.05)
 
 
 def test_the_texture_of_the_floor_and_a_change_of_exposure_leave_no_pattern() -> None:
