@@ -98,8 +98,11 @@ export default {
       return { ...this.view, look: this.lookNow };
     },
     badge() {
-      if (this.wrong || this.expected === undefined || !this.picture) return "";
-      if (this.shown.serial < this.expected || this.shown.stale) return "rendering \u2013 the picture is older than the settings";
+      if (this.wrong) return "";
+      if (this.shown.serial < 0) return "rendering";
+      if (this.shown.serial < this.expected || this.shown.stale) {
+        return "rendering \u2013 the picture is older than the settings";
+      }
       return this.shown.coarse ? "rendering \u2013 draft" : "";
     },
     placed() {
