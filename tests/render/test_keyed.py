@@ -145,6 +145,9 @@ def test_a_stage_runs_if_it_runs_at_any_key(tmp_path: Path, whale: Path) -> None
     assert loaded.plan.grain.runs
     assert joined_plan([still, loaded.plan]).grain == loaded.plan.grain
     assert loaded.plan.stages | {"grain": still.grain} == still.stages
+    moving = load(scene_of(tmp_path, whale, keys(("object.0.scale", [1, 2]))), *SIZE)
+    assert "objects move" in str(moving.plan)
+    assert "objects stand still" in str(loaded.plan)
 
 
 def test_notes_are_those_of_all_keys(tmp_path: Path, whale: Path) -> None:

@@ -71,7 +71,8 @@ def test_tables_are_made_as_the_water_changes_and_not_for_each_frame(tmp_path: P
         load_surroundings(scene_at(scene, float(time_s)), kept, water_between(scene, float(time_s)))
     steps = int(np.ceil(np.log(8.8 / 8.0) / np.log(1.03)))
     assert tables_on_the_way(scene) == steps - 1
-    assert kept.cache.made["medium"] == steps + 1
+    assert kept.cache.made["table"] == steps + 1
+    assert kept.cache.made["medium"] == 2
 
 
 def test_the_water_of_a_time_does_not_depend_on_what_came_before(tmp_path: Path) -> None:
