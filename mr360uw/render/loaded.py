@@ -25,6 +25,7 @@ from mr360uw.render.placement import placement_notes
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
+from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
@@ -110,10 +111,11 @@ class Loader:
     def load(self, scene: Scene) -> Loaded:
         """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
         with self._one_thread:
-            first = self._load(scene_at(scene, 0.0), water_between(scene, 0.0))
+            first = self._load(scene_at(scene, 0.0), water_between(scene, 0.0), scene.keys)
             if not scene.keys:
                 return first
-            all_keys = [first, *(self._load(scene_at(scene, time_s)) for time_s in key_times(scene.keys))]
+            times = key_times(scene.keys)
+            all_keys = [first, *(self._load(scene_at(scene, time_s), None, scene.keys) for time_s in times)]
         return replace(
             first,
             scene=first.scene.model_copy(update={"keys": scene.keys}),
@@ -127,16 +129,20 @@ class Loader:
         """Return a loaded scene with keys for an instant, see `Loaded.at`."""
         with self._one_thread:
             between = water_between(whole.scene, time_s) if frame is None else None
-            return self._load(scene_at(whole.scene, time_s), between, whole, frame)
+            return self._load(scene_at(whole.scene, time_s), between, (), whole, frame)
 
     def _load(
         self,
         scene: Scene,
-        between: WaterBetween | None = None,
+        between: WaterBetween | None,
+        keys: tuple[KeyedParameter, ...],
         whole: Loaded | None = None,
         frame: Loaded | None = None,
     ) -> Loaded:
-        """Return a scene without keys loaded. whole: that it is an instant of, with its plan and notes."""
+        """Return a scene without keys loaded.
+
+        keys: that it has at other times, for the plan. whole: that it is an instant of, with its plan and notes.
+        """
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
             objects = load_objects(scene.objects, kept)
@@ -157,15 +163,25 @@ class Loader:
             receiver=receiver,
             mattes=kept.get("mattes", (scene.holdouts, self._size), lambda: Mattes(scene, width, height)),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
-            plan=self._plan(scene, objects, surroundings) if whole is None else whole.plan,
+            plan=self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan,
             notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
             _loader=self,
         )
 
-    def _plan(self, scene: Scene, objects: tuple[SceneObject, ...], surroundings: Surroundings) -> Plan:
-        facts = tuple(_facts(placed, surroundings.camera) for placed in objects)
+    def _plan(
+        self,
+        scene: Scene,
+        objects: tuple[SceneObject, ...],
+        surroundings: Surroundings,
+        keys: tuple[KeyedParameter, ...],
+    ) -> Plan:
+        keyed = {tuple(dotted(key.parameter)[:2]) for key in keys}
+        facts = tuple(
+            _facts(placed, surroundings.camera, keyed=("object", str(number)) in keyed)
+            for number, placed in enumerate(objects)
+        )
         medium = surroundings.medium
         return make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip)
 
@@ -187,6 +203,6 @@ def _each_once(rows: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(one for row in rows for one in row))
 
 
-def _facts(placed: SceneObject, camera: CameraPath) -> ObjectFacts:
+def _facts(placed: SceneObject, camera: CameraPath, *, keyed: bool) -> ObjectFacts:
     depth_m = camera.depth_m - placed.highest_m(camera.highest_m)
-    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), placed.moves)
+    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), keyed or placed.moves)

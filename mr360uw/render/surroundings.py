@@ -16,9 +16,12 @@ from mr360uw.render.lights import LightReader
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between, without_gain
 from mr360uw.scene.model import Scene
+from mr360uw.types import MediumTable
 
 _WATERS = 16
-"""Waters and their tables that are kept: those of a swim, or of keys, that comes back to where it was."""
+"""Waters that are kept, a few MB each, for keys that come back to where they were."""
+_TABLES = 128
+"""Tables on the way of keyed water that are kept, 0.25 MB each: the first pass makes them, the frames read them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +82,12 @@ def _medium(water: WaterSettings, camera: CameraPath, kept: KeptReads) -> tuple[
     return kept.get("medium", (water, camera.depth_m, camera.sinks), made, _WATERS)
 
 
+def _table(water: WaterSettings, depth_m: float) -> MediumTable:
+    medium = water.medium(depth_m)
+    assert medium is not None
+    return medium.unit_table
+
+
 def _mixed(
     water: WaterSettings, between: WaterBetween, camera: CameraPath, kept: KeptReads
 ) -> tuple[Medium | None, MixedMedium | None]:
@@ -88,9 +97,12 @@ def _mixed(
         return None, None
 
     def tables(water: WaterSettings) -> TableAt:
-        medium, depths = _medium(water, camera, kept)
-        assert medium is not None
-        return (lambda _: medium.unit_table) if depths is None else lambda depth_m: depths.at(depth_m).unit_table
+        if camera.sinks:
+            depths = _medium(water, camera, kept)[1]
+            assert depths is not None
+            return lambda depth_m: depths.at(depth_m).unit_table
+        table = kept.get("table", (water, camera.depth_m), lambda: _table(water, camera.depth_m), _TABLES)
+        return lambda _: table
 
     mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)
     return mixed.at(camera.depth_m), mixed if camera.sinks else None

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.color import encode
 from mr360uw.errors import SceneError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.caustic_tiles import export_caustics
@@ -21,6 +22,7 @@ from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 from tests.scenes import BACKENDS, gradient_plate, scene_with
+from tests.tolerances import RENDERERS_PSNR_DB
 
 SIZE = (128, 64)
 DRAW = {"samples": 1, "sun_samples": 1, "ambient_occlusion": False}
@@ -37,6 +39,8 @@ ALL = keys(
     ("object.0.base_color", [[1, 1, 1], [1, 0.5, 0.2]]),
     ("light.sun_azimuth_deg", [350, 30]),
     ("receiver.height_m", [-1.8, -1.4]),
+    ("sea.wind_speed", [2, 7]),
+    ("sea.wind_direction_deg", [350, 30]),
     ("sea.detail_slope", [0.05, 0.2]),
     ("water.gain", [[1, 1, 1], [0.5, 1, 1]]),
     ("water.sun_share", [0.3, 0.5]),
@@ -67,24 +71,39 @@ def picture(loaded: Loaded, backend: Backend, time_s: float, shutter_s: float = 
     return np.asarray(frame(loaded, backend, time_s, shutter_s).picture.image_linear)
 
 
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, whale: Path) -> Scene:
+    return scene_of(tmp_path_factory.mktemp("clip"), whale, ALL)
+
+
+@pytest.fixture(scope="module")
+def pictures(clip: Scene) -> dict[str, list[np.ndarray]]:
+    """The frames of the clip by each renderer, one after the other."""
+    loaded = {name: (load(clip, *SIZE), make_backend(name)[0]) for name in BACKENDS}
+    return {name: [picture(*one, time_s) for time_s in TIMES] for name, one in loaded.items()}
+
+
 @pytest.mark.parametrize("name", BACKENDS)
-def test_a_keyed_clip_is_the_stills_of_its_values(tmp_path: Path, whale: Path, name: str) -> None:
+def test_a_keyed_clip_is_the_stills_of_its_values(
+    clip: Scene, pictures: dict[str, list[np.ndarray]], name: str
+) -> None:
     """By one renderer in the order of the clip, and each alone by a fresh one."""
-    scene = scene_of(tmp_path, whale, ALL)
-    loaded, backend = load(scene, *SIZE), make_backend(name)[0]
-    shown = [picture(loaded, backend, time_s) for time_s in TIMES]
-    for time_s, one in zip(TIMES, shown, strict=True):
-        still = load(scene_at(scene, time_s), *SIZE)
+    for time_s, one in zip(TIMES, pictures[name], strict=True):
+        still = load(scene_at(clip, time_s), *SIZE)
         np.testing.assert_array_equal(one, picture(still, make_backend(name)[0], time_s))
-    assert not np.array_equal(shown[0], shown[1])
+    assert not np.array_equal(pictures[name][0], pictures[name][1])
 
 
-def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, whale: Path) -> None:
-    scene, backend = scene_of(tmp_path, whale, ALL), make_backend("reference")[0]
-    forwards, backwards = load(scene, *SIZE), load(scene, *SIZE)
-    there = [picture(forwards, backend, time_s) for time_s in TIMES]
-    back = [picture(backwards, backend, time_s) for time_s in reversed(TIMES)]
-    np.testing.assert_array_equal(there, back[::-1])
+def test_both_renderers_make_the_same_of_keys(pictures: dict[str, list[np.ndarray]]) -> None:
+    for one, other in zip(*pictures.values(), strict=True):
+        difference = 255.0 * (encode(one, "srgb") - encode(other, "srgb"))
+        assert 20.0 * np.log10(255.0 / np.sqrt(np.mean(difference**2))) >= RENDERERS_PSNR_DB
+
+
+def test_a_frame_is_the_same_whatever_came_before(clip: Scene, pictures: dict[str, list[np.ndarray]]) -> None:
+    loaded, backend = load(clip, *SIZE), make_backend("reference")[0]
+    back = [picture(loaded, backend, time_s) for time_s in reversed(TIMES)]
+    np.testing.assert_array_equal(pictures["reference"], back[::-1])
 
 
 def test_a_scene_without_keys_is_loaded_once(tmp_path: Path, whale: Path) -> None:
@@ -126,6 +145,9 @@ def test_a_stage_runs_if_it_runs_at_any_key(tmp_path: Path, whale: Path) -> None
     assert loaded.plan.grain.runs
     assert joined_plan([still, loaded.plan]).grain == loaded.plan.grain
     assert loaded.plan.stages | {"grain": still.grain} == still.stages
+    moving = load(scene_of(tmp_path, whale, keys(("object.0.scale", [1, 2]))), *SIZE)
+    assert "objects move" in str(moving.plan)
+    assert "objects stand still" in str(loaded.plan)
 
 
 def test_notes_are_those_of_all_keys(tmp_path: Path, whale: Path) -> None:

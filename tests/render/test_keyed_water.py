@@ -6,15 +6,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from mr360uw.reading.kept_reads import KeptReads
+from mr360uw.render.first_pass import first_pass
 from mr360uw.render.surroundings import Surroundings, load_surroundings, surroundings_over_time
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import tables_on_the_way, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
+from mr360uw.video import open_video
 from tests.scenes import scene_with
 
 TABLE_ERROR = 0.005
@@ -68,7 +71,8 @@ def test_tables_are_made_as_the_water_changes_and_not_for_each_frame(tmp_path: P
         load_surroundings(scene_at(scene, float(time_s)), kept, water_between(scene, float(time_s)))
     steps = int(np.ceil(np.log(8.8 / 8.0) / np.log(1.03)))
     assert tables_on_the_way(scene) == steps - 1
-    assert kept.cache.made["medium"] == steps + 1
+    assert kept.cache.made["table"] == steps + 1
+    assert kept.cache.made["medium"] == 2
 
 
 def test_the_water_of_a_time_does_not_depend_on_what_came_before(tmp_path: Path) -> None:
@@ -113,3 +117,16 @@ def test_a_camera_that_sinks_through_keyed_water(tmp_path: Path) -> None:
 
 def test_closed_forms_are_exact_at_all_times(tmp_path: Path) -> None:
     assert water_between(scene_of(tmp_path, VISIBILITY, visibility_m=8.0, mode="kd"), 1.0) is None
+
+
+def test_the_gain_of_a_clip_is_fitted_with_the_water_of_each_frame(tmp_path: Path) -> None:
+    plate = tmp_path / "plate_%04d.png"
+    for index in range(3):
+        cv2.imwrite(str(plate) % index, np.full((32, 64, 3), 90, np.uint8))
+    clear, murky = (load_surroundings(scene_of(tmp_path, mode="kd", visibility_m=v)) for v in (20.0, 5.0))
+    with open_video(plate) as video:
+        of_murky = first_pass(murky, video, sun=False).gain
+        of_both = first_pass(clear, video, sun=False, keyed=lambda time_s: murky if time_s >= 0.0 else clear).gain
+        of_clear = first_pass(clear, video, sun=False).gain
+    np.testing.assert_array_equal(of_both, of_murky)
+    assert not np.allclose(of_clear, of_murky)
