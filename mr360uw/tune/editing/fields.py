@@ -53,7 +53,7 @@ _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
 _SPANS = {
     "position_m": (-15.0, 15.0), "height_m": (-20.0, 5.0), "speed": (-4.0, 4.0), "start_s": (0.0, 60.0),
     "color": (0.0, 1.0), "base_color": (0.0, 1.0), "scale": (0.01, 100.0), "frame_rate": (1.0, 120.0),
-    "tile_m": (1.0, 100.0), "sun_half_angle_rad": (0.0005, 0.2),
+    "tile_m": (1.0, 100.0), "depth_m": (0.5, 50.0), "wind_speed": (0.0, 15.0), "sun_half_angle_rad": (0.0005, 0.2),
 }  # fmt: skip
 """Ranges of sliders where the allowed range is none or far wider than what dives need. By the last part of a key."""
 _BY_UNIT = {"deg": (-180.0, 180.0), "m": (-20.0, 20.0), "s": (0.0, 60.0), "rad": (-math.pi, math.pi)}
