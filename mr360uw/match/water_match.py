@@ -39,6 +39,8 @@ _ROWS, _COLUMNS = 16, 32
 _MOST_FRAMES = 6
 _DARK = 1e-4
 """Linear light of a patch below which it is black."""
+_UNLIKE = 0.4
+"""Rms deviation of the logarithm from the nearest water above which no water is named: dives have 0.02 to 0.15."""
 _MOST_RED = 1.0
 """Red over green above which a patch is no water: water absorbs red first."""
 
@@ -113,7 +115,9 @@ def match_water(
     was = np.array(scene.water.gain) if given else fit_level(before, levels)[0]
     now = found.gain if given or doubtful else fit_level(best, levels)[0]
     changes: dict[str, str | float | tuple[float, float, float]] = {}
-    if scene.water.visibility_m is not None:
+    if found.residual[found.nearest] > _UNLIKE:
+        pass  # no water has this colour
+    elif scene.water.visibility_m is not None:
         if float(found.nearest) != scene.water.visibility_m:
             changes["water.visibility_m"] = float(found.nearest)
     elif found.nearest != scene.water.type:
@@ -212,6 +216,12 @@ def _sentence(
     water: WaterSettings, found: WaterComparison[str], rms_before: float, rms_after: float, doubtful: bool
 ) -> str:
     """Return the result in plain words."""
+    if found.residual[found.nearest] > _UNLIKE:
+        return (
+            f"No water has the colour of the patch (nearest is {found.nearest}, off by a factor of "
+            f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has changed it, "
+            "or it shows something else. Set water.gain to fit the veil."
+        )
     name = f"a visibility of {found.nearest} m" if water.visibility_m is not None else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
     text = (
