@@ -134,9 +134,11 @@ def match_water(
         changes,
         found.confidence,
         tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
-        *(_mean(codes) for codes in (plate, old, new)),
-        rms_before,
-        rms_after,
+        plate_code=_mean(plate),
+        before_code=_mean(old),
+        after_code=_mean(new),
+        rms_before=rms_before,
+        rms_after=rms_after,
     )
 
 
@@ -186,7 +188,7 @@ def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
     return np.concatenate(elevation), np.concatenate(azimuth)
 
 
-def _rows(frame: VideoFrame, rotation: Array, elevation: Array, azimuth: Array) -> Array:
+def _rows(frame: VideoFrame, rotation: Floats, elevation: Array, azimuth: Array) -> Array:
     """Return the typical light (r, 3) of rows of a frame: the median over each, which passes by fish and particles."""
     picture = frame.image_linear
     high = np.broadcast_to(elevation[:, None], azimuth.shape)
@@ -219,8 +221,8 @@ def _sentence(
     if found.residual[found.nearest] > _UNLIKE:
         return (
             f"No water has the colour of the patch (nearest is {found.nearest}, off by a factor of "
-            f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has changed it, "
-            "or it shows something else. Set water.gain to fit the veil."
+            f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has "
+            "changed it, or it shows something else. Set water.gain to fit the veil."
         )
     name = f"a visibility of {found.nearest} m" if water.visibility_m is not None else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
