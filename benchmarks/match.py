@@ -31,7 +31,7 @@ from mr360uw.scene import Scene, load_scene
 WIDTH, FRAMES = 512, 48
 CLOSE, TURN_DEG = 0.15, 20.0
 WATERS: tuple[JerlovType, ...] = ("I", "IA", "IB", "II", "1C")
-ORDER = sorted(JERLOV_TYPES, key=lambda name: -visibility_m(Water.jerlov(name)))
+ORDER = [str(name) for name in sorted(JERLOV_TYPES, key=lambda name: -visibility_m(Water.jerlov(name)))]
 
 
 @dataclass(frozen=True, slots=True)

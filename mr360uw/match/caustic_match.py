@@ -13,7 +13,7 @@ from mr360uw.caustics.settings import Sea
 from mr360uw.match.floor_region import FloorRegion
 from mr360uw.match.floor_series import FloorSeries, NoMatchError, floor_series
 from mr360uw.match.modelled_floor import ModelledFloor
-from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measures, relative_light
+from mr360uw.match.pattern_measures import FloorPattern, PatternMeasures, bands, pattern_measures, relative_light
 from mr360uw.match.sea_regression import SEAS, SeaFit, fit_sea, fitted_parameters, measurer
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
@@ -42,14 +42,6 @@ _DIRECTION_SIGMA_DEG = 12.0
 """Standard deviation [deg] of the direction: that of the mean of some twenty waves, 55 degrees apart."""
 _STRANGE = 1.5
 """Misfit above which the plate's pattern is unlike caustics of any made sea."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorPattern:
-    """One floor that is compared. relative: (n, n) light over its mean, less 1, at one time. measures: over time."""
-
-    relative: Floats
-    measures: PatternMeasures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,8 +122,8 @@ def match_caustics(
     """
     try:
         series = floor_series(scene, frames, region, progress)
-    except NoMatchError as reason:
-        return CausticMatch(f"Nothing is matched. {reason}")
+    except NoMatchError as refused:
+        return CausticMatch(f"Nothing is matched. {refused}")
     edges = bands(series.grid.region.size_m, _FINEST * float(np.median(series.footprint_m)))
     measure = measurer(series.grid.pixel_m, series.step_s, edges)
     measures, features = measure(series.light)

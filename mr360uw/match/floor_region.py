@@ -82,7 +82,7 @@ class FloorGrid:
         distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
         return np.sqrt(3.0 * (distance * pixel_rad) ** 2 * distance / down + self.pixel_m**2)
 
-    def seen(self, frame: VideoFrame, position: Array, rotation: Array) -> NDArray[np.float32]:
+    def seen(self, frame: VideoFrame, position: Floats, rotation: Floats) -> NDArray[np.float32]:
         """Return the linear light (n, n, 3) that a frame shows on the region.
 
         position (3,), rotation (3, 3): of the camera, world_from_camera.

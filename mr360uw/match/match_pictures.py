@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.match.pattern_measures import FloorPattern
 from mr360uw.types import Floats
-
-if TYPE_CHECKING:
-    from mr360uw.match.caustic_match import FloorPattern
 
 Codes = NDArray[np.uint8]
 

@@ -106,7 +106,7 @@ def _read(levels: list[Floats], u: Array, v: Array, footprint: Array) -> NDArray
         weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
         if weight.any():
             size = texels.shape[1]
-            at = [np.remainder(a * size - 0.5, size).astype(np.float32) for a in (u, v)]
+            x, y = (np.remainder(a * size - 0.5, size).astype(np.float32) for a in (u, v))
             picture = texels[0, ..., 0].astype(np.float32)
-            image += weight * cv2.remap(picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+            image += weight * cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return image

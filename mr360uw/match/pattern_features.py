@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.match.pattern_measures import PatternMeasures
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ _RANKS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _TINY = 1e-12
 
 
-def pattern_features(relative: Array, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
+def pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
     """Return the features (f,) of a pattern C (T, n, n). finest_m: shortest wavelength that is seen."""
     found = [*np.log(measures.power + _TINY), *np.log(measures.frequency_rad_s + _TINY), np.hypot(*measures.direction)]
     for width in _WIDTHS:
@@ -29,7 +30,7 @@ def pattern_features(relative: Array, measures: PatternMeasures, pixel_m: float,
     return np.array(found)
 
 
-def _shape(c: Array, direction: Array) -> list[float]:
+def _shape(c: Floats, direction: Array) -> list[float]:
     """Return the distribution of a pattern's light, and how fast it changes over place and time."""
     spread = max(float(c.std()), _TINY)
     c = c / np.float32(spread)
@@ -43,7 +44,7 @@ def _shape(c: Array, direction: Array) -> list[float]:
     return [np.log(spread), *moments, *np.quantile(c, _RANKS), *change, part]
 
 
-def _blurred(relative: Array, sigma: float) -> NDArray[np.float32]:
+def _blurred(relative: Floats, sigma: float) -> NDArray[np.float32]:
     import cv2
 
     c = relative.astype(np.float32)

@@ -74,6 +74,14 @@ class PatternMeasures:
         return float(np.degrees(np.arctan2(self.direction[0], -self.direction[1]))) % 360.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorPattern:
+    """One floor that is compared. relative: (n, n) light over its mean, less 1, at one time. measures: over time."""
+
+    relative: Floats
+    measures: PatternMeasures
+
+
 def relative_light(light: Floats) -> NDArray[np.float32]:
     """Return C (T, n, n) of a series of the light (T, n, n) of a floor; 0 where the mean is not positive.
 
@@ -120,8 +128,8 @@ def pattern_measures(relative: Floats, pixel_m: float, step_s: float, edges_m: A
     count = len(edges_m) - 1
     inside = (of_band >= 0) & (of_band < count)
     still, moving = power.sum(axis=0), np.tensordot(frequency, power, 1)
-    banded = np.bincount(of_band[inside], still[inside], count)
-    rate = np.bincount(of_band[inside], moving[inside], count) / np.maximum(banded, _TINY)
+    banded = np.bincount(of_band[inside], still[inside], count).astype(np.float64)
+    rate = np.bincount(of_band[inside], moving[inside], count).astype(np.float64) / np.maximum(banded, _TINY)
     # the frequency 0 has no sense of travel
     gone = power[1:].sum(axis=0)
     travel = -np.stack([np.broadcast_to(k, length.shape), np.broadcast_to(k[:, None], length.shape)])

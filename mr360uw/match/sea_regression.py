@@ -38,7 +38,7 @@ _FARTHEST = 3.0
 """Standard deviations at which a plate's feature is cut off: farther out the regression holds no longer."""
 _FIRST_SEED = 1000
 _PLASTIC = 1.32471795724474602596
-"""Root of x^3 = x + 1, whose powers make the evenest sequence of pairs (Roberts 2018)."""
+"""Root of x^3 = x + 1, whose powers make an even sequence of pairs."""
 
 
 @dataclass(frozen=True, slots=True)

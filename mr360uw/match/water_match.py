@@ -39,6 +39,8 @@ _ROWS, _COLUMNS = 16, 32
 _MOST_FRAMES = 6
 _DARK = 1e-4
 """Linear light of a patch below which it is black."""
+_UNLIKE = 0.4
+"""Rms deviation of the logarithm from the nearest water above which no water is named: dives have 0.02 to 0.15."""
 _MOST_RED = 1.0
 """Red over green above which a patch is no water: water absorbs red first."""
 
@@ -113,7 +115,9 @@ def match_water(
     was = np.array(scene.water.gain) if given else fit_level(before, levels)[0]
     now = found.gain if given or doubtful else fit_level(best, levels)[0]
     changes: dict[str, str | float | tuple[float, float, float]] = {}
-    if scene.water.visibility_m is not None:
+    if found.residual[found.nearest] > _UNLIKE:
+        pass  # no water has this colour
+    elif scene.water.visibility_m is not None:
         if float(found.nearest) != scene.water.visibility_m:
             changes["water.visibility_m"] = float(found.nearest)
     elif found.nearest != scene.water.type:
@@ -130,9 +134,11 @@ def match_water(
         changes,
         found.confidence,
         tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
-        *(_mean(codes) for codes in (plate, old, new)),
-        rms_before,
-        rms_after,
+        plate_code=_mean(plate),
+        before_code=_mean(old),
+        after_code=_mean(new),
+        rms_before=rms_before,
+        rms_after=rms_after,
     )
 
 
@@ -182,7 +188,7 @@ def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
     return np.concatenate(elevation), np.concatenate(azimuth)
 
 
-def _rows(frame: VideoFrame, rotation: Array, elevation: Array, azimuth: Array) -> Array:
+def _rows(frame: VideoFrame, rotation: Floats, elevation: Array, azimuth: Array) -> Array:
     """Return the typical light (r, 3) of rows of a frame: the median over each, which passes by fish and particles."""
     picture = frame.image_linear
     high = np.broadcast_to(elevation[:, None], azimuth.shape)
@@ -212,6 +218,12 @@ def _sentence(
     water: WaterSettings, found: WaterComparison[str], rms_before: float, rms_after: float, doubtful: bool
 ) -> str:
     """Return the result in plain words."""
+    if found.residual[found.nearest] > _UNLIKE:
+        return (
+            f"No water has the colour of the patch (nearest is {found.nearest}, off by a factor of "
+            f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has "
+            "changed it, or it shows something else. Set water.gain to fit the veil."
+        )
     name = f"a visibility of {found.nearest} m" if water.visibility_m is not None else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
     text = (

@@ -68,6 +68,14 @@ def test_patches_that_show_no_water_are_refused(tmp_path: Path) -> None:
         match_water(scene_of(path, type="II"), [])
 
 
+def test_a_color_whose_red_is_lost_names_no_water(tmp_path: Path) -> None:
+    path = tmp_path / "plate.exr"
+    write_exr(path, np.broadcast_to(np.array([0.0, 0.185, 0.387], np.float32), (64, 128, 3)))
+    match = match_water(scene_of(path, type="II"), PATCH)
+    assert "water.type" not in match.changes
+    assert "No water has the colour" in match.sentence
+
+
 @pytest.mark.parametrize("values", [(0.0, 0.0, 0.0), (0.0, 85.0, 20.0), (float("nan"), 0.0, 10.0)])
 def test_a_patch_is_a_square_on_the_sphere(values: tuple[float, float, float]) -> None:
     with pytest.raises(ParameterError, match="is no patch"):
