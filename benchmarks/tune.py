@@ -152,7 +152,7 @@ def pictures(folder: Path) -> None:
         page.get_by_label("Wind speed", exact=True).press("Enter")
         page.locator(".uw-key").nth(1).wait_for()
         page.get_by_label("Width of the full picture").select_option("2048")
-        page.get_by_label("Second picture", exact=True).select_option("plate")
+        page.get_by_label("Compare with", exact=True).select_option("plate")
         page.locator(".segments").get_by_role("button", name="All").click()
         page.locator("summary", has_text="Sea surface").click()
         rest(page)

@@ -53,6 +53,7 @@ class TunePage:
         self._follow("document")
         self._follow("picture")
         self._follow("time")
+        self._follow("thumbnails")
 
     def guarded(self, action: Callable[[], Any]) -> None:
         """Run an action of the user; tell its error."""
@@ -90,6 +91,8 @@ class TunePage:
             self.time.follow()
             self.place.refresh()
             self.controls.refresh()
+        elif event == "thumbnails":
+            self.time.show_thumbnails()
         else:
             self.render.refresh()
 

@@ -34,6 +34,11 @@ class PageRenderer:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
         return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
 
+    def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
+        """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
+        made = self.preview.thumbnails(scene, count)
+        return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
+
     def situation(self, scene: Scene, index: int, time_s: float) -> Situation:
         """Return camera, receiver and objects of a frame; raises what loading the scene raises."""
         return situation(self.preview, scene, index, time_s)

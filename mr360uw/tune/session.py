@@ -8,15 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from mr360uw.errors import ParameterError
+from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.tune.composite_run import CompositeRun
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.pictures import Picture, Pictures, Wanted
 from mr360uw.tune.views import VIEWS
 
-Event = Literal["document", "picture", "time", "run"]
-THUMBNAIL_WIDTH = 160
-"""Width of the time line's pictures [pixels]."""
+Event = Literal["document", "picture", "time", "run", "thumbnails"]
+THUMBNAILS = 12
+"""Pictures on the time line: as many as are 100 pixels wide on a small screen."""
 
 
 class Clip(Protocol):
@@ -53,6 +53,7 @@ class Session:
         self.range = (0, self.frame_count)
         self.views = {name: view.name for name, view in VIEWS.items()}
         self.thumbnails: dict[int, int] = {}
+        self._asked_thumbnails = False
         self.kept_pictures: dict[str, int] = {}
         self.picture: Picture | None = None
         self.problems: tuple[str, ...] = ()
@@ -136,13 +137,19 @@ class Session:
         self.kept_pictures[name] = self.pictures.store(data)
         return self.kept_pictures[name]
 
-    async def thumbnail(self, frame: int) -> None:
-        """Make the small picture of a frame of the plate, unless it is there."""
-        if frame not in self.thumbnails:
-            scene = self.document.scene
-            job = self.pictures.ask(lambda renderer: renderer.plate(scene, frame, THUMBNAIL_WIDTH))
-            data: bytes = await asyncio.wrap_future(job)
-            self.thumbnails[frame] = self.pictures.store(data)
+    async def make_thumbnails(self) -> None:
+        """Make the small pictures of the plate, unless they are there; tell when they are."""
+        if self._asked_thumbnails:
+            return
+        self._asked_thumbnails, scene = True, self.document.scene
+        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, THUMBNAILS))
+        try:
+            made: list[tuple[int, bytes]] = await asyncio.wrap_future(job)
+        except (Mr360uwError, OSError):  # the picture's own message says why; the next tab tries again
+            self._asked_thumbnails = False
+            return
+        self.thumbnails = {frame: self.pictures.store(data) for frame, data in made}
+        self._tell("thumbnails")
 
     def take(self, picture: Picture) -> None:
         """Take a picture that was made."""

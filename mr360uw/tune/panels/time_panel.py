@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 from nicegui import background_tasks, ui
 
 from mr360uw.parameters import bounds_of, stated
@@ -18,7 +16,6 @@ from mr360uw.tune.panels.widgets import Choice
 from mr360uw.tune.session import Session
 from mr360uw.tune.timeline import Curve, KeyEdit, Thumbnail, Timeline
 
-_THUMBNAILS = 12
 _AXES = ("right", "up", "back")
 
 
@@ -39,7 +36,7 @@ class TimePanel:
         self._line.on_play(self._played)
         self._line.on_range(session.set_range)
         self._line.on_keys(self._edited)
-        background_tasks.create(self._show_thumbnails(), name="thumbnails")
+        background_tasks.create(session.make_thumbnails(), name="thumbnails")
 
     @property
     def playing(self) -> bool:
@@ -123,13 +120,6 @@ class TimePanel:
     def _played(self, playing: bool) -> None:
         self._playing = playing
 
-    async def _show_thumbnails(self) -> None:
-        session = self._session
-        await asyncio.sleep(0.5)  # the first picture comes first
-        frames = np.unique(np.linspace(0, session.frame_count - 1, _THUMBNAILS).astype(int))
-        for frame in frames.tolist():
-            if self._line.is_deleted:
-                return
-            await session.thumbnail(frame)
-            with self.root:
-                self._line.set_thumbnails([Thumbnail(f, f"/picture/{n}") for f, n in session.thumbnails.items()])
+    def show_thumbnails(self) -> None:
+        """Show the small pictures of the plate that there are."""
+        self._line.set_thumbnails([Thumbnail(f, f"/picture/{n}") for f, n in self._session.thumbnails.items()])
