@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, PlateClip
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene.inputs import open_plate
@@ -12,6 +14,10 @@ from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
 from mr360uw.tune.views import VIEWS
 from mr360uw.video.write.image_writer import picture_codes
+
+_SHORT = 300
+"""Frames of clips that are decoded whole for thumbnails where they have few keyframes; longer ones have more."""
+_THUMBNAIL_WIDTH = 160
 
 
 class PageRenderer:
@@ -36,7 +42,10 @@ class PageRenderer:
 
     def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
         """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
-        made = self.preview.thumbnails(scene, count)
+        made, clip = self.preview.thumbnails(scene, count), self.preview.clip(scene)
+        if len(made) < count and (clip.frame_count or 1) <= _SHORT:
+            frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
+            made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
         return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
 
     def situation(self, scene: Scene, index: int, time_s: float) -> Situation:

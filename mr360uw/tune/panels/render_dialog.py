@@ -32,10 +32,10 @@ class RenderDialog:
             self._unsaved = Text("", "p", "muted")
             with ui.element("label").classes("row-field"):
                 Text("Output")
-                self._out = ui.element("input").props("type=text spellcheck=false")
                 self._name = str(self._document.path.with_suffix(".composite.mp4"))
-                self._out.props["value"] = self._name
-                self._out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
+                out = ui.element("input").props("type=text spellcheck=false")
+                out.props["^value"] = self._name  # at first: what is typed stays while other elements are updated
+                out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
             with ui.element("div").classes("row-field"):
                 Choice("Size", _SCALES, "1", lambda scale: setattr(self, "_scale", scale))
                 with ui.element("label"):

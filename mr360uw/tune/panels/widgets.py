@@ -72,7 +72,7 @@ class Choice(Element):
         self.choose(value)
 
     def _changed(self, event: GenericEventArguments) -> None:
-        self._props["value"] = str(event.args)  # what the browser shows already
+        self.choose(str(event.args))  # what the browser shows already
         self._action(str(event.args))
 
     def choose(self, value: str) -> None:
