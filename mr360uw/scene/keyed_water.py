@@ -30,7 +30,7 @@ gives up to four times that."""
 _STEPS = 64.0
 """Steps of any other parameter over its whole range. The largest error of a veil is 1.8 %, for mean cosines to 0.95."""
 _CLOSED_FORMS = ("kd", "kd+", "rgb")
-"""Modes whose tables take no longer than a hundredth of a second: they are made for each frame."""
+"""Modes whose tables take two hundredths of a second: they are made for each frame."""
 TABLE_S = 0.35
 """About how long [s] it takes to tabulate a water, on a core of 2.5 GHz."""
 _HALVINGS = 60
