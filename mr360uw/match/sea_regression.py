@@ -6,7 +6,7 @@
 The made seas have random waves of their own, and differ in what a plate does not tell: how much of the light is the
 sun's beam, and how wide a pixel's footprint is. What depends on these, or on chance, gets little weight. A first round
 covers the whole range of every parameter, a second one the neighbourhood of what the first finds. The error of each
-made sea when it is left out of its own regression is the uncertainty of the result.
+made sea when it is left out of its own regression, times `_STRAY`, is the uncertainty of the result.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ _REACH, _LEAST_REACH = 2.0, 0.5
 _FOOTPRINT_MEAN, _FOOTPRINT_SIGMA = -0.05, 0.2
 """Mean and standard deviation of the logarithm of the footprint over the made seas, against that of a pixel: codecs
 blur, and the maps are averaged a little more than the plate is."""
+_STRAY = np.array([1.8, 1.0])
+"""Errors of wind and wave in dives read back from video over those of made seas: what a codec does to the sharpest
+lines, on which the wind rests."""
 _RIDGE = 3.0
 """Weight of the ridge, in seas. Between 1 and 10 errors differ by a tenth."""
 _FARTHEST = 3.0
@@ -119,6 +122,7 @@ def fit_sea(
     second = _made_seas(sea, azimuth, near_low, near_high, SEAS[1], floor, measure, doubt, made, SEAS[0])
     value, sigma, misfit = _regressed(second, features)
     value = np.clip(value, low, high)
+    sigma = sigma * _STRAY
     told = 1.0 - (sigma / first.parameters.std(axis=0)) ** 2
     return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second.turn_deg) % 360.0, misfit)
 
