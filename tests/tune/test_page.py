@@ -268,11 +268,12 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
 
 def test_keys_are_set_edited_and_played(page: Page) -> None:
     tab = page.first
-    control = tab.control("sea.wind_speed")
+    control, before = tab.control("sea.wind_speed"), tab.picture()
     control.get_by_label("key Wind speed at this time").click()
     tab.page.locator(".uw-key").first.wait_for()
     tab.page.locator(".uw-strip").press("End")
     tab.until("() => document.querySelector('.uw-time .uw-where').textContent.includes('frame 7')")
+    tab.changed(before)
     control.locator("input[type=number]").fill("9")
     control.locator("input[type=number]").press("Enter")
     tab.page.locator(".uw-key").nth(1).wait_for()

@@ -32,6 +32,7 @@ def test_keys_are_set_moved_and_removed_as_steps(document: Document) -> None:
     key = tracks.tracks(document)["sea.wind_speed"]
     assert (key.time_s, key.value, key.interpolation) == ((0.0, 1.0, 2.0), (2.0, 5.0, 6.0), "smooth")
     assert tracks.values_at(document, 1.0) == {"sea.wind_speed": 5.0}
+    assert tracks.values_at(document, 0.99999) == {"sea.wind_speed": 5.0}  # a frame's time that was rounded
     assert scene_at(document.scene, 1.0).sea.wind_speed == 5.0
     assert tracks.has_key(document, "sea.wind_speed", 1.00001)
     assert not tracks.has_key(document, "sea.wind_speed", 1.5)

@@ -30,8 +30,9 @@ def values_at(document: Document, time_s: float) -> dict[str, Any]:
 
 
 def value_at(document: Document, key: KeyedParameter, time_s: float) -> Any:
-    """Return the value of a keyed parameter at a time; a vector as a list."""
-    found = target_of(document.scene, key.parameter).value(key, time_s)
+    """Return the value of a keyed parameter at a time, of a key's own where it has one; a vector as a list."""
+    at = next((one for one in key.time_s if abs(one - time_s) <= _SAME_S), time_s)
+    found = target_of(document.scene, key.parameter).value(key, at)
     return list(found) if isinstance(found, tuple) else found
 
 
@@ -95,7 +96,7 @@ def samples(document: Document, key: KeyedParameter, end_s: float, component: in
     """Return (time [s], value) of a parameter over a clip, dense enough for straight lines, and at its keys."""
     times = np.unique([*np.linspace(0.0, end_s, 160), *key.time_s])
     if key.interpolation == "hold":  # a step is upright
-        times = np.unique([*times, *(time - _SAME_S for time in key.time_s)])
+        times = np.unique([*times, *(time - 2.0 * _SAME_S for time in key.time_s)])
     rows = [(float(time), value_at(document, key, float(time))) for time in times if 0.0 <= time <= end_s]
     return [(time, component_of(value, component)) for time, value in rows]
 
