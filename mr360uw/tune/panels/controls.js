@@ -1,10 +1,18 @@
 // The controls of all parameters, drawn from their descriptions. Held to tune/editing/fields.py.
 //
-// spec: the tables and fields; tree: the values that the scene file sets; errors and texts: by dotted key; keyed: the
-// values now of the parameters that have keys. Emits: change {key, value, group}, reset {key, default}, add {key,
+// spec: the tables and fields. begin, and `take` from then on: tree, the values that the scene file sets; errors and
+// texts, by dotted key; keyed, the values now of the parameters that have keys. Emits: change {key, value, group}, reset {key, default}, add {key,
 // table}, remove {key}, mark {key}.
 
 const PAUSE_MS = 25; // between two changes of one drag that are sent
+
+// What is new, with the old objects where nothing in them changed: what is typed into a control stays while others change.
+const settled = (old, now) => {
+  if (JSON.stringify(old) === JSON.stringify(now)) return old;
+  if (Array.isArray(now)) return now.map((one, k) => settled(old?.[k], one));
+  if (!now || typeof now !== "object") return now;
+  return Object.fromEntries(Object.entries(now).map(([key, one]) => [key, settled(old?.[key], one)]));
+};
 
 const Control = {
   props: ["field", "path", "value", "error", "text", "key_state"],
@@ -158,10 +166,24 @@ const Control = {
 
 export default {
   components: { Control },
-  props: ["spec", "first", "tree", "errors", "texts", "keyed"],
+  props: ["spec", "first", "begin"],
   emits: ["change", "reset", "add", "remove", "mark", "choose"],
-  data: () => ({ search: "", all: false, open: {}, entry: {}, adding: {} }),
+  data() {
+    return { search: "", all: false, open: {}, entry: {}, adding: {}, now: this.begin };
+  },
   computed: {
+    tree() {
+      return this.now.tree;
+    },
+    errors() {
+      return this.now.errors;
+    },
+    texts() {
+      return this.now.texts;
+    },
+    keyed() {
+      return this.now.keyed;
+    },
     wanted() {
       return this.search.trim().toLowerCase().split(/\s+/).filter(Boolean);
     },
@@ -178,6 +200,9 @@ export default {
     },
   },
   methods: {
+    take(now) {
+      this.now = settled(this.now, now);
+    },
     fields(group) {
       const tag = group.tag && this.tree[group.key]?.[group.tag];
       return group.kinds[tag] || Object.values(group.kinds)[0];

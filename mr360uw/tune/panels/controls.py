@@ -72,20 +72,20 @@ class ControlPanel(Element, component="controls.js"):
         self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
         self.on("mark", lambda event: self._try(lambda: mark(event.args["key"])))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
-        self.refresh()
+        self._props["begin"] = self._state()
 
     def refresh(self) -> None:
         """Show the document's values."""
-        tree, texts, errors = self._document.tree, {}, {}
+        self.run_method("take", self._state())
+
+    def _state(self) -> dict[str, Any]:
+        tree, texts = self._document.tree, {}
         for key, value in _leaves(tree):
             field = self._field(key)
             if field is not None and field.kind == "toml":
                 texts[key] = toml_text(value)
-        for key in self._document.problem_keys():
-            errors[key] = self._document.problem_of(key)
-        self._props["tree"], self._props["texts"] = _jsonable(tree), texts
-        self._props["errors"], self._props["keyed"] = errors, self._keyed()
-        self.update()
+        errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
+        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed()}
 
     def default_of(self, key: str) -> Any:
         """Return the default of a parameter; None where it has none."""
