@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cache of values between frames, each under a name and a key of everything it depends on.
 
-A value is a function of its key, so the cache may be emptied at any moment without changing a result.
+A value is a function of its key, so the cache may be emptied at any moment without changing a result. In keys,
+settings count by value; what was loaded or computed before counts by identity, as long as it is kept itself.
 """
 
 from __future__ import annotations
@@ -29,15 +30,22 @@ class Same:
 
 
 class Cache:
-    """The most recently used values of every name."""
+    """The most recently used values of every name.
 
-    def __init__(self) -> None:
+    room: factor on how many are kept, for frames of that many kinds which take turns.
+    """
+
+    def __init__(self, room: int = 1) -> None:
+        self._room = room
         self._kept: dict[str, dict[Hashable, Any]] = {}
         self.made: Counter[str] = Counter()
         """How often a value of each name was made."""
 
     def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
-        """Return the value of a name for a key; call `make` if it is not among the last `keep` used of that name."""
+        """Return the value of a name for a key; call `make` if it is not among the last `keep` used of that name.
+
+        keep: is multiplied by the cache's room.
+        """
         values = self._kept.setdefault(name, {})
         if key in values:
             value: T = values.pop(key)
@@ -45,7 +53,7 @@ class Cache:
             value = make()
             self.made[name] += 1
         values[key] = value
-        while len(values) > keep:
+        while len(values) > keep * self._room:
             values.pop(next(iter(values)))
         return value
 

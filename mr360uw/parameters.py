@@ -8,9 +8,12 @@ the JSON schema and the tables of the documentation all read them from there.
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
+
+FULL_TURN_DEG = 360.0
 
 
 class Parameters(BaseModel):
@@ -63,7 +66,33 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     above: float | None = None,
+    fixed: str = "",
     **extra: Any,
 ) -> Any:
-    """Return a pydantic field with a default, an inclusive range [low, high] (or > above), a unit and a help line."""
-    return Field(default, description=help_text, ge=low, le=high, gt=above, json_schema_extra={"unit": unit}, **extra)
+    """Return a pydantic field with a default, an inclusive range [low, high] (or > above), a unit and a help line.
+
+    fixed: advice to who wants the number to change within a clip, which it cannot; "" where it can.
+    """
+    shown: dict[str, Any] = {"unit": unit} | ({"fixed": fixed} if fixed else {})
+    return Field(default, description=help_text, ge=low, le=high, gt=above, json_schema_extra=shown, **extra)
+
+
+def stated(field: FieldInfo, name: Literal["unit", "fixed"]) -> str:
+    """Return the unit of a field, or why it is fixed; "" where nothing is stated."""
+    shown = field.json_schema_extra
+    return str(shown.get(name, "")) if isinstance(shown, dict) else ""
+
+
+def bounds_of(field: FieldInfo) -> tuple[float | None, float | None]:
+    """Return the least and greatest value of a field, None where there is none."""
+    low = [getattr(rule, name, None) for rule in field.metadata for name in ("ge", "gt")]
+    high = [getattr(rule, "le", None) for rule in field.metadata]
+    return next((x for x in low if x is not None), None), next((x for x in high if x is not None), None)
+
+
+def is_direction(field: FieldInfo) -> bool:
+    """Return whether a field is an angle all round, in degrees: without a range, or with a turn to either side of 0."""
+    low, high = bounds_of(field)
+    if stated(field, "unit") != "deg" or low is None or high is None:
+        return stated(field, "unit") == "deg" and low is high is None
+    return low < 0.0 and high - low >= FULL_TURN_DEG

@@ -22,10 +22,9 @@ from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
+from mr360uw.render.first_pass import ClipFacts, clip_facts, measured_range
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_pattern import calm_series
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
@@ -201,10 +200,8 @@ def _find_facts(
     stored = work.facts()
     if stored is not None:
         return stored
-    since, plan = time.perf_counter(), loaded.plan
-    wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
-    calm = calm_series(loaded) if not video.is_still else None
-    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=span, **wanted)
+    since = time.perf_counter()
+    facts = clip_facts(loaded, video, progress, frames=span)
     work.keep_facts(facts)
     times.add("first pass", since)
     return facts

@@ -31,10 +31,12 @@ ALLOWED: dict[str, set[str]] = {
     "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
     "runs": {"render", "scene", "composite", "video", "ibl", "threads", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
-    "preview": {"render", "scene", "video", "composite", "progress", *PHYSICS},
+    "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
+    "match": {"render", "scene", "video", "progress", *PHYSICS},
     "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
+    "tune": {"match", "preview", "runs", "render", "scene", "composite", "video", "progress", "threads", *PHYSICS},
 }
-HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy"}
+HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui"}
 
 
 def imports(path: Path) -> set[str]:

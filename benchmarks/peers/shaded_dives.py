@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mr360uw.cache import Cache
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import ColorSpec, encode, luminance
 from mr360uw.composite import Shot
@@ -25,7 +26,7 @@ from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import plate_light
-from mr360uw.render.plate_pattern import calm_series
+from mr360uw.render.plate_pattern import calm_series, plate_pattern
 from mr360uw.render.shots import shot_at
 from mr360uw.sample.dive_light import SENSOR
 from mr360uw.sample.dive_plate import DivePlate, FloorShade
@@ -100,7 +101,8 @@ class ShadedDive:
         water = exposed_water(self.loaded.surroundings, light, frame.time_s)
         if known:
             light = replace(light, environment=self._light())
-        return shot_at(self.loaded, light, water, frame.time_s, frame.index)
+        pattern = plate_pattern(self.loaded, facts.calm, frame)
+        return shot_at(self.loaded, light, pattern, water, frame.time_s, frame.index, Cache())
 
     def _light(self) -> Environment:
         """Return an even sky and a sun with the dive's irradiance at the camera."""

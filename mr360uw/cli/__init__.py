@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import rendering, tools
+from mr360uw.cli import rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -29,11 +29,13 @@ for _command in (
     rendering.still,
     rendering.sweep,
     tools.new,
+    tuning.tune,
     rendering.check,
     rendering.clean,
     tools.sample,
     tools.analyse,
     tools.caustics,
+    tools.match,
     tools.schema,
     tools.info,
 ):

@@ -40,6 +40,7 @@ def composite(
     mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
     report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
+    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
     from mr360uw.pipeline import composite_video
@@ -52,7 +53,7 @@ def composite(
     if explain:
         typer.echo(explain_plan(loaded, backend))
         return
-    with terminal_progress() as progress:
+    with terminal_progress(lines=progress_lines) as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
             progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from mr360uw.cli.arguments import ImageFormat
-from mr360uw.cli.options import BackendOption, EyeOption, OverwriteOption, SceneArgument, SetOption
+from mr360uw.cli.options import BackendOption, EyeOption, FramesOption, OverwriteOption, SceneArgument, SetOption
 
 
 def new(
@@ -92,6 +92,27 @@ def caustics(
             image_format=image_format.value, backend=backend, overwrite=overwrite, progress=progress,
         )  # fmt: skip
     typer.echo(f"wrote {len(written)} files into {folder}")
+
+
+def match(
+    scene: SceneArgument,
+    caustics: Annotated[bool, typer.Option("--caustics", help="fit the sea to the caustics on the floor")] = False,
+    water: Annotated[str | None, typer.Option(help="fit the water to open water at yaw,pitch,size in degrees")] = None,
+    frames: FramesOption = None,
+    picture: Annotated[Path | None, typer.Option(help="PNG of the plate's caustics beside ours, with spectra")] = None,
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
+    from mr360uw.cli.matching import match_lines
+    from mr360uw.progress import terminal_progress
+
+    with terminal_progress() as progress:
+        lines = match_lines(
+            scene, caustics=caustics, water=water, frames=frames, picture=picture, overrides=overrides or (),
+            overwrite=overwrite, progress=progress,
+        )  # fmt: skip
+    typer.echo("\n".join(lines))
 
 
 def schema(

@@ -20,6 +20,7 @@ Attachment = Literal["world", "camera"]
 Interpolation = Literal["linear", "smooth"]
 Loop = Literal["repeat", "once", "ping-pong"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
+_MOTION = "it is a motion over time itself"
 
 
 def _check_times(times: Sequence[float]) -> None:
@@ -55,15 +56,16 @@ class ObjectSettings(Parameters):
     scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
     unit: Unit = parameter("auto", "unit of the file; auto: metres, with a note if the size looks wrong")
     attach: Attachment = parameter("world", "frame of reference: the world, or the camera and its rotation")
-    key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time")
+    key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time", fixed=_MOTION)
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
     animation: int | str = parameter(
         "auto", "clip of a glTF file that is played, by name or number (the first is 0); auto: its first, '': none"
     )
     loop: Loop = parameter("repeat", "how the clip goes on after its end: again, not at all, or back and forth")
     speed: float = parameter(
-        1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3
-    )
+        1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3,
+        fixed="the clip would jump: key start_s, the time within it",
+    )  # fmt: skip
     start_s: float = parameter(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
     casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
@@ -161,7 +163,7 @@ class LampSettings(Parameters):
     )
     attach: Literal["world", "camera", "object"] = parameter("world", "frame of reference")
     object: int = parameter(0, "for attach object: its number, the first is 0", low=0, high=10000)
-    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time")
+    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time", fixed=_MOTION)
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
     lumen: float | None = parameter(None, "luminous flux; none: from watts, or 2000", unit="lm", low=0.0, high=1e7)
     watts: float | None = parameter(
@@ -219,4 +221,7 @@ class DrawSettings(Parameters):
     grain: float = parameter(
         0.0, "grain on objects: 0 none, 1 as strong as the plate's, as each frame shows it", unit="1", low=0.0, high=4.0
     )
-    shutter: float = parameter(0.5, "exposure time as a fraction of the frame's time", unit="1", low=0.0, high=1.0)
+    shutter: float = parameter(
+        0.5, "exposure time as a fraction of the frame's time", unit="1", low=0.0, high=1.0,
+        fixed="the plate was shot with one shutter",
+    )  # fmt: skip

@@ -64,8 +64,9 @@ class LightSettings(Parameters):
         0.0, "compass heading of the frame's centre, 0 = north, + = east", unit="deg", low=-360.0, high=360.0
     )
     minimum_confidence: float = parameter(
-        0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0
-    )
+        0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0,
+        fixed="one holds for the clip's whole track",
+    )  # fmt: skip
     white_cd_m2: float = parameter(
         2000.0, "luminance that the plate's white stands for: how bright lamps look beside it", unit="cd/m2",
         above=0.0, high=1e7,

@@ -7,18 +7,21 @@ the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.medium.closed_form import check_ray, path_integral, ray_in_water
+from mr360uw.medium.closed_form import check_ray, path_modes, ray_in_water
 from mr360uw.optics import fresnel_from_below
 
 Array = NDArray[np.float64]
 
 _CHUNK = 64
 """Rays evaluated together, so that their modes stay in the processor's cache."""
+_SHARED = 8
+"""Rays of one start and direction from which on they are evaluated together: their modes are the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,20 +51,21 @@ class RayField:
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
         )
-        directions, place = np.unique(mu, return_inverse=True)  # tables ask for few directions and many distances
-        source = self._source_modes(directions)
         outer = self.extinction if extinction is None else extinction
+        # tables ask for few directions and many distances
+        directions, of_start = np.unique(mu, return_inverse=True)
+        start, of_ray = np.unique(np.stack([of_start.ravel(), y.ravel()]), axis=1, return_inverse=True)
+        direction = start[0].astype(np.intp)
+        source = self._source_modes(directions)
+        along = self.rate * directions[:, None, None]
+        fall = outer[:, None] - along
         if extinction is not None:
             # light that the smaller extinction leaves in the ray is one more source, proportional to the radiance
-            along = self.rate * directions[:, None, None]
-            source = source * (outer[:, None] - along) / (self.extinction[:, None] - along)
-        rays = np.column_stack([s.ravel(), y.ravel(), mu.ravel()])
-        result = np.zeros((len(rays), len(outer)))
-        for start in range(0, len(rays), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            distance, depth, direction = rays[part].T[:, :, None, None]
-            length = path_integral(outer[:, None], self.rate, distance, depth, direction)
-            result[part] = np.einsum("rnj,rnj->rn", source[place.ravel()[part]], length)
+            source *= fall / (self.extinction[:, None] - along)
+        distance, result = s.ravel(), np.zeros((s.size, len(outer)))
+        for rays, starts in _bundles(of_ray.ravel()):
+            to, decay = direction[starts], self.rate * start[1][starts, None, None]
+            result[rays] = path_modes(source[to], fall[to], decay, distance[rays])
         return result.reshape(*s.shape, len(outer))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -75,13 +79,33 @@ class RayField:
     def below_surface(self, up: ArrayLike) -> Array:
         """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
         mu = np.asarray(up, np.float64)
-        reflectance = fresnel_from_below(mu, self.index)[..., None]
-        rising = self._source_modes(-mu) / (self.extinction[:, None] + self.rate * mu[..., None, None])
-        return self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
+        directions, place = np.unique(mu, return_inverse=True)
+        reflectance = fresnel_from_below(directions, self.index)[:, None]
+        rising = self._source_modes(-directions) / (self.extinction[:, None] + self.rate * directions[:, None, None])
+        light = self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
+        return light[place].reshape(*mu.shape, len(self.sky))
 
     def _source_modes(self, mu: Array) -> Array:
         """Return the source (..., n, j) of every mode in directions mu, at the surface."""
         return np.asarray(np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1)))
+
+
+def _bundles(start: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield the rays (r,) that are evaluated together and their starts: (1,) of many rays that share it, else (r,).
+
+    start: (rays,) number of the start of each.
+    """
+    order = np.argsort(start, kind="stable")
+    many = np.bincount(start)[start[order]] >= _SHARED
+    ends = np.flatnonzero(np.diff(start[order][many])) + 1
+    for rays in np.split(order[many], ends):
+        for first in range(0, len(rays), _CHUNK):
+            part = rays[first : first + _CHUNK]
+            yield part, start[part[:1]]
+    rest = order[~many]
+    for first in range(0, len(rest), _CHUNK):
+        part = rest[first : first + _CHUNK]
+        yield part, start[part]
 
 
 def legendre_polynomials(x: Array, count: int) -> Array:

@@ -203,10 +203,12 @@ class LightField:
         """
         check_ray(0.0, depth_m, normal_up)
         y, normal = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up, np.float64))
-        down = cosine_kernel(self._mu, normal[..., None]) * self._weight
-        up = cosine_kernel(-self._mu, normal[..., None]) * self._weight
-        modes = np.einsum("...i,nij->...nj", down, self._down) + np.einsum("...i,nij->...nj", up, self._up)
-        diffuse = np.sum(modes * np.exp(-self._rate * y[..., None, None]), axis=-1)
+        normals, place = np.unique(normal, return_inverse=True)  # tables ask for one normal at many depths
+        down = cosine_kernel(self._mu, normals[:, None]) * self._weight
+        up = cosine_kernel(-self._mu, normals[:, None]) * self._weight
+        modes = np.einsum("pi,nij->pnj", down, self._down) + np.einsum("pi,nij->pnj", up, self._up)
+        at = 0 if len(normals) == 1 else place.reshape(y.shape)
+        diffuse = np.einsum("...nj,...nj->...n", modes[at], np.exp(-self._rate * y[..., None, None]))
         direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
         return diffuse + self._beam * direct * np.exp(-self.rays.extinction / self._sun_mu * y[..., None])
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective
-from mr360uw.preview.still import check_output, render_still
+from mr360uw.preview.still import check_output, still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
 from mr360uw.scene.inputs import keep_inputs
@@ -73,11 +74,12 @@ def sweep(
     scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
     keep_inputs(scenes[0], out.absolute(), page.absolute())
     found = []
-    for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
-        picture = render_still(one, frame=frame, time_s=time_s, view=view, backend=backend)
-        found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
-        if progress is not None:
-            progress(number, len(scenes))
+    with LivePreview(backend) as live:
+        for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
+            picture = still_of(live, one, frame=frame, time_s=time_s, view=view)
+            found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
+            if progress is not None:
+                progress(number, len(scenes))
     write_whole(out, encoded(contact_sheet(found), out.suffix))
     write_whole(page, contact_page(scene.name, found))
     return [out, page]

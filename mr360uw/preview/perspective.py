@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import frame_from_direction, yaw_matrix
@@ -42,14 +43,33 @@ class Perspective:
 
     def directions(self) -> Floats:
         """Return the unit direction of every pixel's centre, (height, width, 3)."""
-        reach = np.tan(0.5 * np.radians(self.fov_deg))
-        x = reach * ((np.arange(self.width) + 0.5) / (0.5 * self.width) - 1.0)
-        y = reach * (self.height - 2.0 * np.arange(self.height) - 1.0) / self.width
-        ray = np.stack(np.broadcast_arrays(x, y[:, None], -1.0), axis=-1)
+        return self.direction_at(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
+
+    def direction_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return the unit directions (..., 3) seen at continuous coordinates, pixel centres at i + .5."""
+        across = self._reach * (np.asarray(x, np.float64) / (0.5 * self.width) - 1.0)
+        up = self._reach * (self.height - 2.0 * np.asarray(y, np.float64)) / self.width
+        ray = np.stack(np.broadcast_arrays(across, up, -1.0), axis=-1)
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+        return np.asarray(ray @ self._rotation.T)
+
+    def coordinates_of(self, direction: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the continuous coordinates (x, y) that show directions (..., 3) of any length; NaN behind the view."""
+        ray = np.asarray(direction, np.float64) @ self._rotation
+        ahead = np.where(ray[..., 2] < 0.0, -ray[..., 2], np.nan)
+        x = 0.5 * self.width * (ray[..., 0] / (self._reach * ahead) + 1.0)
+        return x, 0.5 * (self.height - self.width * ray[..., 1] / (self._reach * ahead))
+
+    @property
+    def _reach(self) -> float:
+        """Tangent of half the field of view."""
+        return float(np.tan(0.5 * np.radians(self.fov_deg)))
+
+    @property
+    def _rotation(self) -> Floats:
+        """Rotation (3, 3) from the view's axes to the panorama's: pitch, then yaw."""
         c, s = np.cos(np.radians(self.pitch_deg)), np.sin(np.radians(self.pitch_deg))
-        pitch = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        return np.asarray(ray @ (yaw_matrix(np.radians(self.yaw_deg)) @ pitch).T)
+        return yaw_matrix(np.radians(self.yaw_deg)) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def look(panorama: Floats, view: Perspective) -> Floats:

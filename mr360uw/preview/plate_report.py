@@ -14,7 +14,7 @@ from mr360uw.ibl import SunTrack
 from mr360uw.progress import Progress
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
-from mr360uw.render.surroundings import load_surroundings
+from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import PlateSettings, Scene, load_scene
 from mr360uw.video import VideoFrame
@@ -54,14 +54,15 @@ def analyse_video(
     keep_inputs(scene, page, *tracks)
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
     with open_plate(scene) as video:
-        surroundings = load_surroundings(scene)
+        over_time = surroundings_over_time(scene)
         smooth = scene.light.smooth and not video.is_still
-        facts = first_pass(surroundings, video, progress, sun=smooth, gain=False)
+        facts = first_pass(over_time(0.0), video, progress, sun=smooth, gain=False, keyed=over_time)
         track = facts.sun if isinstance(facts.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
-        reader, snapshots, maps = surroundings.light, [], []
+        snapshots, maps = [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
+            reader = over_time(frame.time_s).light
             light = reader.of(frame.pixels, time_s=frame.time_s)
             words = reader.sun_in_words(frame.pixels, frame.time_s)
             snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))

@@ -7,12 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
-from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts
-from mr360uw.render.frame import finished, frame_stages
-from mr360uw.render.loaded import load
-from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.inputs import keep_inputs
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 from mr360uw.video.pixels.rgb import codes_from_linear
@@ -34,19 +31,25 @@ def render_still(
     this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
     what `composite_video` raises.
     """
+    with LivePreview(backend) as live:
+        return still_of(live, scene, frame=frame, time_s=time_s, view=view)
+
+
+def still_of(
+    live: LivePreview,
+    scene: Scene,
+    *,
+    frame: int | None = None,
+    time_s: float | None = None,
+    view: Perspective | None = None,
+) -> VideoFrame:
+    """Return what `render_still` does; what stills of other scenes needed before is not made again."""
     if frame is not None and time_s is not None:
         raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
-    with open_plate(scene) as video:
-        index = frame or 0
-        if time_s is not None:
-            index = int(time_s * float(video.frame_rate) + 1e-6)
-        video.check_range(index, index + 1)
-        loaded = load(scene, video.width, video.height, clip=False)
-        loaded.check(index + 1)
-        renderer, _ = make_backend(backend)
-        plate = next(iter(video.frames(index, index + 1)))
-        stages = frame_stages(loaded, ClipFacts.of_frame("scene", None), renderer, plate, 0.0)
-        picture = finished(stages).picture
+    index = frame or 0
+    if time_s is not None:
+        index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
+    picture = live.frame(scene, index).picture
     return picture if view is None else _seen(picture, view)
 
 

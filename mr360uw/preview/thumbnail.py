@@ -1,32 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small pictures of light, for pages and notebooks."""
+"""Pictures of light as files for pages and notebooks: 8-bit sRGB, PNG or JPEG."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import encode
-
 LARGEST_WIDTH = 1024
+QUALITY = 90
+"""Quality of JPEG: twice the compression of 95, without visible blocks."""
 
 
 def thumbnail(linear: ArrayLike, width: int = LARGEST_WIDTH) -> bytes:
     """Return linear light (H, W, 3) as a PNG in 8-bit sRGB, at most `width` pixels wide; light above 1 is white."""
+    return screen_picture(linear, ".png", width=width)
+
+
+def screen_picture(
+    linear: ArrayLike, suffix: Literal[".jpg", ".png"] = ".jpg", *, width: int | None = None, quality: int = QUALITY
+) -> bytes:
+    """Return linear light (H, W, 3) as a picture file in 8-bit sRGB; light above 1 is white.
+
+    width: the most pixels across; None leaves them all. quality: 0 to 100, of JPEG.
+    """
     import cv2
+
+    from mr360uw.preview.screen_kernel import screen_codes
 
     image = np.asarray(linear, np.float32)
-    if image.shape[1] > width:
+    if width is not None and image.shape[1] > width:
         size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    codes = np.round(255.0 * np.clip(encode(np.maximum(image, 0.0), "srgb"), 0.0, 1.0)).astype(np.uint8)
-    return encoded(codes, ".png")
+    return encoded(screen_codes(image), suffix, quality)
 
 
-def encoded(codes: NDArray[np.uint8], suffix: str) -> bytes:
-    """Return codes (h, w, 3) as a picture file of the kind that a suffix names."""
+def encoded(codes: NDArray[np.uint8], suffix: str, quality: int = QUALITY) -> bytes:
+    """Return codes (h, w, 3) as a picture file of the kind that a suffix names. quality: 0 to 100, of JPEG."""
     import cv2
 
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(codes[..., ::-1]))
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix in (".jpg", ".jpeg") else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    done, data = cv2.imencode(suffix, cv2.cvtColor(np.ascontiguousarray(codes), cv2.COLOR_RGB2BGR), options)
     assert done
     return bytes(data)

@@ -19,11 +19,11 @@ class KeptReads:
     """Values under a name and a key of all that they depend on but files, which are watched themselves.
 
     A value is made anew where a file that it was read from has changed. As if it had been read again, its files are
-    noted (`files_read`). cache: counts what was made.
+    noted (`files_read`). cache: counts what was made. room: of that cache.
     """
 
-    def __init__(self) -> None:
-        self.cache = Cache()
+    def __init__(self, room: int = 1) -> None:
+        self.cache = Cache(room)
 
     def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
         """Return the value of a name for a key; call `make` if it is not among the last `keep` used, or is outdated."""

@@ -45,13 +45,13 @@ class Backend(Protocol):
 
 
 class Reference:
-    """The reference renderer: float64 on the processor."""
+    """The reference renderer: float64 on the processor. room: of its cache."""
 
     name = "reference"
     device = "processor, float64"
 
-    def __init__(self) -> None:
-        self.cache = Cache()
+    def __init__(self, room: int = 1) -> None:
+        self.cache = Cache(room)
 
     def caustics(
         self,
@@ -80,17 +80,20 @@ class Reference:
 
 
 class Gl:
-    """The OpenGL renderer, for the thread that made it. cache: values kept between frames; may be emptied."""
+    """The OpenGL renderer, for the thread that made it. cache: values kept between frames; may be emptied.
+
+    room: of that cache.
+    """
 
     name = "gl"
 
-    def __init__(self) -> None:
+    def __init__(self, room: int = 1) -> None:
         from mr360uw.caustics.gl.renderer import CausticRenderer
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
         from mr360uw.gl.context import gl_device
 
         self.device = gl_device().renderer
-        self.cache = Cache()
+        self.cache = Cache(room)
         self._caustics = CausticRenderer()
         self._layers = LayerRenderer(self.cache)
 
@@ -117,18 +120,19 @@ class Gl:
         return downloaded
 
 
-def make_backend(name: BackendName | str = "auto") -> tuple[Backend, str]:
+def make_backend(name: BackendName | str = "auto", room: int = 1) -> tuple[Backend, str]:
     """Return a backend and, if `auto` fell back to the reference, a line with the reason (else "").
 
-    Raises `GlError` if "gl" is asked for and OpenGL is not available, `ParameterError` for an unknown name.
+    room: kinds of frames that take turns: its cache keeps values of all of them. Raises `GlError` if "gl" is asked for
+    and OpenGL is not available, `ParameterError` for an unknown name.
     """
     if name == "reference":
-        return Reference(), ""
+        return Reference(room), ""
     if name not in ("auto", "gl"):
         raise ParameterError(f"backend - is not known (got {name!r}) - take auto, gl or reference")
     try:
-        return Gl(), ""
+        return Gl(room), ""
     except GlError as error:
         if name == "gl":
             raise
-        return Reference(), f"no OpenGL, so the reference renderer runs ({error})"
+        return Reference(room), f"no OpenGL, so the reference renderer runs ({error})"

@@ -13,7 +13,9 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.model import Scene
+from mr360uw.scene.overrides import dotted
 
 
 def export_caustics(
@@ -31,9 +33,14 @@ def export_caustics(
     """Write the scene's sea as tileable, looping caustic, height and normal maps; return their paths.
 
     The sun is the scene's: given, or found in the plate. depth_m: of the plane the caustics fall on, below the mean
-    surface; by default that of a receiver plane, else of the first object, else of the camera. Raises `SceneError`
-    where the plate shows no sun.
+    surface; by default that of a receiver plane, else of the first object, else of the camera. Keyed parameters have
+    their values of time 0. Raises `SceneError` where the plate shows no sun, or where the sea is keyed.
     """
+    keyed = [key.parameter for key in scene.keys if dotted(key.parameter)[0] in ("sea", "caustics")]
+    if keyed:
+        problem = f"keys - a sea that changes does not repeat, as tiles do (got {', '.join(keyed)}) - remove these keys"
+        raise SceneError(str(scene.plate.path), [problem])
+    scene = scene_at(scene, 0.0)
     with open_plate(scene) as video:
         surroundings, light = load_surroundings(scene), scene.light
         tracked = light.sun == "detect" and not video.is_still and (light.smooth or light.track is not None)

@@ -16,8 +16,10 @@ from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.surroundings import load_surroundings
+from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.keyed import keyed_in_words
+from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.write.creating import check_target
@@ -56,7 +58,7 @@ def check_scene(
         for settings in scene.objects:
             found.of(partial(load_object, settings))
         if video is not None:
-            found.of(lambda: load_surroundings(scene))
+            found.of(lambda: surroundings_over_time(scene)(0.0))
     output = None
     if video is not None:
         _check_other_clips(scene, video, frames, found)
@@ -94,7 +96,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size).check(stop))
     if scene.light.track is not None:
-        found.of(lambda: first_pass(load_surroundings(scene), video, gain=False))
+        found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
@@ -130,6 +132,9 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
         f"renderer  {backend.name} ({backend.device})",
         *(f"note      {note}" for note in (*video.notes, *video.doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
+    lines += [f"keyed     {line}" for line in keyed_in_words(loaded.scene)]
+    if tables := tables_on_the_way(loaded.scene):
+        lines.append(f"keyed     the water takes {tables} tables on its way, about {tables * TABLE_S:.0f} s in all")
     for placed in loaded.objects:
         size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
         triangles = len(placed.meshes[0].positions)

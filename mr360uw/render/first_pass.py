@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,7 +17,9 @@ from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
+from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
+from mr360uw.render.plate_pattern import calm_series
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
@@ -77,6 +80,16 @@ def measured_range(video: VideoReader, start: int, stop: int) -> tuple[int, int]
     return max(0, start - margin), max(stop, end)
 
 
+def clip_facts(
+    loaded: Loaded, video: VideoReader, progress: Progress | None = None, *, frames: tuple[int, int] | None = None
+) -> ClipFacts:
+    """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
+    plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
+    wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
+    keyed = loaded.surroundings_at if loaded.scene.keys else None
+    return first_pass(loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, **wanted)
+
+
 def first_pass(
     surroundings: Surroundings,
     video: VideoReader,
@@ -86,11 +99,13 @@ def first_pass(
     gain: bool = True,
     calm: CalmSeries | None = None,
     frames: tuple[int, int] | None = None,
+    keyed: Callable[[float], Surroundings] | None = None,
 ) -> ClipFacts:
     """Return the facts of a clip, or of its frames [a, b).
 
     sun, gain: whether each is measured. calm: collects the ground without caustics. frames: are read with a margin on
-    either side (`measured_range`), which ends at a frame that cannot be decoded; default: the whole clip.
+    either side (`measured_range`), which ends at a frame that cannot be decoded; default: the whole clip. keyed: the
+    surroundings at a time [s], where the scene has keys.
 
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
@@ -103,7 +118,7 @@ def first_pass(
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
     while True:
         try:
-            facts = _measured(surroundings, video, progress, wanted, begin, end)
+            facts = _measured(surroundings, video, progress, wanted, begin, end, keyed)
         except DamagedFrameError as error:
             if frames is None or frames[0] <= error.index < frames[1]:
                 raise
@@ -128,6 +143,7 @@ def _measured(
     wanted: _Measured,
     begin: int,
     end: int | None,
+    keyed: Callable[[float], Surroundings] | None,
 ) -> ClipFacts:
     """Return the facts of frames [begin, end)."""
     camera, calm = surroundings.camera, wanted.calm
@@ -140,10 +156,11 @@ def _measured(
     with one_blas_thread():
         for frame in prefetch(video.frames(begin, end)):
             world_from_camera = camera.at(frame.time_s)[1]
+            now = surroundings if keyed is None else keyed(frame.time_s)
             if wanted.sun:
-                light = surroundings.light.of(frame.pixels, time_s=frame.time_s)
+                light = now.light.of(frame.pixels, time_s=frame.time_s)
                 suns.append(measure_sun(light, frame.time_s, world_from_camera))
-            if wanted.gain and (medium := surroundings.medium) is not None:
+            if wanted.gain and (medium := now.medium) is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
                 up = world_from_camera[1]
                 maps.add(here, level_view(frame.pixels, up), plate_map(frame.pixels, up))

@@ -26,11 +26,11 @@ from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
-_CLEAR_SKY_DIRECT = 0.75
+CLEAR_SKY_DIRECT = 0.75
 """Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
-_CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
+CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 _SKY_UP = 0.83
 """Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
 _THIN_POWER = 20.0
@@ -56,7 +56,7 @@ class LightReader:
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
         self._underwater, self._camera, self._table = table is not None, camera, table
-        self._share = scene.water.sun_share or _CLEAR_SKY_DIRECT
+        self._share = scene.water.sun_share or CLEAR_SKY_DIRECT
         self._refractive_index = scene.water.refractive_index
         self._clearness = None if table is None else _clearness(table)
         settings = scene.light
@@ -115,14 +115,14 @@ class LightReader:
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
         depth, share = self._table.camera_depth_m, self._share
-        direct = 1.0 - (1.0 - share) * _CLEAR_SKY
+        direct = 1.0 - (1.0 - share) * CLEAR_SKY
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
         # the rest is blue skylight, and what has left the yellow beam; scattered light divides as the direct light does
         sky = (1.0 - share) * beam_fraction(self._table, depth, _SKY_UP)
         of_sky = np.minimum(sky / np.maximum(sky + share * left, _LEAST_LIGHT) * (white + share * left), white)
-        rest = of_sky * _CLEAR_SKY + (white - of_sky) * direct / share
+        rest = of_sky * CLEAR_SKY + (white - of_sky) * direct / share
         solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         if float(luminance(solved)) <= 0.0:
             return sun
@@ -157,6 +157,6 @@ def direct_to_diffuse(table: MediumTable) -> float:
 
     The beam fades faster than all light; what is scattered out of it forwards becomes diffuse.
     """
-    direct = _CLEAR_SKY_DIRECT * float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
+    direct = CLEAR_SKY_DIRECT * float(luminance(1.0 / beam_ratio(table, 0.0, _TYPICAL_SUN_UP)))
     diffuse = float(luminance(1.0 / ambient_ratio(table, 0.0))) - direct
     return float(np.clip(direct / max(diffuse, 1e-6), _LEAST_DIRECT, _MOST_DIRECT))

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene resolved for frames of one size: files loaded, water solved, plan made, once before all frames.
 
-A scene that is changed and loaded again by the same `Loader` shares all that the change leaves as it was.
+A scene that is changed and loaded again by the same `Loader` shares all that the change leaves as it was. So does a
+scene with keys, from one instant to the next.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
@@ -18,10 +22,19 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.placement import placement_notes
-from mr360uw.render.plan import ObjectFacts, Plan, make_plan
+from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, load_surroundings
+from mr360uw.scene.key_problems import key_times
+from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
+from mr360uw.scene.overrides import dotted
 from mr360uw.types import View
+
+T = TypeVar("T")
+_MOVING = ("object", "lamp", "receiver")
+"""Tables whose keys are followed within a frame's exposure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +43,8 @@ class Loaded:
 
     notes: warnings about its files and the placement of its objects. object_files: that its objects were read from,
     with the textures and buffers that these name. other_files: that all else was read from, as far as loaders note it.
+    Where the scene has keys, its values are those of time 0, and its plan and notes those of all keys; `at` has the
+    values of other times.
     """
 
     scene: Scene
@@ -45,6 +60,18 @@ class Loaded:
     notes: tuple[str, ...]
     object_files: tuple[Path, ...]
     other_files: tuple[Path, ...]
+    _loader: Loader
+
+    def at(self, time_s: float, frame: Loaded | None = None) -> Loaded:
+        """Return the scene loaded for an instant [s], with the plan of all: itself where nothing is keyed.
+
+        frame: that of the frame whose exposure the instant is part of; its light and its water are kept.
+        """
+        return self._loader.at(self, time_s, frame) if self.scene.keys else self
+
+    def surroundings_at(self, time_s: float) -> Surroundings:
+        """Return the surroundings at an instant [s]."""
+        return self.at(time_s).surroundings
 
     def view(self, time_s: float) -> View:
         """Return the camera's view at a time."""
@@ -55,7 +82,8 @@ class Loaded:
     def moves(self) -> bool:
         """Whether anything changes within a frame's exposure."""
         return (
-            self.surroundings.camera.moves
+            any(dotted(key.parameter)[0] in _MOVING for key in self.scene.keys)
+            or self.surroundings.camera.moves
             or any(o.moves for o in self.objects)
             or any(lamp.moves for lamp in self.lamps)
         )
@@ -71,26 +99,59 @@ class Loader:
     """Loads scenes for frames of width x height [pixels]; parts that a change leaves as they were are kept.
 
     clip: whether the plate has several frames, for a first pass. A part depends on its own settings and files alone, so
-    that what was loaded before changes no result. kept: counts what was made.
+    that what was loaded before changes no result. kept: counts what was made; loaders of other sizes may share it, in
+    one thread. A loader of its own may be used by any thread, one at a time.
     """
 
-    def __init__(self, width: int, height: int, *, clip: bool = True) -> None:
+    def __init__(self, width: int, height: int, *, clip: bool = True, kept: KeptReads | None = None) -> None:
         self._size, self._clip = (width, height), clip
-        self.kept = KeptReads()
+        self.kept = KeptReads() if kept is None else kept
+        self._one_thread = threading.Lock()
 
     def load(self, scene: Scene) -> Loaded:
         """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
+        with self._one_thread:
+            first = self._load(scene_at(scene, 0.0), water_between(scene, 0.0), scene.keys)
+            if not scene.keys:
+                return first
+            times = key_times(scene.keys)
+            all_keys = [first, *(self._load(scene_at(scene, time_s), None, scene.keys) for time_s in times)]
+        return replace(
+            first,
+            scene=first.scene.model_copy(update={"keys": scene.keys}),
+            plan=joined_plan([loaded.plan for loaded in all_keys]),
+            notes=_each_once(loaded.notes for loaded in all_keys),
+            object_files=_each_once(loaded.object_files for loaded in all_keys),
+            other_files=_each_once(loaded.other_files for loaded in all_keys),
+        )
+
+    def at(self, whole: Loaded, time_s: float, frame: Loaded | None = None) -> Loaded:
+        """Return a loaded scene with keys for an instant, see `Loaded.at`."""
+        with self._one_thread:
+            between = water_between(whole.scene, time_s) if frame is None else None
+            return self._load(scene_at(whole.scene, time_s), between, (), whole, frame)
+
+    def _load(
+        self,
+        scene: Scene,
+        between: WaterBetween | None,
+        keys: tuple[KeyedParameter, ...],
+        whole: Loaded | None = None,
+        frame: Loaded | None = None,
+    ) -> Loaded:
+        """Return a scene without keys loaded.
+
+        keys: that it has at other times, for the plan. whole: that it is an instant of, with its plan and notes.
+        """
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
             objects = load_objects(scene.objects, kept)
         with files_read() as other_files:
-            receiver = kept.get("receiver", scene.receiver, lambda: self._receiver(scene))
-            surroundings = load_surroundings(scene, kept)
+            receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
+            surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
-        facts = tuple(_facts(placed, camera) for placed in objects)
-        found = dict.fromkeys(note for placed in objects for note in placed.notes)
         of_lamps = scene.lamps, Same(medium), scene.light.white_cd_m2
         return Loaded(
             scene=scene,
@@ -100,13 +161,29 @@ class Loader:
             objects=objects,
             lamps=kept.get("lamps", of_lamps, lambda: load_lamps(scene.lamps, medium, scene.light.white_cd_m2)),
             receiver=receiver,
-            mattes=kept.get("mattes", scene.holdouts, lambda: Mattes(scene, width, height)),
+            mattes=kept.get("mattes", (scene.holdouts, self._size), lambda: Mattes(scene, width, height)),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
-            plan=make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip),
-            notes=(*found, *placement_notes(scene, objects, camera, height)),
+            plan=self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan,
+            notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
+            _loader=self,
         )
+
+    def _plan(
+        self,
+        scene: Scene,
+        objects: tuple[SceneObject, ...],
+        surroundings: Surroundings,
+        keys: tuple[KeyedParameter, ...],
+    ) -> Plan:
+        keyed = {tuple(dotted(key.parameter)[:2]) for key in keys}
+        facts = tuple(
+            _facts(placed, surroundings.camera, keyed=("object", str(number)) in keyed)
+            for number, placed in enumerate(objects)
+        )
+        medium = surroundings.medium
+        return make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip)
 
     def _receiver(self, scene: Scene) -> ReceiverClip | None:
         return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size)
@@ -117,6 +194,15 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     return Loader(width, height, clip=clip).load(scene)
 
 
-def _facts(placed: SceneObject, camera: CameraPath) -> ObjectFacts:
+def _notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
+    found = dict.fromkeys(note for placed in objects for note in placed.notes)
+    return (*found, *placement_notes(scene, objects, camera, height))
+
+
+def _each_once(rows: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
+    return tuple(dict.fromkeys(one for row in rows for one in row))
+
+
+def _facts(placed: SceneObject, camera: CameraPath, *, keyed: bool) -> ObjectFacts:
     depth_m = camera.depth_m - placed.highest_m(camera.highest_m)
-    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), placed.moves)
+    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), keyed or placed.moves)

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from mr360uw.cache import Cache, Same
 from mr360uw.composite.holdout import feathered
 from mr360uw.composite.receiver.distance_map import without_steps
 from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError
+from mr360uw.reading.kept_reads import Stamp, stamp
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
@@ -46,7 +48,8 @@ class GreyClip:
     def __init__(self, path: Path, width: int, height: int, *, depth: bool = False) -> None:
         self._reader: VideoReader = open_video(path, transfer="linear", equirectangular=False, depth=depth)
         self._frames: Iterator[VideoFrame] | None = None
-        self._index, self._grey = -1, Grey(np.zeros((0, 0), np.float32), metric=False, step=0.0)
+        self._seen: tuple[int, Stamp] = (-1, None)
+        self._grey = Grey(np.zeros((0, 0), np.float32), metric=False, step=0.0)
         shape = (self._reader.width, self._reader.height)
         if shape[0] * height != shape[1] * width:
             raise VideoError(
@@ -67,14 +70,15 @@ class GreyClip:
         """Return the picture of a frame, the same object while it is unchanged; ascending frames are decoded once."""
         if self._reader.is_still:
             index = 0
-        if index != self._index:
+        seen = index, stamp(self._reader.file_of(index))
+        if seen != self._seen:
             self.check(index + 1)
-            if self._frames is None or index != self._index + 1:
+            if self._frames is None or index != self._seen[0] + 1:
                 self._frames = iter(self._reader.frames(index))
             frame = next(self._frames)
             metric, lossy = frame.spec.bits == 32, frame.yuv is not None
             step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
-            self._grey, self._index = Grey(frame.image_linear.mean(axis=-1), metric, step), index
+            self._grey, self._seen = Grey(frame.image_linear.mean(axis=-1), metric, step), seen
         return self._grey
 
 
@@ -94,6 +98,7 @@ class Mattes:
 
     def __init__(self, scene: Scene, width: int, height: int) -> None:
         self._holdouts = [_Holdout(settings, width, height) for settings in scene.holdouts]
+        self._kept = Cache()
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a matte ends before the plate's frame `stop`."""
@@ -103,11 +108,17 @@ class Mattes:
     def at(self, index: int) -> tuple[Floats | None, Floats | None]:
         """Return the mask (H, W) in [0, 1] and the distances (H, W) [m] of a frame, each None where there is none.
 
-        Several masks combine to their maximum, several distances to their minimum.
+        Several masks combine to their maximum, several distances to their minimum: the same arrays while the pictures
+        are unchanged.
         """
         masks = [h.at(index) for h in self._holdouts if h.settings.kind == "mask"]
         nearest = [h.at(index) for h in self._holdouts if h.settings.kind == "distance"]
-        return np.max(masks, axis=0) if masks else None, np.min(nearest, axis=0) if nearest else None
+        return self._joined("mask", masks, np.max), self._joined("distance", nearest, np.min)
+
+    def _joined(self, kind: str, mattes: list[Floats], join: Callable[..., Floats]) -> Floats | None:
+        if not mattes:
+            return None
+        return self._kept.get(kind, tuple(map(Same, mattes)), lambda: join(mattes, axis=0))
 
 
 class _Holdout:

@@ -8,6 +8,7 @@ visible) are found frame by frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -134,6 +135,15 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
             "draw.grain is 0" if visible else "nothing to cover",
         ),
     )  # fmt: skip
+
+
+def joined_plan(plans: Sequence[Plan]) -> Plan:
+    """Return the plan of a scene over time: a stage runs if it runs in one of the plans, for the reason that has."""
+    stages = {
+        name: next((plan.stages[name] for plan in plans if plan.stages[name].runs), stage)
+        for name, stage in plans[0].stages.items()
+    }
+    return Plan(**stages)
 
 
 def sea_in_words(scene: Scene) -> str:

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
-from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.cache import Same
 from mr360uw.medium.fit.level import LevelView
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
-from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.types import Environment, Floats
 from mr360uw.video import VideoFrame
 
@@ -20,15 +20,13 @@ class FrameLight:
     """The light of one frame.
 
     environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled; level: its horizon;
-    each None if the water does not need it. gain: (3,) of the veil, from a clip's track, or None. pattern: caustics of
-    the plate on the receiver.
+    each None if the water does not need it. gain: (3,) of the veil, from a clip's track, or None.
     """
 
     environment: Environment
     plate_map: Floats | None = None
     level: LevelView | None = None
     gain: Floats | None = None
-    pattern: PlatePattern | None = None
 
 
 def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
@@ -38,10 +36,15 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     gain = facts.gain_at(plate.index) if water.fits_gain else None
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
-    pattern = plate_pattern(loaded, facts.calm, plate)
     shown = level = None
     if surroundings.medium is not None and water.mode == "plate":
         shown = plate_map(plate.pixels, world_from_camera[1])
     elif surroundings.medium is not None and water.fits_gain and gain is None:
         level = level_view(plate.pixels, world_from_camera[1])
-    return FrameLight(found, shown, level, gain, pattern)
+    return FrameLight(found, shown, level, gain)
+
+
+def light_key(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> Hashable:
+    """Return the key of `plate_light`: all that the light depends on."""
+    plan, measured = loaded.plan, (Same(facts.sun), Same(facts.gain), facts.first)
+    return plate, loaded.surroundings, measured, plan.sun.runs, plan.glossy.runs

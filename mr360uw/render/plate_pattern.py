@@ -8,9 +8,11 @@ the size of caustics is smoothed, by the fraction of its variance that the scene
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 
 import numpy as np
 
+from mr360uw.cache import Same
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -20,6 +22,7 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
+from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 
 _TYPICAL_HEIGHT_M = 2.0
@@ -51,6 +54,22 @@ def plate_pattern(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> 
         series.add(plate)
         calm = series.result()
     return PlatePattern(plate, calm.mean, _height_above(loaded.receiver.at(plate.index), loaded), calm.strength)
+
+
+def pattern_key(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> Hashable:
+    """Return the key of `plate_pattern`: all that the pattern depends on.
+
+    The waves count where the frame itself shows how strong its caustics are.
+    """
+    if not loaded.plan.pattern.runs or loaded.receiver is None:
+        return None
+    seen = plate, loaded.receiver, loaded.receiver.at(plate.index), loaded.surroundings.camera, Same(calm)
+    return seen, waves_key(loaded.scene) if calm is None else ()
+
+
+def waves_key(scene: Scene) -> Hashable:
+    """Return the key of the contrast of the caustics that a scene's sea makes on the ground."""
+    return scene.sea, scene.camera.depth_m, scene.water, scene.caustics.water_blur
 
 
 def _height_above(receiver: Receiver, loaded: Loaded) -> float:

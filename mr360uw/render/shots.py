@@ -4,12 +4,17 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Hashable
 
 import numpy as np
 
+from mr360uw.cache import Cache, Same
 from mr360uw.caustics import refract_to_air
-from mr360uw.composite import Shot
+from mr360uw.composite import PlacedObject, Shot
 from mr360uw.composite.lighting.sun import sun_of
+from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.composite.settings import DrawSettings
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
@@ -19,18 +24,35 @@ from mr360uw.types import Floats, Light, MediumTable, Sun
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
+_NOT_OF_LAYERS = {name: DrawSettings.model_fields[name].default for name in ("grain", "motion_samples", "shutter")}
+"""Settings of drawing that the layer of one instant does not depend on."""
 
 
-def shutter_times(loaded: Loaded, time_s: float, shutter_s: float) -> Floats:
-    """Return the instants (n,) [s] over which a frame is averaged for motion blur; one without it."""
-    steps = loaded.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
-    return time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> list[tuple[float, Loaded]]:
+    """Return the instants [s] over which a frame is averaged for motion blur, one without it, and the scene at each.
+
+    now: the scene at the frame's time. Its light and water hold for the whole exposure.
+    """
+    steps = now.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
+    if steps == 1:
+        return [(time_s, now)]
+    times = time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
+    return [(one, loaded.at(one, now)) for one in times.tolist()]
 
 
-def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int) -> Shot:
-    """Return the shot of an instant of frame `index`, without caustics."""
+def shot_at(
+    loaded: Loaded,
+    light: FrameLight,
+    pattern: PlatePattern | None,
+    medium: MediumTable | None,
+    time_s: float,
+    index: int,
+    kept: Cache,
+) -> Shot:
+    """Return the shot of an instant of frame `index`, without caustics. kept: holds the light in the world's axes."""
     view = loaded.view(time_s)
-    environment = turned(light.environment, view.world_from_camera)
+    of_world = light.environment, view.world_from_camera.tobytes()
+    environment = kept.get("turned", of_world, lambda: turned(light.environment, view.world_from_camera))
     objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
     suns: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
     lamps: tuple[Light, ...] = tuple(lamp.at(time_s, view, objects) for lamp in loaded.lamps)
@@ -44,13 +66,16 @@ def shot_at(loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_
         receiver=loaded.receiver.at(index) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
-        pattern=light.pattern,
+        pattern=pattern,
         draw=loaded.scene.draw,
     )
 
 
-def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -> Shot:
-    """Return the shot with the caustics of its sun on planes around the objects' depths, if the plan has caustics."""
+def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> Shot:
+    """Return the shot with the caustics of its sun on planes around the objects' depths, if the plan has caustics.
+
+    kept: holds caustics of the same backend.
+    """
     sun = sun_of(shot) if loaded.plan.caustics.runs else None
     if sun is None:
         return shot
@@ -62,5 +87,34 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float) -
     medium = loaded.surroundings.medium
     spread = spread_of(medium) if medium is not None and depths.settings.water_blur else None
     sea, planes = loaded.scene.sea, depths.planes(shot)
-    stack = backend.caustics(sea, sun_in_air, planes, time_s, depths.settings, index, spread)
-    return dataclasses.replace(shot, caustics=stack)
+    key = _caustics_key(loaded, sun_in_air, planes, time_s)
+    make = functools.partial(backend.caustics, sea, sun_in_air, planes, time_s, depths.settings, index, spread)
+    return dataclasses.replace(shot, caustics=kept.get("caustics", key, make))
+
+
+def _caustics_key(loaded: Loaded, sun_in_air: Floats, depths_m: Floats, time_s: float) -> Hashable:
+    """Return the key of a backend's caustics of a scene. sun_in_air: (3,). depths_m: (n,)."""
+    scene, settings = loaded.scene, loaded.caustic_depths.settings
+    spread = loaded.surroundings.medium if settings.water_blur else None
+    where = sun_in_air.tobytes(), depths_m.tobytes(), time_s
+    return scene.sea, settings, scene.water.refractive_index, spread, where
+
+
+def layer_key(shot: Shot, variables: bool) -> Hashable:
+    """Return the key of a shot's layer: all that it depends on."""
+    mattes = Same(shot.holdout), Same(shot.holdout_distance_m)
+    return (
+        shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(_content, shot.lights)),
+        shot.medium, Same(shot.caustics), shot.receiver, mattes, shot.pattern,
+        shot.draw.model_copy(update=_NOT_OF_LAYERS), variables,
+    )  # fmt: skip
+
+
+def _object_key(placed: PlacedObject) -> Hashable:
+    return placed.key, placed.casts_shadow, placed.visible
+
+
+def _content(light: Light) -> Hashable:
+    """Return the values of a light."""
+    values = (getattr(light, field.name) for field in dataclasses.fields(light))
+    return type(light), *(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)

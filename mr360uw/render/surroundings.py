@@ -3,15 +3,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mr360uw.ibl import LightSettings
 from mr360uw.medium import Medium
-from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
+from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
+from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import WaterBetween, water_between, without_gain
 from mr360uw.scene.model import Scene
+from mr360uw.types import MediumTable
+
+_WATERS = 16
+"""Waters that are kept, a few MB each, for keys that come back to where they were."""
+_TABLES = 128
+"""Tables on the way of keyed water that are kept, 0.25 MB each: the first pass makes them, the frames read them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,28 +35,74 @@ class Surroundings:
     camera: CameraPath
     medium: Medium | None
     light: LightReader
-    _depths: MediumAtDepths | None
+    _depths: MediumAtDepths | MixedMedium | None
 
     def medium_at(self, time_s: float) -> Medium | None:
         """Return the medium for the camera's depth at a time."""
-        return self.medium if self._depths is None else self._depths.at(self.camera.depth_at(time_s))
+        if self._depths is None or self.medium is None:
+            return self.medium
+        return self._depths.at(self.camera.depth_at(time_s)).scaled(self.medium.gain)
 
 
-def load_surroundings(scene: Scene, kept: KeptReads | None = None) -> Surroundings:
-    """Return the surroundings of a scene. kept: what was made before. Raises `ParameterError` or `VideoError`."""
+def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: WaterBetween | None = None) -> Surroundings:
+    """Return the surroundings of a scene. kept: what was made before. Raises `ParameterError` or `VideoError`.
+
+    between: waters whose tables those of the scene's water are interpolated from, where it is keyed.
+    """
     kept = KeptReads() if kept is None else kept
-    of_camera, of_water = (scene.camera, scene.plate, scene.water.type), (scene.water, scene.camera.depth_m)
+    levelled_by_plate = scene.plate if scene.camera.gravity is not None else None
+    of_camera, gain = (scene.camera, levelled_by_plate, scene.water.type), scene.water.gain
 
     def made() -> Surroundings:
         camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))
-        medium, depths = kept.get("medium", (of_water, camera.sinks), lambda: _medium(scene, camera))
+        plain = without_gain(scene.water)
+        medium, depths = _medium(plain, camera, kept) if between is None else _mixed(plain, between, camera, kept)
+        medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
         light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
         return Surroundings(scene.light, camera, medium, light, depths)
 
-    return kept.get("surroundings", (of_camera, of_water, scene.light), made)
+    return kept.get("surroundings", (of_camera, scene.water, scene.light, between), made)
 
 
-def _medium(scene: Scene, camera: CameraPath) -> tuple[Medium | None, MediumAtDepths | None]:
-    """Return the medium at the scene's depth, and at all depths where the camera rises or sinks."""
-    medium = scene.water.medium(scene.camera.depth_m)
-    return medium, MediumAtDepths(medium) if medium is not None and camera.sinks else None
+def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
+    """Return the function of time [s] that gives a scene's surroundings."""
+    kept = KeptReads()
+    return lambda time_s: load_surroundings(scene_at(scene, time_s), kept, water_between(scene, time_s))
+
+
+def _medium(water: WaterSettings, camera: CameraPath, kept: KeptReads) -> tuple[Medium | None, MediumAtDepths | None]:
+    """Return the medium of a water at the scene's depth, and at all depths where the camera rises or sinks."""
+
+    def made() -> tuple[Medium | None, MediumAtDepths | None]:
+        medium = water.medium(camera.depth_m)
+        if medium is not None:
+            _ = medium.unit_table  # for all that are scaled from it
+        return medium, MediumAtDepths(medium) if medium is not None and camera.sinks else None
+
+    return kept.get("medium", (water, camera.depth_m, camera.sinks), made, _WATERS)
+
+
+def _table(water: WaterSettings, depth_m: float) -> MediumTable:
+    medium = water.medium(depth_m)
+    assert medium is not None
+    return medium.unit_table
+
+
+def _mixed(
+    water: WaterSettings, between: WaterBetween, camera: CameraPath, kept: KeptReads
+) -> tuple[Medium | None, MixedMedium | None]:
+    """Return the same of a water between two others."""
+    exact = water.medium(camera.depth_m)
+    if exact is None:
+        return None, None
+
+    def tables(water: WaterSettings) -> TableAt:
+        if camera.sinks:
+            depths = _medium(water, camera, kept)[1]
+            assert depths is not None
+            return lambda depth_m: depths.at(depth_m).unit_table
+        table = kept.get("table", (water, camera.depth_m), lambda: _table(water, camera.depth_m), _TABLES)
+        return lambda _: table
+
+    mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)
+    return mixed.at(camera.depth_m), mixed if camera.sinks else None

@@ -13,6 +13,7 @@ from typing import Any
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.inputs import input_files
 from mr360uw.scene.model import Scene, files_of
+from mr360uw.scene.overrides import dotted
 
 _BLOCK = 1 << 20
 _BLOCKS = 16
@@ -69,7 +70,8 @@ def work_keys(loaded: Loaded, inputs: tuple[InputFile, ...], backend: str, measu
     part = scene.model_copy(update={"objects": (), "lamps": (), "holdouts": ()})
     read = {*_named(part), *loaded.other_files}
     of_first_pass = [_mark(f) for f in inputs if f.path in read]
-    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, of_first_pass, measured]
+    keyed = [key for key in tables["keys"] if dotted(key["parameter"])[0] in _FIRST_PASS]
+    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, keyed, of_first_pass, measured]
     pictures = [__version__, tables, [_mark(f) for f in inputs], measured, backend]
     return WorkKeys(_hash(first), _hash(pictures))
 

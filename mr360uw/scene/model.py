@@ -8,7 +8,6 @@ files, and reports every problem of a file at once.
 from __future__ import annotations
 
 import itertools
-import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,6 +30,9 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.reading.input_files import read_text, unreadable
+from mr360uw.scene.key_problems import check_keys
+from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.overrides import override
 from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
 from mr360uw.video.settings import EncodeSettings
 
@@ -53,15 +55,24 @@ class PlateSettings(Parameters):
 class CameraSettings(Parameters):
     """Where the camera is."""
 
-    depth_m: float = parameter(5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0)
+    depth_m: float = parameter(
+        5.0, "depth of the camera below the mean water surface", unit="m", above=0.0, high=200.0,
+        fixed="camera.depth_keys move the camera, and the objects stay where they are",
+    )  # fmt: skip
     depth_keys: tuple[tuple[float, float], ...] = parameter(
         (), "(time_s, depth_m), ascending, of a camera that rises and sinks; positions start at depth_m"
     )
     track: Path | None = parameter(
         None, "CSV of its motion: time_s, x, y, z, qx, qy, qz, qw; positions start at depth_m"
     )
-    roll_deg: float = parameter(0.0, "roll of a plate that is not level, + = right side down", low=-180.0, high=180.0)
-    pitch_deg: float = parameter(0.0, "pitch of such a plate, + = its centre looks up", low=-90.0, high=90.0)
+    roll_deg: float = parameter(
+        0.0, "roll of a plate that is not level, + = right side down", unit="deg", low=-180.0, high=180.0,
+        fixed="take camera.tilt_keys",
+    )  # fmt: skip
+    pitch_deg: float = parameter(
+        0.0, "pitch of such a plate, + = its centre looks up", unit="deg", low=-90.0, high=90.0,
+        fixed="take camera.tilt_keys",
+    )  # fmt: skip
     tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
         (), "(time_s, roll_deg, pitch_deg), ascending, instead"
     )
@@ -86,20 +97,25 @@ class Scene(Parameters):
 
     model_config = ConfigDict(populate_by_name=True)
 
-    plate: Annotated[PlateSettings, BeforeValidator(_plate_from_path)] = parameter(..., "the video to work on")
+    plate: Annotated[PlateSettings, BeforeValidator(_plate_from_path)] = parameter(
+        ..., "the video to work on", fixed="the plate is read in one way"
+    )
     camera: CameraSettings = parameter(CameraSettings(), "the 360 camera")
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
     receiver: ReceiverSettings | None = parameter(None, "the part of the plate that receives shadows and caustics")
     holdouts: tuple[HoldoutSettings, ...] = parameter(
-        (), "mattes of the plate in front of the objects", alias="holdout"
+        (), "mattes of the plate in front of the objects", alias="holdout", fixed="a matte may itself be a video"
     )
     light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     sea: Sea = parameter(GerstnerSea(), "the water surface")
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
-    output: EncodeSettings = parameter(EncodeSettings(), "how the result is encoded")
+    output: EncodeSettings = parameter(
+        EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"
+    )
+    keys: tuple[KeyedParameter, ...] = parameter((), "parameters that change over time", fixed="keys stay as they are")
 
     @model_validator(mode="after")
     def _lamps_on_objects(self) -> Scene:
@@ -111,9 +127,10 @@ class Scene(Parameters):
                 )
         return self
 
-
-_DIGITS = 9
-"""Most digits of the number of an entry; Python refuses to read thousands."""
+    @model_validator(mode="after")
+    def _keys_fit(self) -> Scene:
+        check_keys(self, self.keys)
+        return self
 
 
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
@@ -135,7 +152,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of more digits than Python reads
         raise SceneError(str(path), [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
     for text_override in overrides:
-        _override(data, text_override)
+        override(data, text_override)
     return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
 
 
@@ -175,32 +192,6 @@ def files_of(scene: Scene) -> list[Path]:
 def scene_schema() -> dict[str, Any]:
     """Return the JSON schema of a scene file, with units, ranges and help."""
     return Scene.model_json_schema(by_alias=True)
-
-
-def _override(data: dict[str, Any], text: str) -> None:
-    """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'."""
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
-    try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
-    except (ValueError, RecursionError):
-        parsed = value.strip()
-    *parents, last = re.sub(r"\[(\d+)\]", r".\1", key.strip()).split(".")  # object[0] as object.0
-    table: Any = data
-    for depth, part in enumerate(parents):
-        if isinstance(table, list):
-            if not part.isdecimal() or len(part) > _DIGITS or int(part) >= len(table):
-                where = ".".join(parents[:depth])
-                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part:.20}) - it has {len(table)}"])
-            table = table[int(part)]
-        else:
-            table = table.setdefault(part, {})
-        if not isinstance(table, dict | list):
-            raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
-    if isinstance(table, list):
-        raise SceneError("--set", [f"{key} - names a list of tables - say which one, as in {parents[-1]}.0.{last}"])
-    table[last] = parsed
 
 
 # --- files ---------------------------------------------------------------------------------------------------------

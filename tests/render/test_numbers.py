@@ -16,7 +16,7 @@ from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.render.frame import check_finite
+from mr360uw.render.frame import finite
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.medium.tolerances import TABLE_SHALLOW
 from tests.scenes import scene_with
@@ -76,12 +76,12 @@ def test_grain_makes_no_light_negative(tmp_path: Path, whale: Path, seed: int) -
 
 def test_the_stage_is_named() -> None:
     tile = empty_tile(Rectangle(0, 0, 4, 4))
-    check_finite("layer", 3, *Layer(4, 8, (tile,)).tiles)
+    finite("layer", 3, Layer(4, 8, (tile,)))
     for name in ("radiance", "ratio", "veil"):
         values: Any = getattr(tile, name).copy()
         values[1, 2, 0] = np.nan
         broken: Tile = replace(tile, **{name: values})
         with pytest.raises(RenderError, match=f"frame 3 - the layer .* 1 of 48 in {name}"):
-            check_finite("layer", 3, broken)
+            finite("layer", 3, broken)
     huge = np.full((2, 2, 3), 3e38, np.float32)  # whose sum is infinite
-    check_finite("layer", 3, replace(tile, radiance=huge))
+    finite("layer", 3, replace(tile, radiance=huge))

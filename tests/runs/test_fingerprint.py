@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,10 +38,10 @@ def files(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def keys(folder: Path, measured: tuple[int, int] = (0, 8)) -> WorkKeys:
+def keys(folder: Path, measured: tuple[int, int] = (0, 8), **tables: Any) -> WorkKeys:
     objects = [{"mesh": str(folder / name), "position_m": [0.0, 0.0, -3.0]} for name in ("square.gltf", "one.obj")]
     receiver = {"kind": "mesh", "path": str(folder / "one.obj")}
-    scene = scene_with(folder, None, object=objects, receiver=receiver, water={"type": "none"})
+    scene = scene_with(folder, None, object=objects, receiver=receiver, water={"type": "none"}, **tables)
     loaded = load(scene, 64, 32)
     return work_keys(loaded, input_fingerprints(loaded), "reference", measured)
 
@@ -69,3 +70,13 @@ def test_every_file_that_a_mesh_names_counts(files: Path) -> None:
 
 def test_work_of_another_range_is_measured_anew(files: Path) -> None:
     assert keys(files, (0, 8)).first_pass != keys(files, (0, 9)).first_pass
+
+
+def test_keys_count_and_for_the_first_pass_those_of_what_it_measures(files: Path) -> None:
+    def keyed(name: str, value: float) -> WorkKeys:
+        return keys(files, keys=[{"parameter": name, "time_s": [0, 1], "value": [1.0, value]}])
+
+    assert keyed("object.0.scale", 2.0) == keyed("object.0.scale", 2.0)
+    assert keyed("object.0.scale", 2.0).pictures != keyed("object.0.scale", 3.0).pictures
+    assert keyed("object.0.scale", 2.0).first_pass == keys(files).first_pass
+    assert keyed("light.peak", 2.0).first_pass != keyed("light.peak", 3.0).first_pass

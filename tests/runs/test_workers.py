@@ -16,11 +16,16 @@ from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
 
 LOSSLESS = ["output.segment_s=0.08", "output.codec=ffv1"]
+KEYS = """keys=[
+    {parameter = "sea.wind_speed", time_s = [0, 0.2], value = [2, 7]},
+    {parameter = "object.0.position_m.1", time_s = [0, 0.2], value = [-0.5, 0.3]},
+    {parameter = "water.sun_share", time_s = [0, 0.2], value = [0.4, 0.43]},
+]"""
 
 
 @pytest.fixture
 def scene(dive: SampleDive) -> Scene:
-    return load_scene(dive.scene, LOSSLESS)
+    return load_scene(dive.scene, [*LOSSLESS, KEYS])
 
 
 def pictures(path: Path) -> list[np.ndarray]:
@@ -30,10 +35,16 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def alone(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
-    """The pictures of a run by one process."""
+    """The pictures of a run by one process, of a clip whose parameters change from frame to frame."""
     out = tmp_path_factory.mktemp("alone") / "out.mkv"
-    uw.composite_video(load_scene(dive.scene, LOSSLESS), out, backend="reference")
+    uw.composite_video(load_scene(dive.scene, [*LOSSLESS, KEYS]), out, backend="reference")
     return pictures(out)
+
+
+def test_a_frame_of_keyed_parameters_is_the_same_alone(scene: Scene, alone: list[np.ndarray], tmp_path: Path) -> None:
+    out = tmp_path / "out.mkv"
+    uw.composite_video(scene, out, frames=(5, 6), backend="reference")
+    np.testing.assert_array_equal(pictures(out)[0], alone[5])
 
 
 def test_two_workers_make_the_same_frames_as_one_process(scene: Scene, alone: list[np.ndarray], tmp_path: Path) -> None:

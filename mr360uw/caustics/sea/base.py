@@ -5,15 +5,16 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.sea_state import mean_square_slope
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface, surface_jacobian, surface_normal
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import FULL_TURN_DEG, Parameters, parameter
 from mr360uw.shapes import common_shape, number
 from mr360uw.types import Surface
 
@@ -25,16 +26,33 @@ _SLOPE_GRID = 128
 """Points across the tile that the mean square slope is taken of."""
 
 
+WAVES_STAY = "waves would jump: the wind is what changes a sea, key sea.wind_speed"
+"""Advice on parameters that decide on the waves' lengths, directions or periods."""
+
+
 class SeaParameters(Parameters):
     """Parameters of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
 
     wind_speed: float = parameter(4.0, "wind speed 10 m above the sea", unit="m/s", low=0.0, high=40.0)
     wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
-    tile_m: float = parameter(8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0)
-    water_depth_m: float = parameter(1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0)
-    loop_s: float | None = parameter(
-        None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0
+    waves_of_wind_speed: float | None = parameter(
+        None, "wind whose longest waves the sea keeps room for, as keys of wind_speed set it; none: wind_speed",
+        unit="m/s", low=0.0, high=40.0, fixed=WAVES_STAY,
+    )  # fmt: skip
+    waves_of_wind_deg: tuple[float, float] | None = parameter(
+        None, "azimuths between which the wind turns, as keys of wind_direction_deg set them; none: it does not",
+        unit="deg", fixed=WAVES_STAY,
+    )  # fmt: skip
+    tile_m: float = parameter(
+        8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0, fixed=WAVES_STAY
     )
+    water_depth_m: float = parameter(
+        1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0, fixed=WAVES_STAY
+    )
+    loop_s: float | None = parameter(
+        None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
     detail_slope: float | None = parameter(
         None, "root mean square slope of all other waves; none: what the sea's own leave of Cox & Munk's for the wind",
         low=0.0, high=0.5,
@@ -42,15 +60,34 @@ class SeaParameters(Parameters):
     detail_kind: Literal["blur", "ripples"] = parameter(
         "blur", "blur: those waves blur caustics; ripples: two scrolling maps on the surface, for fine grids"
     )
-    detail_wavelength_m: float = parameter(0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0)
-    detail_speed: float = parameter(0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0)
+    detail_wavelength_m: float = parameter(
+        0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0, fixed=WAVES_STAY
+    )
+    detail_speed: float = parameter(
+        0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0, fixed=WAVES_STAY
+    )
     seed: int = parameter(1, "seed of the waves' directions and phases", low=0)
+
+    @model_validator(mode="after")
+    def _arc_ascends(self) -> Self:
+        arc = self.waves_of_wind_deg
+        if arc is not None and not 0.0 <= arc[1] - arc[0] <= FULL_TURN_DEG:
+            raise ValueError(f"waves_of_wind_deg - must ascend, by a turn at the most (got {list(arc)}) - sort them")
+        return self
 
     @property
     def wind_travel(self) -> Array:
         """Horizontal direction (2,) over (x, z) the wind blows towards."""
-        azimuth = math.radians(self.wind_direction_deg)
-        return np.array([math.sin(azimuth), -math.cos(azimuth)])
+        return _travel(self.wind_direction_deg)
+
+    @property
+    def ripples_travel(self) -> Array:
+        """Horizontal direction (2,) that ripples scroll in: the wind's, or the middle of those that it turns through.
+
+        Ripples are where their speed has carried them since time 0: turned with the wind, they would jump.
+        """
+        arc = self.waves_of_wind_deg
+        return self.wind_travel if arc is None else _travel(0.5 * (arc[0] + arc[1]))
 
     @property
     def own_mean_square_slope(self) -> float:
@@ -77,7 +114,7 @@ class SeaParameters(Parameters):
         if self.detail_kind == "blur" or self.detail_rms_slope == 0.0:
             return None
         return make_detail(
-            self.tile_m, self.detail_rms_slope, self.detail_wavelength_m, self.detail_speed * self.wind_travel,
+            self.tile_m, self.detail_rms_slope, self.detail_wavelength_m, self.detail_speed * self.ripples_travel,
             self.loop_s, self.seed, time_s,
         )  # fmt: skip
 
@@ -117,6 +154,11 @@ class SeaParameters(Parameters):
         return displaced_surface(
             x, z, self.grid_fields(size, time_s), 0.0 if detail is None else detail_slope(detail, x, z)
         )
+
+
+def _travel(azimuth_deg: float) -> Array:
+    azimuth = math.radians(azimuth_deg)
+    return np.array([math.sin(azimuth), -math.cos(azimuth)])
 
 
 @functools.lru_cache(maxsize=32)

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
-from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
+from mr360uw.caustics.sea.wind_waves import WaveBand, Wind, wind_waves
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.shapes import exactly, numbers
@@ -37,6 +37,9 @@ Complex = NDArray[np.complex128]
 
 _BLEND_FROM = 0.9
 """Fraction of the tile after which the blend of Thompson et al. 2019 into the neighbouring tile begins."""
+_MOST_TURN = 3.0
+"""Most that the wind may turn, over the waves' spread: at the ends 37 % of the waves carry the sea then. Twice as far,
+18 %."""
 _FOLDING = 1.0 + 1e-9
 """Greatest sum Q |k| A that counts as not folding over: 1, and rounding."""
 
@@ -44,7 +47,7 @@ _FOLDING = 1.0 + 1e-9
 class GerstnerWave(Parameters):
     """One explicit wave."""
 
-    wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m")
+    wave_vector: tuple[float, float] = parameter(..., "wave vector over (x, z)", unit="rad/m", fixed=WAVES_STAY)
     amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=1000.0)
     steepness: float = parameter(1.0, "horizontal over vertical amplitude", low=0.0, high=1.0)
     phase_rad: float = parameter(0.0, "phase at the origin at time 0", unit="rad")
@@ -91,13 +94,14 @@ class GerstnerSea(SeaParameters):
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
     spread_deg: float = parameter(
-        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0
-    )
+        55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
     dominant_wavelength_m: float | None = parameter(
-        None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0
+        None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
     )
     shortest_wavelength_m: float | None = parameter(
-        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
+        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
     )
     wave_count: int = parameter(24, "number of waves", low=1, high=512)
     tiling: Literal["lattice", "blend"] = parameter(
@@ -145,6 +149,17 @@ class GerstnerSea(SeaParameters):
             )
         return self
 
+    @model_validator(mode="after")
+    def _spreads_as_it_turns(self) -> Self:
+        arc = self.waves_of_wind_deg
+        if arc is not None and not self.explicit_waves and arc[1] - arc[0] > _MOST_TURN * self.spread_deg:
+            raise ValueError(
+                f"the wind turns too far for the spread of its waves (got {arc[1] - arc[0]:g} degrees, at most "
+                f"{_MOST_TURN:g} times spread_deg) - set sea.spread_deg to {(arc[1] - arc[0]) / _MOST_TURN:.0f}, or "
+                'sea.model to "spectral"'
+            )
+        return self
+
     @property
     def waves(self) -> Waves:
         """The explicit waves, or those that the parameters make."""
@@ -171,28 +186,15 @@ class GerstnerSea(SeaParameters):
         return Waves(k, amplitude, steepness, phase, frequency)
 
     def _random_waves(self) -> tuple[Array, Array, Array]:
-        """Return wave vectors, amplitudes and phases: lengths even in log k, directions about the wind.
-
-        Every octave has the same slope variance, as in the equilibrium range of a wind sea (Phillips 1958). The sum is
-        the part of the mean square slope of Cox & Munk 1954 that lies in the band.
-        """
+        """Return wave vectors, amplitudes and phases of the wind's waves."""
+        arc = self.waves_of_wind_deg
+        wind = Wind(
+            self.wind_speed, math.radians(self.wind_direction_deg), self.waves_of_wind_speed or self.wind_speed,
+            None if arc is None else (math.radians(arc[0]), math.radians(arc[1])),
+        )  # fmt: skip
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
-        longest = self.dominant_wavelength_m or peak_wavelength(self.wind_speed)
-        longest = max(min(longest, self.tile_m), shortest)
-        count = self.wave_count
-        random = np.random.default_rng([self.seed, 0x5EA])
-        place = (np.arange(count) + random.uniform(0.0, 1.0, count)) / count
-        length = 2.0 * np.pi / longest * (longest / shortest) ** place
-        angle = math.radians(self.spread_deg) * random.standard_normal(count)
-        phase = random.uniform(0.0, 2.0 * np.pi, count)
-        wx, wz = self.wind_travel
-        c, s = np.cos(angle), np.sin(angle)
-        k = length[:, None] * np.stack([c * wx - s * wz, s * wx + c * wz], axis=1)
-        if self.tiling == "lattice":
-            k = lattice_vector(k, self.tile_m)
-        variance = band_slope_variance(self.wind_speed, 2.0 * np.pi / longest, 2.0 * np.pi / shortest)
-        amplitude = math.sqrt(2.0 * variance / count) / np.linalg.norm(k, axis=1)
-        return k, amplitude, phase
+        band = WaveBand(self.tile_m, self.dominant_wavelength_m, shortest, math.radians(self.spread_deg))
+        return wind_waves(wind, band, self.wave_count, self.seed, lattice=self.tiling == "lattice")
 
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
 from mr360uw.caustics.sea.spectrum import variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
@@ -41,8 +41,9 @@ class SpectralSea(SeaParameters):
     swell: float = parameter(0.0, "0: wind sea, 1: long parallel crests", low=0.0, high=1.0)
     choppiness: float = parameter(0.7, "horizontal shift: 0 = none, 1 = circular orbits", low=0.0, high=2.0)
     shortest_wavelength_m: float | None = parameter(
-        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0
-    )
+        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0,
+        fixed=WAVES_STAY,
+    )  # fmt: skip
 
     @property
     def lattice(self) -> tuple[Array, Array]:
@@ -100,7 +101,7 @@ def _variance_of(sea: SpectralSea) -> Array:
     kx, kz = sea.lattice
     variance = variance_density(
         kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
-        sea.water_depth_m,
+        sea.water_depth_m, turns=sea.waves_of_wind_deg is not None,
     ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
     highest = np.arange(sea.resolution) == sea.resolution // 2
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0

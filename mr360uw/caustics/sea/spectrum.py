@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 _PHILLIPS_ALPHA = 8.1e-3
 """Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
+_FADING = 0.5
+"""Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
+half as much a wave fades in half the time."""
 
 
 def variance_density(
@@ -32,8 +35,13 @@ def variance_density(
     peak_enhancement: float,
     swell: float,
     water_depth_m: float,
+    *,
+    turns: bool = False,
 ) -> Array:
-    """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h)."""
+    """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h).
+
+    turns: the wind changes its direction; waves across it then fade out, so that none ends at once.
+    """
     k = np.hypot(kx, kz)
     if wind_speed == 0.0:
         return np.zeros(k.shape)
@@ -50,6 +58,9 @@ def variance_density(
             density = density * tma_factor(frequency, water_depth_m)
         spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m, swell)
         density = density * spread * group_speed(k, water_depth_m) / k
+    if turns:
+        edge = np.clip(cosine / _FADING, 0.0, 1.0)
+        density = density * edge**2 * (3.0 - 2.0 * edge)
     return np.where(used & (cosine > 0.0), density, 0.0)
 
 
@@ -79,7 +90,8 @@ def cosine_spread(angle: Array, frequency: Array, wind_speed: float, fetch_m: fl
     from scipy.special import gammaln
 
     ratio = frequency / peak_frequency(wind_speed, fetch_m)
-    s = np.where(ratio > 1.0, 9.77 * ratio**-2.5, 6.97 * ratio**5.0) + 16.0 * np.tanh(1.0 / ratio) * swell**2
+    # the branches meet at 1.046 peak frequencies: parted at the peak itself, a wave would jump as the wind grows
+    s = np.minimum(9.77 * ratio**-2.5, 6.97 * ratio**5.0) + 16.0 * np.tanh(1.0 / ratio) * swell**2
     log_normal = gammaln(s + 1.0) - gammaln(s + 0.5) - np.log(2.0 * np.sqrt(np.pi))
     half = np.maximum(np.abs(np.cos(0.5 * angle)), 1e-30)
     return np.exp(log_normal + 2.0 * s * np.log(half))

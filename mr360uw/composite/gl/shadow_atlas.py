@@ -141,6 +141,7 @@ class ShadowAtlas:
         return self._cache.get("shadow atlas", key, lambda: self._draw(tuple(frames), size))
 
     def _draw(self, frames: tuple[LightFrame, ...], size: int) -> Atlas:
+        self._cache.drop("shadow atlas")  # what is drawn now may replace it in the same target
         columns, rows = min(max(len(frames), 1), _COLUMNS), max(-(-len(frames) // _COLUMNS), 1)
         drawn, atlas = self._cache.get(
             "shadow targets", (columns, rows, size), lambda: _targets(columns * size, rows * size)

@@ -88,7 +88,7 @@ class Ground:
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
         x, y = np.broadcast_arrays(x, y)
         direction = shot.view.directions(x, y)
-        distance, normal = self._shape.meet_along(shot, x, y, direction)
+        distance, normal = self._shape.meet_along(shot.view, x, y, direction)
         there = np.isfinite(distance)
         point = direction * np.where(there, distance, 0.0)[..., None]
         return point, np.where(there[..., None], normal, 0.0)

@@ -23,7 +23,7 @@ from mr360uw.composite.receiver.shadow_box import mark_occluded, mark_shaded
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats, Rectangle, View
 
 RECTANGLE_COST_PX = 16384
 """Fixed cost of one rectangle, in pixels that take as long. Twice as large: fewer rectangles, more untouched pixels."""
@@ -51,9 +51,9 @@ class ReceiverShape:
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
         x, y = np.broadcast_arrays(x, y)
-        return self.meet_along(shot, x, y, shot.view.directions(x, y))
+        return self.meet_along(shot.view, x, y, shot.view.directions(x, y))
 
-    def meet_along(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return what `meet` does; direction: (..., 3) those of the view at frame coordinates x, y (...)."""
         receiver = self._receiver
         if receiver.plane_y is not None:
@@ -66,7 +66,7 @@ class ReceiverShape:
         elif self._scene is not None:
             distance, normal = self._meet_mesh(direction)
         else:
-            distance, normal = self._meet_map(shot, x, y, direction)
+            distance, normal = self._meet_map(view, x, y, direction)
         return np.where(distance <= receiver.extent_m, distance, np.inf), normal
 
     def _meet_mesh(self, direction: Floats) -> tuple[Floats, Floats]:
@@ -82,13 +82,13 @@ class ReceiverShape:
         normal[hit] = -flat * np.sign(np.sum(flat * rays[hit], -1, keepdims=True))
         return distance.reshape(direction.shape[:-1]), normal.reshape(direction.shape)
 
-    def _meet_map(self, shot: Shot, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    def _meet_map(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return distances and normals of a distance map, from the tangent plane of the nearest texel."""
         assert self._planes is not None
         rows, columns = self._planes.shape[:2]
-        i = np.floor(x * columns / shot.view.width).astype(np.int64) % columns
-        j = np.clip(np.floor(y * rows / shot.view.height).astype(np.int64), 0, rows - 1)
-        plane = np.asarray(self._planes[j, i], np.float64) @ shot.view.world_from_camera.T
+        i = np.floor(x * columns / view.width).astype(np.int64) % columns
+        j = np.clip(np.floor(y * rows / view.height).astype(np.int64), 0, rows - 1)
+        plane = np.asarray(self._planes[j, i], np.float64) @ view.world_from_camera.T
         size = np.linalg.norm(plane, axis=-1)
         # a plane nearly along the ray ends within the texel
         inverse = np.maximum(np.sum(plane * direction, -1), EDGE_ON * size)
@@ -122,7 +122,7 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     columns, rows = -(-width // cell[0]), -(-height // cell[1])
     x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height))
     direction = shot.view.directions(x, y)
-    distance, normal = shape.meet_along(shot, x, y, direction)
+    distance, normal = shape.meet_along(shot.view, x, y, direction)
     seen = np.isfinite(distance)
     if shot.medium is not None:
         through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])

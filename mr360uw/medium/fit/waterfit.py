@@ -9,8 +9,10 @@ is found.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,7 @@ from mr360uw.shapes import number
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
+Name = TypeVar("Name", bound=str)
 
 _REACH_RAD = np.radians(30.0)
 """Greatest elevation [rad] of the rows that are compared: above lies the surface.
@@ -153,29 +156,46 @@ def _fit(
         raise ParameterError(
             f"water - the plate is black about the horizon (got {measured.max(axis=0).tolist()}) - brighten it"
         )
-    log_measured = np.log(np.maximum(measured, 1e-4 * measured.max()))
     models = {name: _level_light(name, up, camera_depth_m, sensor, refractive_index) for name in JERLOV_TYPES}
-    results = {name: _compare(log_measured - np.log(light)) for name, (light, _) in models.items()}
+    found = compare_waters(measured, {name: light for name, (light, _) in models.items()})
+    light, kd = models[found.nearest]
+    return WaterFit(
+        water_type=found.nearest,
+        confidence=found.confidence,
+        residual=found.residual,
+        likelihood=found.likelihood,
+        kd=kd,
+        gain=found.gain,
+        camera_depth_m=float(camera_depth_m),
+        up=up,
+        measured=measured,
+        fitted=found.gain * light,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class WaterComparison(Generic[Name]):
+    """Waters against a profile; see `WaterFit` for the fields."""
+
+    nearest: Name
+    confidence: float
+    residual: dict[Name, float]
+    likelihood: dict[Name, float]
+    gain: Array
+
+
+def compare_waters(measured: Array, lights: Mapping[Name, Array]) -> WaterComparison[Name]:
+    """Return how waters of radiances (r, 3) compare with a measured profile (r, 3), each up to exposure and balance."""
+    log_measured = np.log(np.maximum(measured, 1e-4 * measured.max()))
+    results = {name: _compare(log_measured - np.log(light)) for name, light in lights.items()}
     misfit = {name: result[0] for name, result in results.items()}
     lowest = min(misfit.values())
     weight = {name: float(np.exp(-0.5 * (value - lowest))) for name, value in misfit.items()}
     likelihood = {name: value / sum(weight.values()) for name, value in weight.items()}
-    best = max(JERLOV_TYPES, key=lambda name: likelihood[name])
-    gain = np.exp(results[best][1])
-    light, kd = models[best]
+    best = max(lights, key=lambda name: likelihood[name])
     residual = {name: result[2] for name, result in results.items()}
-    return WaterFit(
-        water_type=best,
-        confidence=float(likelihood[best] * np.exp(-0.5 * (residual[best] / _MISFIT_SCALE) ** 2)),
-        residual=residual,
-        likelihood=likelihood,
-        kd=kd,
-        gain=gain,
-        camera_depth_m=float(camera_depth_m),
-        up=up,
-        measured=measured,
-        fitted=gain * light,
-    )
+    confidence = float(likelihood[best] * np.exp(-0.5 * (residual[best] / _MISFIT_SCALE) ** 2))
+    return WaterComparison(best, confidence, residual, likelihood, np.exp(results[best][1]))
 
 
 def _level_light(

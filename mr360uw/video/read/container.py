@@ -8,6 +8,7 @@ length of the clip. Decoding runs on all cores, outside Python's lock.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +26,7 @@ from mr360uw.video.read.index import FrameIndex, container_index, has_full_index
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.picture_order import Picture, pictures
 from mr360uw.video.read.probe import first_picture, open_container
-from mr360uw.video.read.reader import Damaged, VideoReader, check_range
+from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
 
 _SOUND_LONGER_S = 1.0
@@ -48,8 +49,9 @@ class ContainerReader(VideoReader):
     ) -> None:
         self._damaged = damaged
         with open_container(path) as (container, stream):
-            self._listed = container_index(stream) if has_full_index(container, stream) else None
+            listed = container_index(stream) if has_full_index(container, stream) else None
             first = first_picture(path, container, stream)
+            self._listed = None if listed is None else listed.begun_at(first.pts)
             context = stream.codec_context
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
@@ -123,20 +125,40 @@ class ContainerReader(VideoReader):
         start, stop = self.check_range(start, stop)
         return self._held(start, stop) if self._damaged == "hold" else self._decoded(start, stop)
 
+    @contextmanager
+    def seeker(self) -> Iterator[Seeker]:
+        """Yield a function of a start that reads on from there in the same open file; see `VideoReader`."""
+        if self._damaged == "hold":
+            with super().seeker() as anew:
+                yield anew
+            return
+        with open_container(self.path) as (container, stream):
+            yield lambda start: self._read(container, stream, *self.check_range(start), rewound=False)
+
+    def entry_before(self, index: int) -> int:
+        """Return the last frame up to another at which decoding may start."""
+        return self.index.entry_before(index)
+
     def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        """Yield frames of a pass of its own."""
+        with open_container(self.path) as (container, stream):
+            yield from self._read(container, stream, start, stop)
+
+    def _read(
+        self, container: Any, stream: Any, start: int, stop: int, *, rewound: bool = True
+    ) -> Iterator[VideoFrame]:
         """Yield frames; `DamagedFrameError` at the first that is lost."""
         reached, reason = start, ""
-        with open_container(self.path) as (container, stream):
-            for picture in pictures(container, stream, self.index, start):
-                if picture.index < start:
-                    continue
-                reached, reason = picture.index, picture.reason
-                if picture.native is None:
-                    break
-                yield self._frame(picture.index, picture.pts, picture.native)
-                reached += 1
-                if reached == stop:
-                    return
+        for picture in pictures(container, stream, self.index, start, self._reorder, rewound=rewound):
+            if picture.index < start:
+                continue
+            reached, reason = picture.index, picture.reason
+            if picture.native is None:
+                break
+            yield self._frame(picture.index, picture.pts, picture.native)
+            reached += 1
+            if reached == stop:
+                return
         raise DamagedFrameError(
             f"{self.path} - cannot be decoded after frame {reached - 1} of {self.frame_count} (got "
             f"{reason or 'no picture'}) - the file is damaged; get an intact copy, take frames 0:{reached}, or set "

@@ -153,6 +153,10 @@ class ImageReader(VideoReader):
         FRAMES.check(f"{self.path} frames", stop, VideoError)
         return start, stop
 
+    def file_of(self, index: int) -> Path:
+        """Return the picture of a frame."""
+        return self._files[0 if self.is_still else min(index, len(self._files) - 1)]
+
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop; a still repeats, one frame by default."""
         return self._read(*self.check_range(start, stop))

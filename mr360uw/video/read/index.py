@@ -7,7 +7,7 @@ cuts away are marked and do not count. Other containers are read through once (p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ class FrameIndex:
 
     stamp: the time stamp by which a packet is found: that of decoding (MP4) or else of presentation. keyframe:
     decoding can start here. shown: False for packets that an edit list cuts away. end_byte: first byte after the
-    packet in the file, 0 where unknown. by_dts: whether `stamp` is that of decoding.
+    packet in the file, 0 where unknown. by_dts: whether `stamp` is that of decoding. delay: time from the decoding of
+    the first picture to its presentation, for `stamp` of decoding.
     """
 
     stamp: NDArray[np.int64]
@@ -28,6 +29,21 @@ class FrameIndex:
     shown: NDArray[np.bool_]
     end_byte: NDArray[np.int64]
     by_dts: bool
+    delay: int = 0
+
+    def begun_at(self, pts: int) -> FrameIndex:
+        """Return the index of a clip whose first picture is presented at a time stamp."""
+        first = int(np.argmax(self.shown))
+        return replace(self, delay=pts - int(self.stamp[first]) if self.by_dts and len(self.stamp) else 0)
+
+    def presentation(self, position: int) -> int:
+        """Return the time stamp of presentation of a keyframe, by which containers are sought; it may be late."""
+        return int(self.stamp[position]) + self.delay
+
+    def entry_before(self, frame: int) -> int:
+        """Return the last frame up to another at which decoding may start."""
+        entries = self.entry_points(frame)
+        return self.shown_before(entries[0]) if entries else 0
 
     @property
     def frame_count(self) -> int:

@@ -34,16 +34,25 @@ class Picture:
     reason: str = ""
 
 
-def pictures(container: Any, stream: Any, index: FrameIndex, start: int) -> Iterator[Picture]:
-    """Yield the pictures of a file that has just been opened, from one at or before `start` on, lost ones too.
+def pictures(
+    container: Any, stream: Any, index: FrameIndex, start: int, reorder: int | None = None, *, rewound: bool = True
+) -> Iterator[Picture]:
+    """Yield the pictures of an open file, from one at or before `start` on, lost ones too.
+
+    reorder: most pictures by which decoding runs ahead of presentation; pictures before `start` that no other refers to
+    are then left out as if lost. None decodes all. rewound: whether nothing of the file has been read yet.
 
     After a seek, pictures that are shown before the keyframe but decoded after it (an open group of pictures) count
     as frames before it and are dropped: their references may be missing.
     """
-    packets, number, first = _entry(container, stream, index, start)
+    at_start = start == 0 and rewound
+    entry = (_demuxed(container, stream), 0, _ANY_TIME) if at_start else _entry(container, stream, index, start)
+    packets, number, first = entry
     announced: list[int] = []
-    reason = ""
-    for packet in packets:
+    reason, context = "", stream.codec_context
+    needed = number if reorder is None else start - reorder
+    for place, packet in enumerate(packets, number):
+        context.skip_frame = "NONREF" if place < needed else "DEFAULT"
         if packet.pts is not None and packet.pts >= first and not packet.is_discard:
             heapq.heappush(announced, packet.pts)
         try:
@@ -79,10 +88,8 @@ def _entry(container: Any, stream: Any, index: FrameIndex, start: int) -> tuple[
 
     Returns the packets from there on, the number of the first picture, and its time stamp.
     """
-    if start == 0:
-        return _demuxed(container, stream), 0, _ANY_TIME
     for entry in index.entry_points(start):
-        container.seek(int(index.stamp[entry]), stream=stream, backward=True)
+        container.seek(index.presentation(entry), stream=stream, backward=True)
         packets = _demuxed(container, stream)
         head: list[Any] = []
         for packet in packets:
@@ -97,5 +104,5 @@ def _entry(container: Any, stream: Any, index: FrameIndex, start: int) -> tuple[
         number = index.shown_before(position) + leading
         if number <= start:
             return chain(head, packets), number, key.pts
-    container.seek(int(index.stamp[0]), stream=stream, backward=True)
+    container.seek(index.presentation(0), stream=stream, backward=True)
     return _demuxed(container, stream), 0, _ANY_TIME

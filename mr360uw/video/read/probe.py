@@ -13,6 +13,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
+from mr360uw.reading.files_read import note_read
 from mr360uw.reading.limits import PICTURE
 from mr360uw.video.metadata.mp4 import cut_short
 
@@ -37,7 +38,7 @@ def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -
 
 
 def check_file(path: Path) -> None:
-    """Raise VideoError where there is no file with something in it."""
+    """Raise VideoError where there is no file with something in it; note that it is read."""
     if not path.exists():
         raise VideoError(f"{path} - no such file - check the path")
     if path.is_dir():
@@ -46,6 +47,7 @@ def check_file(path: Path) -> None:
         raise VideoError(f"{path} - is a device or a pipe, which cannot be read twice - save it as a file first")
     if path.stat().st_size == 0:
         raise VideoError(f"{path} - the file is empty (got 0 bytes) - copy or record it again")
+    note_read(path)
 
 
 @contextmanager

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, Self
 
@@ -16,6 +17,9 @@ from mr360uw.video.video_frame import VideoFrame
 
 Damaged = Literal["stop", "hold"]
 """What happens at a frame that cannot be decoded: an error, or the last good frame once more."""
+
+Seeker = Callable[[int], Iterator[VideoFrame]]
+"""Frames from a start on, to the end of the clip; of a still its one."""
 
 
 class VideoReader(Clip, ABC):
@@ -35,6 +39,10 @@ class VideoReader(Clip, ABC):
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the plate does not hold all of these frames."""
 
+    def file_of(self, index: int) -> Path:  # noqa: ARG002 - sequences have one for each frame
+        """Return the file that holds a frame."""
+        return self.path
+
     @abstractmethod
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames start <= index < stop (to the end by default).
@@ -42,6 +50,18 @@ class VideoReader(Clip, ABC):
         Frame k is the same however it is reached. The range is checked at once, the frames are decoded as they are
         asked for. Use each iterator from one thread; several may run side by side.
         """
+
+    @contextmanager
+    def seeker(self) -> Iterator[Seeker]:
+        """Yield a function of a start that returns the frames from there on, to go to and fro in a file kept open.
+
+        Each call ends the pass of the one before.
+        """
+        yield self.frames
+
+    def entry_before(self, index: int) -> int:
+        """Return the last frame up to another that is read without others before it."""
+        return index
 
     def __enter__(self) -> Self:
         return self

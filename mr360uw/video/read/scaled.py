@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,21 +25,28 @@ def scaled(plate: VideoReader, scale: float) -> VideoReader:
 
     Raises `ParameterError` unless 0 < scale <= 1 and at least 16 rows are left.
     """
-    if not 0.0 < scale <= 1.0:
-        raise ParameterError(f"scale - must be > 0 and <= 1 (got {scale}) - give 0.25 for a quarter of the width")
     if scale == 1.0:
         return plate
+    return _ScaledReader(plate, *scaled_size(plate, scale))
+
+
+def scaled_size(plate: Clip, scale: float) -> tuple[int, int]:
+    """Return the width and height of the frames of `scaled`; raise as it does."""
+    if scale == 1.0:
+        return plate.width, plate.height
+    if not 0.0 < scale <= 1.0:
+        raise ParameterError(f"scale - must be > 0 and <= 1 (got {scale}) - give 0.25 for a quarter of the width")
     width, height = (2 * round(0.5 * scale * size) for size in (plate.width, plate.height))
     if height < _LEAST_ROWS:
         raise ParameterError(
             f"scale - leaves frames of {width}x{height} of {plate.width}x{plate.height} (got {scale}) - give at least "
             f"{_LEAST_ROWS / plate.height:.2g}"
         )
-    return _ScaledReader(plate, width, height)
+    return width, height
 
 
 class _ScaledReader(VideoReader):
-    """Every pixel is the mean of the codes that it covers. Frames keep their index and time stamps."""
+    """Reduces frames by `smaller`. Frames keep their index and time stamps."""
 
     def __init__(self, plate: VideoReader, width: int, height: int) -> None:
         kept: dict[str, Any] = {field.name: getattr(plate, field.name) for field in fields(Clip)}
@@ -66,18 +74,26 @@ class _ScaledReader(VideoReader):
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames; see `VideoReader`."""
-        return (self._smaller(frame) for frame in self._plate.frames(start, stop))
+        return (smaller(frame, self.width, self.height) for frame in self._plate.frames(start, stop))
 
-    def _smaller(self, frame: VideoFrame) -> VideoFrame:
-        if frame.yuv is None:
-            assert frame.rgb is not None
-            return replace(frame, rgb=_reduced(frame.rgb, self.width, self.height))
-        old, (height, width) = frame.yuv, frame.shape
-        y, u, v = (
-            _reduced(plane, self.width * plane.shape[1] // width, self.height * plane.shape[0] // height)
-            for plane in (old.y, old.u, old.v)
-        )
-        return replace(frame, yuv=YuvImage(y, u, v, old.spec), native=None)
+    def file_of(self, index: int) -> Path:
+        """Return the file that holds a frame."""
+        return self._plate.file_of(index)
+
+
+def smaller(frame: VideoFrame, width: int, height: int) -> VideoFrame:
+    """Return a frame reduced to an even size; every pixel is the mean of the codes that it covers."""
+    if frame.shape == (height, width):
+        return frame
+    if frame.yuv is None:
+        assert frame.rgb is not None
+        return replace(frame, rgb=_reduced(frame.rgb, width, height))
+    old, (rows, columns) = frame.yuv, frame.shape
+    y, u, v = (
+        _reduced(plane, width * plane.shape[1] // columns, height * plane.shape[0] // rows)
+        for plane in (old.y, old.u, old.v)
+    )
+    return replace(frame, yuv=YuvImage(y, u, v, old.spec), native=None)
 
 
 def _reduced(plane: NDArray[Any], width: int, height: int) -> NDArray[Any]:

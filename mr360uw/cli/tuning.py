@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command that serves the tuning page."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mr360uw.cli.options import BackendOption
+from mr360uw.errors import Mr360uwError
+
+_NEEDED = ("nicegui", "tomlkit")
+
+
+def tune(
+    source: Annotated[Path, typer.Argument(metavar="SCENE_OR_VIDEO", help="scene file (TOML), or a 360 plate")],
+    mesh: Annotated[
+        Path | None, typer.Argument(help="with a plate: glTF, OBJ, PLY or STL; a scene is written as `new` does")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="default: 8360, or a free one", show_default=False)] = None,
+    host: Annotated[
+        str, typer.Option(help="address to listen on; others than this machine's need a token")
+    ] = "127.0.0.1",
+    token: Annotated[str | None, typer.Option(help="instead of a random one, for other hosts")] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="only print the address")] = False,
+    backend: BackendOption = "auto",
+) -> None:
+    """Tune a scene by eye in a browser: every parameter, frame by frame."""
+    if any(importlib.util.find_spec(name) is None for name in _NEEDED):
+        raise Mr360uwError("tune - needs packages that are not installed - pip install mr360uw[tune]")
+    from mr360uw.scene.template import write_scene
+    from mr360uw.tune.editing.document import Document
+
+    scene = source
+    if mesh is not None:
+        scene = write_scene(source, mesh)
+        typer.echo(f"wrote {scene}")
+    document = Document(scene)
+
+    from mr360uw.tune.server import serve
+
+    def tell(text: str) -> None:
+        typer.echo(text)
+        if text.startswith("http") and not no_browser:
+            threading.Thread(target=webbrowser.open, args=(text,), daemon=True).start()
+
+    try:
+        serve(document, host=host, port=port, token=token, backend=backend, tell=tell)
+    except KeyboardInterrupt:
+        return

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a sea from the features of its caustics, by regression over seas that are made for the purpose.
+
+    ln p = mean + w.(features - their mean)/their standard deviation        w: ridge regression over N made seas
+
+The made seas have random waves of their own, and differ in what a plate does not tell: how much of the light is the
+sun's beam, and how wide a pixel's footprint is. What depends on these, or on chance, gets little weight. A first round
+covers the whole range of every parameter, a second one the neighbourhood of what the first finds. The error of each
+made sea when it is left out of its own regression, times `_STRAY`, is the uncertainty of the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.settings import Sea
+from mr360uw.match.modelled_floor import ModelledFloor
+from mr360uw.match.pattern_features import pattern_features
+from mr360uw.match.pattern_measures import PatternMeasures, pattern_measures, relative_light
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+SEAS = (52, 64)
+"""Seas of the first and of the second round. With half as many the errors are a fifth larger."""
+_REACH, _LEAST_REACH = 2.0, 0.5
+"""Half width of the second round in standard deviations of the first, and at least in the logarithm."""
+_FOOTPRINT_MEAN, _FOOTPRINT_SIGMA = -0.05, 0.2
+"""Mean and standard deviation of the logarithm of the footprint over the made seas, against that of a pixel: codecs
+blur, and the maps are averaged a little more than the plate is."""
+_STRAY = np.array([1.8, 1.0])
+"""Errors of wind and wave in dives read back from video over those of made seas: what a codec does to the sharpest
+lines, on which the wind rests."""
+_RIDGE = 3.0
+"""Weight of the ridge, in seas. Between 1 and 10 errors differ by a tenth."""
+_FARTHEST = 3.0
+"""Standard deviations at which a plate's feature is cut off: farther out the regression holds no longer."""
+_FIRST_SEED = 1000
+_PLASTIC = 1.32471795724474602596
+"""Root of x^3 = x + 1, whose powers make an even sequence of pairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """One parameter of a sea that is fitted: its name, range, unit, and the words for it."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    words: str
+
+
+def fitted_parameters(sea: Sea) -> tuple[Fitted, Fitted]:
+    """Return what is fitted of a sea: wind, and its dominant wave or, of a spectrum, the fetch that sets it."""
+    wind = Fitted("wind_speed", 0.8, 12.0, "m/s", "a wind of")
+    if sea.model == "spectral":
+        return wind, Fitted("fetch_m", 300.0, 1e6, "m", "a fetch of")
+    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
+    least = min(2.5 * shortest, 0.5 * sea.tile_m)
+    return wind, Fitted("dominant_wavelength_m", least, sea.tile_m, "m", "a dominant wave of")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeaFit:
+    """A fitted sea.
+
+    value: (2,) of `fitted_parameters`. sigma: (2,) standard deviation of their logarithms. told: (2,) fraction of the
+    variance of the first round that is gone: near 0 the pattern does not tell the parameter. direction_deg: azimuth of
+    the wind. misfit: rms deviation of the plate's features from those of such seas, 1 = as one of them.
+    """
+
+    value: Array
+    sigma: Array
+    told: Array
+    direction_deg: float
+    misfit: float
+
+
+Measure = Callable[[Floats], tuple[PatternMeasures, Array]]
+"""Light (T, n, n) -> measures and features."""
+
+
+def measurer(pixel_m: float, step_s: float, edges_m: Array) -> Measure:
+    """Return the function that measures floors of one kind."""
+
+    def measure(light: Floats) -> tuple[PatternMeasures, Array]:
+        relative = relative_light(light)
+        found = pattern_measures(relative, pixel_m, step_s, edges_m)
+        return found, pattern_features(relative, found, pixel_m, float(edges_m[0]))
+
+    return measure
+
+
+def fit_sea(
+    sea: Sea,
+    floor: ModelledFloor,
+    measure: Measure,
+    plate: PatternMeasures,
+    features: Array,
+    doubt: float = 0.0,
+    made: Callable[[int], object] = lambda _: None,
+) -> SeaFit:
+    """Return the sea of a plate's pattern with the features (f,).
+
+    doubt: standard deviation of the logarithm of the beam's fraction of the light. made: counts the seas made so
+    far.
+    """
+    fitted = fitted_parameters(sea)
+    low, high = np.log([[p.low, p.high] for p in fitted]).T
+    azimuth = plate.azimuth_deg
+    first = _made_seas(sea, azimuth, low, high, SEAS[0], floor, measure, doubt, made, 0)
+    middle, rough, _ = _regressed(first, features)
+    azimuth -= first.turn_deg
+    reach = np.maximum(_LEAST_REACH, _REACH * rough)
+    near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
+    near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
+    second = _made_seas(sea, azimuth, near_low, near_high, SEAS[1], floor, measure, doubt, made, SEAS[0])
+    value, sigma, misfit = _regressed(second, features)
+    value = np.clip(value, low, high)
+    sigma = sigma * _STRAY
+    told = 1.0 - (sigma / first.parameters.std(axis=0)) ** 2
+    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second.turn_deg) % 360.0, misfit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
+
+    parameters: Array
+    features: Array
+    turn_deg: float
+
+
+def _made_seas(
+    sea: Sea,
+    azimuth_deg: float,
+    low: Array,
+    high: Array,
+    count: int,
+    floor: ModelledFloor,
+    measure: Measure,
+    doubt: float,
+    made: Callable[[int], object],
+    before: int,
+) -> _Made:
+    random = np.random.default_rng([before, count])
+    place = (0.5 + np.arange(1, count + 1)[:, None] * np.array([1.0 / _PLASTIC, 1.0 / _PLASTIC**2])) % 1.0
+    parameters = low + place * (high - low)
+    names = [p.name for p in fitted_parameters(sea)]
+    rows, turns = [], []
+    for k in range(count):
+        values = dict(zip(names, np.exp(parameters[k]).tolist(), strict=True))
+        one = sea.model_copy(
+            update={**values, "wind_direction_deg": azimuth_deg, "seed": _FIRST_SEED + before + k, "loop_s": None}
+        )
+        chance = random.standard_normal(2)
+        beam, footprint = np.exp(doubt * chance[0]), np.exp(_FOOTPRINT_MEAN + _FOOTPRINT_SIGMA * chance[1])
+        here = replace(floor, beam=min(floor.beam * beam, 1.0), footprint_m=floor.footprint_m * footprint)
+        found, features = measure(here.light(one))
+        rows.append(features)
+        turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))
+        made(before + k + 1)
+    return _Made(parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns)))))
+
+
+def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
+    """Return the logarithms (2,) of the parameters of features (f,), their standard deviations, and the misfit."""
+    mean, spread = made.features.mean(axis=0), made.features.std(axis=0) + 1e-9
+    x = (made.features - mean) / spread
+    y = made.parameters - made.parameters.mean(axis=0)
+    gram = x @ x.T
+    smoother = gram @ np.linalg.inv(gram + _RIDGE * np.eye(len(x)))
+    # each sea left out of its own regression; the mean takes one part in N
+    left = (y - smoother @ y) / (1.0 - np.diag(smoother) - 1.0 / len(x))[:, None]
+    at = np.clip((features - mean) / spread, -_FARTHEST, _FARTHEST)
+    value = at @ x.T @ np.linalg.solve(gram + _RIDGE * np.eye(len(x)), y)
+    # what features of such seas are, and how far they stray
+    terms = np.column_stack([np.ones(len(y)), y, y**2, y[:, :1] * y[:, 1:]])
+    expected, *_ = np.linalg.lstsq(terms, x, rcond=None)
+    stray = np.maximum((x - terms @ expected).std(axis=0), 0.05)
+    here = np.concatenate([[1.0], value, value**2, value[:1] * value[1:]])
+    misfit = float(np.sqrt(np.mean((((features - mean) / spread - here @ expected) / stray) ** 2)))
+    return made.parameters.mean(axis=0) + value, left.std(axis=0), misfit

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits a scene's water to patches of open water that a user marks in the plate.
+
+The solved light of every water at the camera's depth, with the scene's sky, is compared with the patch: its colour and
+how that changes with elevation (`medium.fit.waterfit`). Exposure is free, a white balance is allowed at a cost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import encode
+from mr360uw.errors import ParameterError
+from mr360uw.medium import Medium, WaterSettings
+from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
+from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters
+from mr360uw.medium.jerlov import JERLOV_TYPES
+from mr360uw.render.camera import CameraPath
+from mr360uw.render.plate_map import level_view
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.sphere import direction_from_angles, frame_from_direction
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame
+
+Array = NDArray[np.float64]
+
+VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
+"""Visibilities [m] that are tried where the scene gives one: steps of a factor of 1.4, less than types differ by."""
+_BANDS = 31
+"""Wavelengths of the light field: 10 nm apart, far finer than waters differ."""
+_ROWS, _COLUMNS = 16, 32
+"""Elevations and azimuths at which a patch is read."""
+_MOST_FRAMES = 6
+_DARK = 1e-4
+"""Linear light of a patch below which it is black."""
+_UNLIKE = 0.4
+"""Rms deviation of the logarithm from the nearest water above which no water is named: dives have 0.02 to 0.15."""
+_MOST_RED = 1.0
+"""Red over green above which a patch is no water: water absorbs red first."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaterPatch:
+    """A square of open water. yaw_deg: of its middle, 0 = ahead, + = right; pitch_deg: + = up; size_deg: its side."""
+
+    yaw_deg: float
+    pitch_deg: float
+    size_deg: float
+
+    def __post_init__(self) -> None:
+        half = 0.5 * self.size_deg
+        if not (math.isfinite(self.yaw_deg) and 0.5 <= self.size_deg <= 90.0 and abs(self.pitch_deg) + half < 89.0):
+            got = f"{self.yaw_deg:g},{self.pitch_deg:g},{self.size_deg:g}"
+            raise ParameterError(f"water - is no patch (got {got}) - give yaw,pitch,size in degrees, size 0.5 to 90")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterMatch:
+    """The result of `match_water`.
+
+    sentence: the result in words. changes: {key of the scene: value}; empty where the water is right or cannot be told.
+    confidence: 0 to 1, see `WaterFit`. candidates: (name, likelihood, rms deviation of the logarithm), likeliest first.
+    plate_code, before_code, after_code: (3,) sRGB code values, 0 to 255, of the patches in the plate and of the water
+    of the scene, before and after; rms_before, rms_after: deviation over rows and channels in code values.
+    """
+
+    sentence: str
+    changes: dict[str, str | float | tuple[float, float, float]] = field(default_factory=dict)
+    confidence: float = 0.0
+    candidates: tuple[tuple[str, float, float], ...] = ()
+    plate_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    before_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    after_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rms_before: float = math.nan
+    rms_after: float = math.nan
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """The changes as `load_scene` and `--set` take them."""
+        return tuple(f"{key}={_toml(value)}" for key, value in self.changes.items())
+
+
+def match_water(
+    scene: Scene, patch: WaterPatch | Sequence[WaterPatch], frames: int | tuple[int, int] = 0
+) -> WaterMatch:
+    """Return the water whose solved veil is nearest to the plate in patches of open water.
+
+    frames: one, or a range [a, b) that a few are taken of. A scene with `water.visibility_m` gets another visibility,
+    any other a Jerlov type; where the horizon shows no open water, or the scene's gain is fixed, the gain of the veil
+    as well. Raises `ParameterError` for patches that are black or no water, `VideoError`.
+    """
+    patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
+    if not patches:
+        raise ParameterError("water - has no patch (got none) - mark one")
+    if scene.water.type == "none":
+        return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
+    up, measured, levels = _read(scene, patches, frames)
+    if float(measured.max()) < _DARK:
+        raise ParameterError(f"water - the patch is black (got {measured.max():.2g} of white) - mark a lighter one")
+    if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
+        raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
+    depth = scene.camera.depth_m
+    media = {name: _medium(water, depth) for name, water in _candidates(scene.water).items()}
+    found = compare_waters(measured, {name: np.maximum(m.level_radiance(up), 1e-12) for name, m in media.items()})
+    before = _medium(scene.water, depth)
+    best = media[found.nearest]
+    doubtful = fit_level(best, levels)[1] >= DOUBTFUL
+    given = scene.water.gain != "auto"
+    was = np.array(scene.water.gain) if given else fit_level(before, levels)[0]
+    now = found.gain if given or doubtful else fit_level(best, levels)[0]
+    changes: dict[str, str | float | tuple[float, float, float]] = {}
+    if found.residual[found.nearest] > _UNLIKE:
+        pass  # no water has this colour
+    elif scene.water.visibility_m is not None:
+        if float(found.nearest) != scene.water.visibility_m:
+            changes["water.visibility_m"] = float(found.nearest)
+    elif found.nearest != scene.water.type:
+        changes["water.type"] = found.nearest
+    if given or doubtful:
+        red, green, blue = (float(f"{g:.4g}") for g in now)
+        changes["water.gain"] = red, green, blue
+    plate, old, new = (
+        _codes(light) for light in (measured, was * before.level_radiance(up), now * best.level_radiance(up))
+    )
+    rms_before, rms_after = (float(np.sqrt(np.mean((codes - plate) ** 2))) for codes in (old, new))
+    return WaterMatch(
+        _sentence(scene.water, found, rms_before, rms_after, doubtful),
+        changes,
+        found.confidence,
+        tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
+        plate_code=_mean(plate),
+        before_code=_mean(old),
+        after_code=_mean(new),
+        rms_before=rms_before,
+        rms_after=rms_after,
+    )
+
+
+def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
+    """Return the waters that are tried, by the value of the key that makes them."""
+    if water.visibility_m is not None:
+        return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in VISIBILITIES_M}
+    return {name: water.model_copy(update={"type": name}) for name in JERLOV_TYPES}
+
+
+def _medium(water: WaterSettings, depth_m: float) -> Medium:
+    """Return the solved medium of a water, without a gain."""
+    solved = water.model_copy(update={"bands": _BANDS, "mode": "table", "gain": (1.0, 1.0, 1.0)})
+    medium = solved.medium(depth_m)
+    assert medium is not None
+    return medium
+
+
+def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, int]) -> tuple[Array, Array, LevelView]:
+    """Return the y of the rows' directions (r,), their light (r, 3), and the horizon: means over the frames."""
+    start, stop = (frames, frames + 1) if isinstance(frames, int) else frames
+    camera = CameraPath.of(scene)
+    elevation, azimuth = _directions(patches)
+    light, levels = [], []
+    with open_plate(scene) as video:
+        start, stop = video.check_range(start, stop)
+        chosen = np.unique(np.linspace(start, stop - 1, min(_MOST_FRAMES, stop - start)).astype(int))
+        for index in chosen:
+            frame = next(iter(video.frames(int(index), int(index) + 1)))
+            rotation = camera.at(frame.time_s)[1]
+            light.append(_rows(frame, rotation, elevation, azimuth))
+            levels.append(level_view(frame.pixels, rotation[1]))
+    level = LevelView(levels[0].up, np.mean([one.radiance for one in levels], axis=0))
+    return np.sin(elevation), np.mean(light, axis=0), level
+
+
+def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
+    """Return the elevations (r,) of all rows and their azimuths (r, c) [rad]."""
+    elevation, azimuth = [], []
+    for patch in patches:
+        rows = patch.pitch_deg + patch.size_deg * (0.5 - (np.arange(_ROWS) + 0.5) / _ROWS)
+        across = patch.yaw_deg + patch.size_deg * ((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) / np.cos(
+            np.radians(patch.pitch_deg)
+        )
+        elevation.append(np.radians(rows))
+        azimuth.append(np.broadcast_to(np.radians(across), (_ROWS, _COLUMNS)))
+    return np.concatenate(elevation), np.concatenate(azimuth)
+
+
+def _rows(frame: VideoFrame, rotation: Floats, elevation: Array, azimuth: Array) -> Array:
+    """Return the typical light (r, 3) of rows of a frame: the median over each, which passes by fish and particles."""
+    picture = frame.image_linear
+    high = np.broadcast_to(elevation[:, None], azimuth.shape)
+    ray = np.moveaxis(direction_from_angles(azimuth, high), 0, -1) @ rotation  # type: ignore[arg-type]
+    height, width = picture.shape[:2]
+    column, row = frame_from_direction(ray, width, height)
+    at = np.clip(row.astype(np.int64), 0, height - 1), column.astype(np.int64) % width
+    return np.maximum(np.median(picture[at], axis=1), 0.0).astype(np.float64)
+
+
+def _codes(light: Floats) -> Array:
+    return np.asarray(255.0 * encode(np.clip(light, 0.0, 1.0), "srgb"), np.float64)
+
+
+def _mean(codes: Array) -> tuple[float, float, float]:
+    red, green, blue = codes.mean(axis=0).tolist()
+    return red, green, blue
+
+
+def _toml(value: str | float | tuple[float, ...]) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(f"{v:g}" for v in value) + "]"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def _sentence(
+    water: WaterSettings, found: WaterComparison[str], rms_before: float, rms_after: float, doubtful: bool
+) -> str:
+    """Return the result in plain words."""
+    if found.residual[found.nearest] > _UNLIKE:
+        return (
+            f"No water has the colour of the patch (nearest is {found.nearest}, off by a factor of "
+            f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has "
+            "changed it, or it shows something else. Set water.gain to fit the veil."
+        )
+    name = f"a visibility of {found.nearest} m" if water.visibility_m is not None else f"type {found.nearest}"
+    sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
+    text = (
+        f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); its veil then differs from the "
+        f"patch by {rms_after:.1f} code values, before by {rms_before:.1f}."
+    )
+    if doubtful:
+        text += " The horizon shows little open water, so the gain of the veil is taken from the patch."
+    return text

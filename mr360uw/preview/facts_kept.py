@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts of a clip, measured once and used while the settings that they depend on stay as they were."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mr360uw.cache import Cache, Same
+from mr360uw.progress import Progress
+from mr360uw.reading.kept_reads import stamp
+from mr360uw.render.calm import CalmPlate
+from mr360uw.render.first_pass import ClipFacts, clip_facts
+from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_pattern import waves_key
+from mr360uw.video import VideoReader
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Facts, and what they depend on. of_ground: what the calm ground depends on besides."""
+
+    of_clip: Hashable
+    of_ground: Hashable
+    facts: ClipFacts
+
+
+class KeptFacts:
+    """The facts of the clip that was measured last. kept: holds its calm ground at the size of frames."""
+
+    def __init__(self, kept: Cache) -> None:
+        self._kept = kept
+        self._last: _Measured | None = None
+
+    def measure(self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None) -> ClipFacts:
+        """Return the facts of a scene's clip, and keep them. plate: at full size. video: at the scene's own."""
+        facts = clip_facts(loaded, video, progress)
+        self._last = _Measured(_of_clip(loaded, plate), _of_ground(loaded), facts)
+        return facts
+
+    def of(self, loaded: Loaded, plate: VideoReader) -> ClipFacts:
+        """Return the facts for frames of a scene; those that are not known for its settings are left out."""
+        last = self._last
+        if last is None or last.of_clip != _of_clip(loaded, plate):
+            return ClipFacts()
+        calm = last.facts.calm
+        if calm is None or last.of_ground != _of_ground(loaded):
+            return replace(last.facts, calm=None)
+        size = loaded.width, loaded.height
+        return replace(last.facts, calm=self._kept.get("calm", (calm, size), lambda: _reduced(calm, *size)))
+
+
+def _of_clip(loaded: Loaded, plate: VideoReader) -> Hashable:
+    scene, plan = loaded.scene, loaded.plan
+    files = tuple((path, stamp(path)) for path in loaded.other_files)
+    wanted = plan.track_sun.runs, plan.track_gain.runs
+    return Same(plate), scene.camera, scene.water, scene.light, scene.keys, files, wanted
+
+
+def _of_ground(loaded: Loaded) -> Hashable:
+    return loaded.plan.pattern.runs, loaded.scene.receiver, waves_key(loaded.scene)
+
+
+def _reduced(calm: CalmPlate, width: int, height: int) -> CalmPlate:
+    import cv2
+
+    if calm.mean is None or calm.mean.shape[:2] == (height, width):
+        return calm
+    small: Any = cv2.resize(calm.mean.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    return replace(calm, mean=small.astype(np.float16))

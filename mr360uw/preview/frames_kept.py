@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of plates at any size, in any order: readers stay open, and the last few frames are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.reading.kept_reads import KeptReads, stamp
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene, at_scale
+from mr360uw.video import VideoFrame, VideoReader
+from mr360uw.video.read.reader import Seeker
+from mr360uw.video.read.scaled import scaled_size, smaller
+
+_KEPT_FRAMES = 8
+"""Frames that are kept at the size they were asked for: 6 MB each at 2048 x 1024."""
+
+
+@dataclass(slots=True)
+class _OpenPlate:
+    """A plate whose file is open. frames: the pass that goes on; next_index: of the frame that comes next in it."""
+
+    reader: VideoReader
+    seek: Seeker
+    stack: ExitStack
+    frames: Iterator[VideoFrame]
+    next_index: int
+
+
+class KeptFrames:
+    """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded as "plate"."""
+
+    def __init__(self, reads: KeptReads) -> None:
+        self._reads = reads
+        self._open: _OpenPlate | None = None
+
+    def reader(self, scene: Scene) -> VideoReader:
+        """Return the reader of a scene's plate at its full size; opened again where the file has changed."""
+        whole = at_scale(scene, 1.0)
+        return self._reads.get("clip", whole.plate, lambda: open_plate(whole))
+
+    def size(self, scene: Scene, width: int | None) -> tuple[int, int]:
+        """Return the width and height of a scene's frames that are `width` pixels wide, rounded to even numbers.
+
+        None takes the scene's own; a plate is never enlarged. Raises `ParameterError` for less than 16 rows.
+        """
+        reader = self.reader(scene)
+        return scaled_size(reader, scene.plate.scale if width is None else min(width / reader.width, 1.0))
+
+    def at(self, scene: Scene, index: int, size: tuple[int, int]) -> VideoFrame:
+        """Return a frame of a scene's plate, width x height pixels; raise `VideoError`."""
+        reader = self.reader(scene)
+        reader.check_range(index, index + 1)
+        which, cache = (reader, index, stamp(reader.file_of(index))), self._reads.cache
+
+        def reduced() -> VideoFrame:
+            return smaller(cache.get("plate", which, lambda: self._decoded(reader, index)), *size)
+
+        return cache.get("plate at its size", (which, size), reduced, _KEPT_FRAMES)
+
+    def overview(self, scene: Scene, count: int, width: int) -> list[VideoFrame]:
+        """Return up to `count` frames, evenly spread over a clip, that are read without others before them."""
+        reader, size = self.reader(scene), self.size(scene, width)
+        last = 1 if reader.frame_count is None else reader.frame_count
+        places = np.linspace(0, last - 1, count).astype(int).tolist()
+        return [self.at(scene, index, size) for index in dict.fromkeys(map(reader.entry_before, places))]
+
+    def close(self) -> None:
+        """Close the file that is open."""
+        if self._open is not None:
+            self._open.stack.close()
+        self._open = None
+
+    def _decoded(self, reader: VideoReader, index: int) -> VideoFrame:
+        """Return a frame of a reader, decoding on from the last one where that is near."""
+        plate = self._opened(reader)
+        if not reader.entry_before(index) <= plate.next_index <= index:
+            plate.frames = plate.seek(index)
+        plate.next_index = -1
+        frame = next(frame for frame in plate.frames if frame.index == index)
+        plate.next_index = index + 1
+        return frame
+
+    def _opened(self, reader: VideoReader) -> _OpenPlate:
+        if self._open is None or self._open.reader is not reader:
+            self.close()
+            stack = ExitStack()
+            self._open = _OpenPlate(reader, stack.enter_context(reader.seeker()), stack, iter(()), -1)
+        return self._open

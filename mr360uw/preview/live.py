@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Composited frames of a scene that changes: of every change only the stages that it touches are run again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Self
+
+from mr360uw.preview.facts_kept import KeptFacts
+from mr360uw.preview.frames_kept import KeptFrames
+from mr360uw.progress import Progress
+from mr360uw.reading.kept_reads import KeptReads
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.loaded import Loaded, Loader
+from mr360uw.scene.model import Scene, at_scale
+from mr360uw.threads import one_blas_thread
+from mr360uw.video import VideoFrame
+from mr360uw.video.read.scaled import scaled
+
+COARSE_WIDTH = 512
+"""Width [pixels] of drafts."""
+_SAMPLES, _SUN_SAMPLES = 5, 8
+_CAUSTIC_SIZE, _PLANES = 256, 2
+"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
+
+_KINDS = 2
+"""Kinds of frames that take turns, whole ones and drafts: what each needs is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateClip:
+    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
+    many frames as are asked for. frame_rate: [1/s].
+    """
+
+    frame_count: int | None
+    frame_rate: Fraction
+    width: int
+    height: int
+    duration_s: float | None
+
+
+class LivePreview:
+    """Renders single frames of scenes, one after the other; what a change of the scene leaves as it was is kept.
+
+    A frame depends on its scene, its number and its width alone, never on the frames before it. Files that are changed
+    meanwhile are read again. After an error the preview goes on working. It belongs to the thread that made it, as its
+    renderer does. backend: "auto", "gl" or "reference"; raises what `make_backend` raises. note: the reason where auto
+    fell back to the reference, else "".
+    """
+
+    def __init__(self, backend: str = "auto") -> None:
+        self.backend, self.note = make_backend(backend, _KINDS)
+        self._reads = KeptReads(_KINDS)
+        self._plates, self._facts = KeptFrames(self._reads), KeptFacts(self._reads.cache)
+
+    @property
+    def made(self) -> Counter[str]:
+        """How often each part was made: "plate" (decoded), "light" (measured in it), "medium" (solved), "water"
+        (matched to the light), "caustics", "layer" (drawn), "picture" (layer over plate), and parts of loaded scenes.
+        """
+        return self._reads.cache.made
+
+    def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:
+        """Return a composited frame of a scene, `width` pixels wide; None takes the scene's own width.
+
+        The sun, the veil's gain and the calm ground are those that `measure` found; without it, they are measured in
+        this frame alone: a composite of the clip takes them from all of it, so that its light may differ a little.
+        There is no motion blur. Raises what `composite_video` raises.
+        """
+        with one_blas_thread():
+            loaded = self.loaded(scene, width)
+            loaded.check(index + 1)
+            plate, facts = self.plate(scene, index, width), self._facts.of(loaded, self._plates.reader(scene))
+            return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
+
+    @staticmethod
+    def coarse(scene: Scene) -> Scene:
+        """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
+
+        Edges, soft shadows and caustics are drawn with fewer samples; light and water stay what they are.
+        """
+        draw, caustics = scene.draw, scene.caustics
+        fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
+        coarser = {"size": min(caustics.size, _CAUSTIC_SIZE), "planes": min(caustics.planes, _PLANES)}
+        drafts = {"draw": draw.model_copy(update=fewer), "caustics": caustics.model_copy(update=coarser)}
+        return scene.model_copy(update=drafts)
+
+    def measure(self, scene: Scene, progress: Progress | None = None) -> ClipFacts:
+        """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
+
+        The sun's and the gain's tracks over the clip are smoother than what single frames show, and the mean of a clip
+        from a standing camera shows the ground without its caustics. They hold while the plate, `[camera]`, `[water]`
+        and `[light]` stay as they are; the ground also depends on `[receiver]` and `[sea]`. Raises `VideoError`,
+        `SceneError`.
+        """
+        reader, loaded = self._plates.reader(scene), self.loaded(scene)
+        return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
+
+    def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
+        """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
+        reader, size = self._plates.reader(scene), self._plates.size(scene, width)
+        at_size = at_scale(scene, size[0] / reader.width)
+        return Loader(*size, clip=not reader.is_still, kept=self._reads).load(at_size)
+
+    def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
+        """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
+        return self._plates.at(scene, index, self._plates.size(scene, width))
+
+    def thumbnails(self, scene: Scene, count: int, width: int = 160) -> list[VideoFrame]:
+        """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
+
+        They are the keyframes nearest before even steps, which are read without others; each has its own index.
+        """
+        return self._plates.overview(scene, count, width)
+
+    def clip(self, scene: Scene) -> PlateClip:
+        """Return the length and size of a scene's plate; raise `VideoError`."""
+        reader = self._plates.reader(scene)
+        count, rate = reader.frame_count, reader.frame_rate
+        return PlateClip(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
+
+    def close(self) -> None:
+        """Let go of everything that is kept, and of open files."""
+        self._plates.close()
+        self._reads.cache.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

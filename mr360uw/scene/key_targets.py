@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters that keys name: where each is in a scene, which can change within a clip, and a scene with their values.
+
+Numbers that may be fractions, and vectors of them, can change. Whole numbers (counts, sizes, seeds), words, switches
+and files cannot, nor can fields that are declared `fixed` (see `parameters.parameter`).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from mr360uw.errors import ParameterError
+from mr360uw.parameters import FULL_TURN_DEG, bounds_of, is_direction, stated
+from mr360uw.scene.key_settings import KeyedParameter, Value
+from mr360uw.scene.overrides import dotted, entry
+from mr360uw.scene.problems import Location, allowed_text
+
+M = TypeVar("M", bound=BaseModel)
+ANY_LENGTH = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A parameter of a scene. path: field names and numbers of entries. location: the same as a file has them.
+
+    lengths: allowed numbers of components of its value; 0 for a number.
+    """
+
+    path: Location
+    location: Location
+    field: FieldInfo
+    lengths: frozenset[int]
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is a direction all round, which goes the shorter way."""
+        return is_direction(self.field)
+
+    def value(self, key: KeyedParameter, time_s: float) -> Value:
+        """Return its value at a time, directions within their range."""
+        found = key.at(time_s, turns=self.turns)
+        if not self.turns:
+            return found
+        return tuple(map(self._in_range, found)) if isinstance(found, tuple) else self._in_range(found)
+
+    def _in_range(self, angle_deg: float) -> float:
+        low, high = bounds_of(self.field)
+        if high is not None and angle_deg > high:
+            return angle_deg - FULL_TURN_DEG
+        return angle_deg + FULL_TURN_DEG if low is not None and angle_deg < low else angle_deg
+
+
+def target_of(scene: BaseModel, name: str) -> Target:
+    """Return the parameter of a name such as object.0.scale; raise `ParameterError` where it cannot change."""
+    owner: Any = scene
+    path: Location = ()
+    location: Location = ()
+    field: FieldInfo | None = None
+    for part in dotted(name):
+        step, found = _step(owner, part, name, location)
+        owner = getattr(owner, step) if isinstance(step, str) else owner[step]
+        field = found or field
+        path, location = (*path, step), (*location, part if isinstance(step, str) else step)
+    if field is None:
+        raise ParameterError(f"names nothing (got {name!r}) - write for example sea.wind_speed")
+    lengths = _lengths(field.annotation)
+    if isinstance(path[-1], int):
+        lengths = frozenset({0}) if lengths - {0} and isinstance(owner, float) else frozenset()
+    if not lengths:
+        if _holds_models(owner):
+            raise ParameterError(f"is a table (got {name!r}) - name a number in it")
+        kind = "a word" if (words := allowed_text(field.annotation)).startswith("'") else words
+        raise ParameterError(
+            f"cannot change within a clip (got {name!r}, {kind}) - numbers that may be fractions can, and vectors"
+        )
+    return Target(path, location, field, lengths)
+
+
+def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | int, FieldInfo | None]:
+    """Return the name of a field, and the field, or the number of an entry, that a part of a name leads to."""
+    if isinstance(owner, tuple):
+        number = entry(part, len(owner))
+        if number is None:
+            raise ParameterError(f"no such entry (got {name!r}) - there are {len(owner)}, the first is 0")
+        return number, None
+    if not isinstance(owner, BaseModel):
+        where = ".".join(map(str, location))
+        raise ParameterError(f"has no {part!r} (got {name!r}) - {where} is {_in_words(owner)}")
+    fields = {field.alias or known: known for known, field in type(owner).model_fields.items()}
+    if part not in fields:
+        near = difflib.get_close_matches(part, fields, 1)
+        begin = "".join(f"{one}." for one in location)
+        todo = f"did you mean '{begin}{near[0]}'?" if near else f"known here: {', '.join(fields)}"
+        raise ParameterError(f"unknown parameter (got {name!r}) - {todo}")
+    field = type(owner).model_fields[fields[part]]
+    if advice := stated(field, "fixed"):
+        raise ParameterError(f"cannot change within a clip (got {name!r}) - {advice}")
+    return fields[part], field
+
+
+def _in_words(value: Any) -> str:
+    return "not set: set it first" if value is None else repr(value)
+
+
+def _holds_models(value: Any) -> bool:
+    return isinstance(value, BaseModel) or (isinstance(value, tuple) and any(map(_holds_models, value)))
+
+
+def _lengths(annotation: Any) -> frozenset[int]:
+    """Return the numbers of components that values of a type have: 0 for a number, `ANY_LENGTH` for any."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _lengths(parts[0])
+    if origin in (Union, UnionType):
+        return frozenset[int]().union(*map(_lengths, parts))
+    if origin is tuple and _lengths(parts[0]) == {0}:
+        return frozenset({ANY_LENGTH if parts[-1] is Ellipsis else len(parts)})
+    return frozenset({0} if annotation is float else ())
+
+
+def with_values(scene: M, keys: Iterable[KeyedParameter], time_s: float) -> M:
+    """Return a scene with the values that keys give at a time; they are not checked, see `key_problems`.
+
+    A sea whose wind changes gets the settings that keep its waves where they are.
+    """
+    for key in keys:
+        target = target_of(scene, key.parameter)
+        scene = _replaced(scene, target.path, target.value(key, time_s))
+        for name, value in _kept_waves(scene, target, key).items():
+            scene = _replaced(scene, ("sea", name), value)
+    return scene
+
+
+def _kept_waves(scene: BaseModel, target: Target, key: KeyedParameter) -> dict[str, Any]:
+    """Return the settings of a sea, unless they are set, that hold for all values of its keyed wind."""
+    if target.path == ("sea", "wind_speed"):
+        found: dict[str, Any] = {"waves_of_wind_speed": float(np.clip(np.max(key.value), *bounds_of(target.field)))}
+    elif target.path == ("sea", "wind_direction_deg"):
+        turns = np.unwrap(np.asarray(key.value, np.float64), period=FULL_TURN_DEG)
+        found = {"waves_of_wind_deg": (float(turns.min()), float(turns.max()))}
+    else:
+        return {}
+    sea = getattr(scene, "sea", None)
+    return {name: value for name, value in found.items() if getattr(sea, name, value) is None}
+
+
+def _replaced(owner: Any, path: Location, value: Any) -> Any:
+    if not path:
+        return value
+    head, rest = path[0], path[1:]
+    if isinstance(head, int):
+        return (*owner[:head], _replaced(owner[head], rest, value), *owner[head + 1 :])
+    return owner.model_copy(update={head: _replaced(getattr(owner, head), rest, value)})

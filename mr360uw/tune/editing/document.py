@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene file that is being edited: its text with comments, its scene, undo and redo, snapshots, safe saving.
+
+Nothing here draws or serves; one thread uses a document at a time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mr360uw.errors import OutputExistsError, SceneError
+from mr360uw.tune.editing.scene_file import SceneFile
+from mr360uw.tune.editing.toml_edit import find, key_of, with_entry, with_value, without
+
+_LONGEST_HISTORY = 1000
+"""Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A state of a document that was kept under a name."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A change. before: text before it. group: changes of one group, one after the other, are one step."""
+
+    label: str
+    before: str
+    group: str | None
+
+
+class Document:
+    """A scene file as text, and the scene that the text gives.
+
+    scene: of the text, or of the last text that gave one. revision: counts the changes. outside: text of the file if it
+    was changed by another program while there are unsaved changes, or is no TOML any more.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open a scene file; raise `SceneError` where it gives no scene."""
+        self.path, self._file = path, SceneFile(path)
+        self.text = self._saved = self._file.read()
+        self.scene, self.tree = self._file.scene_of(self.text), self._file.tree_of(self.text)
+        self._wrong: tuple[str, ...] = ()
+        self._file_wrong: tuple[str, ...] = ()
+        self.revision = 0
+        self.outside: str | None = None
+        self.snapshots: list[Snapshot] = []
+        self._past: list[_Step] = []
+        self._future: list[_Step] = []
+        self._observers: list[Callable[[], None]] = []
+        self._together: str | None = None
+
+    # --- reading ---------------------------------------------------------------------------------------------------
+
+    def get(self, key: str) -> Any:
+        """Return the value that the text sets a dotted key to, as in 'object.0.scale'; None where it does not."""
+        return find(self.tree, key_of(key))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Why the text, or that of the file since it was changed by another program, gives no scene; a line each."""
+        return self._wrong + self._file_wrong
+
+    def problem_of(self, key: str) -> str:
+        """Return what is wrong with the value of a dotted key, "" if nothing is."""
+        found = [what for at, what in self._placed_problems() if at == key or at.startswith(f"{key}.")]
+        return found[0] if found else ""
+
+    def problem_keys(self) -> tuple[str, ...]:
+        """Return the dotted keys of parameters that have a problem; of lists and vectors, not of their elements."""
+        places = [at.split(".") for at, _ in self._placed_problems()]
+        return tuple(".".join(parts[: 3 if len(parts) > 1 and parts[1].isdecimal() else 2]) for parts in places)
+
+    def _placed_problems(self) -> list[tuple[str, str]]:
+        """Return (dotted key, what is wrong) of the problems, whose lines start with 'file:line key[0].key - '."""
+        lines = [line.partition(" - ") for line in self._wrong]
+        return [(re.sub(r"\[(\d+)\]", r".\1", where.rpartition(" ")[2]), what) for where, _, what in lines]
+
+    @property
+    def dirty(self) -> bool:
+        """Whether there are changes that are not saved."""
+        return self.text != self._saved
+
+    @property
+    def undo_label(self) -> str | None:
+        """Name of the change that `undo` takes back; None where there is none."""
+        return self._past[-1].label if self._past else None
+
+    @property
+    def redo_label(self) -> str | None:
+        """Name of the change that `redo` makes again; None where there is none."""
+        return self._future[-1].label if self._future else None
+
+    # --- changes ---------------------------------------------------------------------------------------------------
+
+    def set(self, key: str, value: Any, *, group: str | None = None) -> None:
+        """Set a key; changes with the same group that follow each other, as those of one drag, are one step."""
+        if self.get(key) != value or type(self.get(key)) is not type(value):
+            self._change(f"set {key}", with_value(self.text, key_of(key), value), group)
+
+    def unset(self, key: str, default: str | None = None) -> None:
+        """Remove a key, a table or an entry of a list.
+
+        default: in TOML; stays in the file as a comment where the key's line ended in one.
+        """
+        self._change(f"reset {key}", without(self.text, key_of(key), default), None)
+
+    def append(self, key: str, table: Mapping[str, Any]) -> int:
+        """Add a table to a list of tables, as to 'object'; return its number."""
+        self._change(f"add {key}", with_entry(self.text, key_of(key), dict(table)), None)
+        return len(self.get(key)) - 1
+
+    def apply(self, label: str, changes: Mapping[str, Any]) -> None:
+        """Set several keys as one step; None removes a key."""
+        with self.together(label):
+            for key, value in changes.items():
+                if value is not None:
+                    self.set(key, value)
+                elif self.get(key) is not None:
+                    self.unset(key)
+
+    @contextmanager
+    def together(self, label: str, *, group: str | None = None) -> Iterator[None]:
+        """Make all changes within one step, told to observers once. group: as `set` has it."""
+        if self._together is not None:  # inside of another step
+            yield
+            return
+        before, self._together = self.text, label
+        try:
+            yield
+        finally:
+            self._together = None
+            if self.text != before:
+                self._push(_Step(label, before, group))
+                self._tell()
+
+    def replace(self, label: str, text: str) -> None:
+        """Take another text as one step; raise `SceneError` where it is not TOML."""
+        self._file.tree_of(text)
+        self._change(label, text, None)
+
+    def undo(self) -> None:
+        """Take the last step back, if there is one."""
+        self._travel(self._past, self._future)
+
+    def redo(self) -> None:
+        """Make the step again that was taken back last, if there is one."""
+        self._travel(self._future, self._past)
+
+    def keep(self, name: str) -> Snapshot:
+        """Keep the present state under a name, in place of one that had it; return it."""
+        kept = Snapshot(name, self.text)
+        self.snapshots = [*(one for one in self.snapshots if one.name != name), kept]
+        self._tell()
+        return kept
+
+    def forget(self, name: str) -> None:
+        """Drop a kept state."""
+        self.snapshots = [one for one in self.snapshots if one.name != name]
+        self._tell()
+
+    # --- the file --------------------------------------------------------------------------------------------------
+
+    def save(self, *, overwrite: bool = False) -> None:
+        """Write the text to the file, whole or not at all.
+
+        Raises `SceneError` where the text gives no scene, `OutputExistsError` where the file was changed meanwhile,
+        unless `overwrite`, and `OSError`.
+        """
+        if self._wrong:
+            raise SceneError(str(self.path), self._wrong)
+        self.poll()
+        if self.outside is not None and not overwrite:
+            raise OutputExistsError(f"{self.path} - was changed by another program - take its text, or overwrite it")
+        self._file.write(self.text)
+        self._saved, self.outside, self._file_wrong = self.text, None, ()
+        self._tell()
+
+    def poll(self) -> None:
+        """Look whether the file was changed: without unsaved changes its text is taken, else it is in `outside`."""
+        if not self._file.changed():
+            return
+        self.outside, self._file_wrong = None, ()
+        try:
+            self.outside = self._file.read()
+            self._file.tree_of(self.outside)
+        except SceneError as error:  # a file that is gone, `save` writes again
+            self._file_wrong = error.problems if self._file.exists() else ()
+        if self.outside == self._saved:
+            self.outside = None
+        if self.outside is not None and not self.dirty and not self._file_wrong:
+            self.take_outside()
+        else:
+            self._tell()
+
+    def take_outside(self) -> None:
+        """Take the text that the file has now, as a step that can be undone; raise `SceneError` if it is not TOML."""
+        if self.outside is not None:
+            taken = self.outside
+            self._file.tree_of(taken)
+            self._saved, self.outside = taken, None
+            self._change("changed by another program", taken, None)
+            self._tell()
+
+    def observe(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call a function after every change; return the function that ends it."""
+        self._observers.append(callback)
+
+        def end() -> None:
+            if callback in self._observers:
+                self._observers.remove(callback)
+
+        return end
+
+    # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _change(self, label: str, text: str, group: str | None) -> None:
+        if text == self.text:
+            return
+        before = self.text
+        self._take(text)
+        if self._together is None:
+            self._push(_Step(label, before, group))
+            self._tell()
+
+    def _push(self, step: _Step) -> None:
+        goes_on = step.group is not None and self._past and self._past[-1].group == step.group and not self._future
+        if not goes_on:
+            self._past = [*self._past[-_LONGEST_HISTORY:], step]
+        self._future = []
+
+    def _travel(self, source: list[_Step], target: list[_Step]) -> None:
+        if source:
+            step = source.pop()
+            target.append(_Step(step.label, self.text, None))
+            self._take(step.before)
+            self._tell()
+
+    def _take(self, text: str) -> None:
+        self.text, self.tree = text, self._file.tree_of(text)
+        self.revision += 1
+        try:
+            self.scene = self._file.scene_of(text)
+            self._wrong = ()
+        except SceneError as error:
+            self._wrong = error.problems
+
+    def _tell(self) -> None:
+        for callback in tuple(self._observers):
+            callback()

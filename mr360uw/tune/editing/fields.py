@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions of controls, read from the declarations of the parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from mr360uw.scene.model import Scene
+from mr360uw.scene.problems import bounds_text, models_of
+from mr360uw.scene.template import toml_value
+
+Kind = Literal["number", "integer", "choice", "switch", "vector", "colour", "path", "text", "toml"]
+"""toml: lists, tables, and values of several types, written as in a scene file."""
+
+FIRST = {
+    "camera.depth_m": "Camera depth",
+    "water.type": "Water type",
+    "water.visibility_m": "Visibility",
+    "light.sun": "Source of the sun",
+    "light.sun_azimuth_deg": "Sun azimuth",
+    "light.sun_elevation_deg": "Sun elevation",
+    "sea.wind_speed": "Wind speed",
+    "caustics.enabled": "Caustics",
+    "caustics.sun_half_angle_rad": "Caustic softness",
+    "receiver.height_m": "Sea floor height",
+    "object.position_m": "Object position",
+    "object.rotation_deg": "Object rotation",
+    "object.scale": "Object scale",
+}
+"""The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
+
+INSTEAD = {
+    "water.visibility_m": "water.type",
+    "water.type": "water.visibility_m",
+    "lamp.lumen": "lamp.watts",
+    "lamp.watts": "lamp.lumen",
+}
+"""Parameters of which one stands in place of the other: a control that sets one removes the other."""
+
+_TITLES = {
+    "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps",
+    "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface",
+    "caustics": "Caustics", "draw": "Drawing", "output": "Output", "keys": "Keys",
+}  # fmt: skip
+_UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
+_SPANS = {
+    "position_m": (-15.0, 15.0), "height_m": (-20.0, 5.0), "speed": (-4.0, 4.0), "start_s": (0.0, 60.0),
+    "color": (0.0, 1.0), "base_color": (0.0, 1.0), "scale": (0.01, 100.0), "frame_rate": (1.0, 120.0),
+    "tile_m": (1.0, 100.0), "depth_m": (0.5, 50.0), "wind_speed": (0.0, 15.0), "sun_half_angle_rad": (0.0005, 0.2),
+}  # fmt: skip
+"""Ranges of sliders where the allowed range is none or far wider than what dives need. By the last part of a key."""
+_BY_UNIT = {"deg": (-180.0, 180.0), "m": (-20.0, 20.0), "s": (0.0, 60.0), "rad": (-math.pi, math.pi)}
+_DECADES = 2.0
+"""Ratio of a range's ends, as a power of ten, from which on a slider is logarithmic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One parameter as a control shows it.
+
+    key: below its table, as in "depth_m". low, high: the allowed range, None where it is open. span: of the slider.
+    default: of the file's value; None: none, or the key must be given (`required`). length: of a vector.
+    """
+
+    key: str
+    label: str
+    kind: Kind
+    help: str
+    unit: str
+    default: Any
+    bounds: str
+    low: float | None = None
+    high: float | None = None
+    span: tuple[float, float] | None = None
+    logarithmic: bool = False
+    optional: bool = False
+    required: bool = False
+    choices: tuple[Any, ...] = ()
+    length: int = 0
+
+    @property
+    def step(self) -> float:
+        """Increment of the number box, 1, 2 or 5 of some decimal place: about a 200th of the slider's span."""
+        if self.kind == "integer" or self.span is None:
+            return 1.0
+        wanted = (self.span[1] - self.span[0]) / 200.0
+        if self.logarithmic:
+            wanted = max(self.span[0], 0.01 * abs(self.default or 0.0))
+        place = 10.0 ** math.floor(math.log10(wanted))
+        return place * max(k for k in (1.0, 2.0, 5.0) if k * place <= wanted * (1.0 + 1e-9))
+
+    @property
+    def default_text(self) -> str | None:
+        """The default as TOML writes it; None where there is none."""
+        return None if self.default is None else toml_value(self.default)
+
+    def position(self, value: float) -> float:
+        """Return where a value stands on the slider, 0 to 1; values beyond its span at its ends."""
+        assert self.span is not None
+        low, high = self.span
+        at = min(max(value, low), high)
+        return math.log(at / low) / math.log(high / low) if self.logarithmic else (at - low) / (high - low)
+
+    def value_at(self, position: float) -> float | int:
+        """Return the value of a position of the slider, with three significant digits; within the allowed range."""
+        assert self.span is not None
+        low, high = self.span
+        value = low * (high / low) ** position if self.logarithmic else low + (high - low) * position
+        if self.kind == "integer":
+            return round(value)
+        digits = 2 - math.floor(math.log10(abs(value))) if self.logarithmic else 1 - math.floor(math.log10(self.step))
+        return round(value, digits) if value else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A table of a scene. models: the kinds that it may have, the default first. tag: key that chooses among them."""
+
+    key: str
+    title: str
+    help: str
+    repeated: bool
+    optional: bool
+    models: tuple[type[BaseModel], ...]
+    tag: str
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Names of the kinds; ("",) where there is one."""
+        return tuple(str(m.model_fields[self.tag].default) for m in self.models) if self.tag else ("",)
+
+    def fields(self, tag: str | None = None) -> tuple[Field, ...]:
+        """Return the fields of a kind of the table; None: of the default kind."""
+        model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
+        return tuple(
+            _field(
+                f"{self.key}.{field.alias or name}", field.alias or name, field, self.tags if name == self.tag else ()
+            )
+            for name, field in model.model_fields.items()
+        )
+
+
+def groups() -> tuple[Group, ...]:
+    """Return the tables of a scene in the order of the file."""
+    found = []
+    for name, field in Scene.model_fields.items():
+        key, models = field.alias or name, tuple(models_of(field.annotation))
+        tag = "model" if len(models) > 1 else ""
+        optional = field.default is None
+        title = _TITLES.get(key, _label(key))
+        found.append(
+            Group(key, title, field.description or "", isinstance(field.default, tuple), optional, models, tag)
+        )
+    return tuple(found)
+
+
+def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...]) -> Field:
+    """Return a field's description; path: with its table. tags: the kinds of the table, where the field chooses one."""
+    options = [part for part in _parts(field.annotation) if part is not NoneType]
+    optional = len(options) < len(_parts(field.annotation))
+    choices = tags or _choices(options)
+    kind = _kind(key, options, choices)
+    unit = str((field.json_schema_extra or {}).get("unit") or "") if isinstance(field.json_schema_extra, dict) else ""
+    low, high = _bounds(field)
+    default = None if field.is_required() else field.get_default(call_default_factory=True)
+    span, logarithmic = None, False
+    if kind in ("number", "integer", "vector", "colour"):
+        span, logarithmic = _span(key, unit, low, high, default, options[0])
+    return Field(
+        key, FIRST.get(path, _label(key)), kind, field.description or "", "" if unit == "1" else unit, default,
+        bounds_text(field), low, high, span, logarithmic, optional, field.is_required(), choices,
+        len(get_args(options[0])) if kind in ("vector", "colour") else 0,
+    )  # fmt: skip
+
+
+def _parts(annotation: Any) -> list[Any]:
+    """Return the types that an annotation unites, those of unions inside of unions too."""
+    if get_origin(annotation) in (Union, UnionType):
+        return [part for inner in get_args(annotation) for part in _parts(inner)]
+    return [annotation]
+
+
+def _choices(options: list[Any]) -> tuple[Any, ...]:
+    if options == [bool]:
+        return (True, False)
+    if all(get_origin(part) is Literal for part in options):
+        return tuple(dict.fromkeys(value for part in options for value in get_args(part)))
+    return ()
+
+
+def _kind(key: str, options: list[Any], choices: tuple[Any, ...]) -> Kind:
+    if choices == (True, False):
+        return "switch"
+    if choices:
+        return "choice"
+    simple: dict[Any, Kind] = {float: "number", int: "integer", str: "text", Path: "path"}
+    if len(options) == 1 and options[0] in simple:
+        return simple[options[0]]
+    if set(options) == {str, Path}:
+        return "text"
+    parts = get_args(options[0]) if get_origin(options[0]) is tuple and len(options) == 1 else ()
+    if parts and Ellipsis not in parts and not any(models_of(part) for part in parts):
+        return "colour" if key.endswith("color") else "vector"
+    return "toml"
+
+
+def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    low = high = None
+    for rule in field.metadata:
+        low = next((v for v in (getattr(rule, "ge", None), getattr(rule, "gt", None)) if v is not None), low)
+        high = getattr(rule, "le", None) if getattr(rule, "le", None) is not None else high
+    return low, high
+
+
+def _span(
+    key: str, unit: str, low: float | None, high: float | None, default: Any, kind: Any
+) -> tuple[tuple[float, float], bool]:
+    """Return the range of a slider, and whether it is logarithmic."""
+    middle = float(default) if isinstance(default, int | float) and default > 0 else 1.0
+    if key in _SPANS:
+        start, end = _SPANS[key]
+        start, end = start if low is None else max(start, low), end if high is None else min(end, high)
+    elif low is not None and high is not None:
+        start, end = low, high
+        if low >= 0.0 and high > 10.0**_DECADES * max(low, middle):  # far wider than what the default stands for
+            start, end = max(low, 0.01 * middle), min(high, 10.0**_DECADES * middle)
+            if kind is int:
+                start = max(1.0, low)
+    elif low is not None:
+        start, end = low, max(4.0 * middle, low + 1.0)
+    else:
+        start, end = _BY_UNIT.get(unit, (0.0, 4.0 * middle))
+    return (start, end), start > 0.0 and end / start >= 10.0**_DECADES
+
+
+def _label(key: str) -> str:
+    bare = next((key.removesuffix(suffix) for suffix in _UNIT_SUFFIXES if key.endswith(suffix)), key)
+    return bare.replace("_", " ").capitalize()

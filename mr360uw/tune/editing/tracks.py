@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The `[[keys]]` of a document: keys of a parameter are set, moved and removed, as steps of the document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mr360uw.errors import ParameterError
+from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.key_targets import target_of
+from mr360uw.tune.editing.document import Document
+
+Pairs = Sequence[tuple[float, Any]]
+"""Keys of a parameter: (time [s], a number or a vector), ascending."""
+_SAME_S = 1e-4
+"""Keys nearer than this [s] are one: far below a frame."""
+
+
+def tracks(document: Document) -> dict[str, KeyedParameter]:
+    """Return the keyed parameters of the document's scene, by name."""
+    return {key.parameter: key for key in document.scene.keys}
+
+
+def values_at(document: Document, time_s: float) -> dict[str, Any]:
+    """Return the values of the keyed parameters at a time, by name."""
+    return {name: value_at(document, key, time_s) for name, key in tracks(document).items()}
+
+
+def value_at(document: Document, key: KeyedParameter, time_s: float) -> Any:
+    """Return the value of a keyed parameter at a time, of a key's own where it has one; a vector as a list."""
+    at = next((one for one in key.time_s if abs(one - time_s) <= _SAME_S), time_s)
+    found = target_of(document.scene, key.parameter).value(key, at)
+    return list(found) if isinstance(found, tuple) else found
+
+
+def set_key(document: Document, parameter: str, time_s: float, value: Any, *, group: str | None = None) -> None:
+    """Set the key of a parameter at a time, in place of one that is there. group: as `Document.set` has it."""
+    held = tracks(document).get(parameter)
+    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > _SAME_S]
+    kind = "smooth" if held is None else held.interpolation
+    set_keys(document, parameter, [*pairs, (time_s, value)], kind, group=group)
+
+
+def has_key(document: Document, parameter: str, time_s: float) -> bool:
+    """Return whether a parameter has a key at a time."""
+    return any(abs(time - time_s) <= _SAME_S for time, _ in _pairs(tracks(document).get(parameter)))
+
+
+def remove_key(document: Document, parameter: str, time_s: float) -> None:
+    """Remove the key of a parameter at a time; with the last one the parameter takes its value, without keys."""
+    held = tracks(document).get(parameter)
+    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > _SAME_S]
+    set_keys(document, parameter, pairs, "smooth" if held is None else held.interpolation)
+
+
+def set_keys(document: Document, parameter: str, pairs: Pairs, interpolation: str, *, group: str | None = None) -> None:
+    """Set all keys of a parameter; none of them removes its table."""
+    rows = document.get("keys") or []
+    number = next((k for k, row in enumerate(rows) if row.get("parameter") == parameter), None)
+    ordered = sorted(pairs, key=lambda pair: pair[0])
+    times, values = [_rounded(time) for time, _ in ordered], [_rounded(value) for _, value in ordered]
+    if not ordered:
+        if number is not None:
+            document.unset(f"keys.{number}")
+        return
+    with document.together(f"keys of {parameter}", group=group):
+        if number is None:
+            table = {"parameter": parameter, "time_s": times, "value": values, "interpolation": interpolation}
+            document.append("keys", table)
+            return
+        document.set(f"keys.{number}.time_s", times)
+        document.set(f"keys.{number}.value", values)
+        document.set(f"keys.{number}.interpolation", interpolation)
+
+
+def with_component(
+    document: Document, key: KeyedParameter, component: int, pairs: Sequence[tuple[float, float]]
+) -> list[tuple[float, Any]]:
+    """Return the keys of a vector whose component has new keys; at new times the others keep their course.
+
+    pairs: (time [s], value) of the component.
+    """
+    same = len(pairs) == len(key.time_s)
+    found = []
+    for k, (time_s, value) in enumerate(pairs):
+        whole = list(key.value[k]) if same else value_at(document, key, time_s)  # type: ignore[arg-type]
+        whole[component] = value
+        found.append((time_s, whole))
+    return found
+
+
+def samples(document: Document, key: KeyedParameter, end_s: float, component: int | None) -> list[tuple[float, float]]:
+    """Return (time [s], value) of a parameter over a clip, dense enough for straight lines, and at its keys."""
+    times = np.unique([*np.linspace(0.0, end_s, 160), *key.time_s])
+    if key.interpolation == "hold":  # a step is upright
+        times = np.unique([*times, *(time - 2.0 * _SAME_S for time in key.time_s)])
+    rows = [(float(time), value_at(document, key, float(time))) for time in times if 0.0 <= time <= end_s]
+    return [(time, component_of(value, component)) for time, value in rows]
+
+
+def component_of(value: Any, component: int | None) -> float:
+    """Return a component of a vector, or a number for None."""
+    return float(value if component is None else value[component])
+
+
+def present_value(document: Document, parameter: str, default: Any) -> Any:
+    """Return the value that the first key of a parameter takes; raise `ParameterError` where it has none."""
+    found = document.get(parameter)
+    value = default if found is None else found
+    if value is None:
+        raise ParameterError(f"{parameter} - has no value to key (got none) - set one first")
+    return [float(part) for part in value] if isinstance(value, list | tuple) else float(value)
+
+
+def _pairs(key: KeyedParameter | None) -> list[tuple[float, Any]]:
+    if key is None:
+        return []
+    return [
+        (time, list(value) if isinstance(value, tuple) else value)
+        for time, value in zip(key.time_s, key.value, strict=True)
+    ]
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_rounded(one) for one in value]
+    return round(float(value), 6)

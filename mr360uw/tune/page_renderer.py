@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the pictures of the tuning page: a live preview, seen through one of the views."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, PlateClip
+from mr360uw.preview.thumbnail import encoded
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.tune.pictures import Drawn, Wanted
+from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.situation import Situation, situation
+from mr360uw.tune.views import VIEWS
+from mr360uw.video.write.image_writer import picture_codes
+
+_SHORT = 300
+"""Frames of clips that are decoded whole for thumbnails where they have few keyframes; longer ones have more."""
+_THUMBNAIL_WIDTH = 160
+
+
+class PageRenderer:
+    """A live preview and its pictures. backend: "auto", "gl" or "reference"."""
+
+    def __init__(self, backend: str = "auto") -> None:
+        self.preview = LivePreview(backend)
+
+    def picture(self, wanted: Wanted, width: int) -> Drawn:
+        """Return a picture of about a width; raises what `LivePreview.frame` raises."""
+        preview, view = self.preview, VIEWS[wanted.view]
+        scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
+        frame = preview.frame(scene, wanted.index, width)
+        loaded = preview.loaded(scene, width).at(frame.plate.time_s)
+        shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
+        codes = view.draw(shown)
+        return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0], view.panorama)
+
+    def plate(self, scene: Scene, index: int, width: int) -> bytes:
+        """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
+        return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
+
+    def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
+        """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
+        made, clip = self.preview.thumbnails(scene, count), self.preview.clip(scene)
+        if len(made) < count and (clip.frame_count or 1) <= _SHORT:
+            frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
+            made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
+        return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
+
+    def situation(self, scene: Scene, index: int, time_s: float) -> Situation:
+        """Return camera, receiver and objects of a frame; raises what loading the scene raises."""
+        return situation(self.preview, scene, index, time_s)
+
+    def close(self) -> None:
+        """Let go of everything."""
+        self.preview.close()
+
+
+def clip_of(scene: Scene) -> PlateClip:
+    """Return the length and size of a scene's plate; raise `VideoError`."""
+    with open_plate(scene) as video:
+        count, rate = video.frame_count, video.frame_rate
+        return PlateClip(count, rate, video.width, video.height, None if count is None else float(count / rate))

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Placing by clicks and drags in the picture: objects, the sun, the height of the sea floor."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from nicegui import background_tasks
+
+from mr360uw.errors import ParameterError
+from mr360uw.tune import placing
+from mr360uw.tune.editing import tracks
+from mr360uw.tune.marks import Marker
+from mr360uw.tune.panels.floor_tool import FloorTool
+from mr360uw.tune.panels.stage import Stage
+from mr360uw.tune.panels.widgets import Button, Choice
+from mr360uw.tune.placing import Point
+from mr360uw.tune.session import Session
+from mr360uw.tune.situation import Situation
+from mr360uw.tune.viewer import Drag, Pick
+
+_TOOLS = {
+    "": "Click: nothing",
+    "stand": "Click: stand here",
+    "swim": "Click: swim there",
+    "sun": "Click: the sun is here",
+    "floor": "Click: points on the floor",
+    "water": "Click: match open water",
+}
+_TURN_STEP_DEG = 15.0
+"""Step of a turn while Shift is held."""
+
+
+class PlaceTools:
+    """The placing tools of a tab. failed: tells an error. match_water: called with the point of open water clicked."""
+
+    def __init__(
+        self,
+        session: Session,
+        stage: Stage,
+        failed: Callable[[Exception], None],
+        match_water: Callable[[Point], None],
+    ) -> None:
+        self._session, self._document, self._failed = session, session.document, failed
+        self._viewer, self._match_water = stage.viewer, match_water
+        self._tool, self._number = "", 0
+        self._situation: Situation | None = None
+        self._drag: tuple[Situation, str, int] | None = None
+        self._asked = 0
+        with stage.tools:
+            self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
+            self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
+            self._floor = FloorTool(session, failed, self._mark)
+        self._viewer.on_pick(self._picked)
+        self._viewer.on_drag(self._dragged)
+        self._viewer.on_select(self._selected)
+        self._choose("")
+
+    def select(self, number: int) -> None:
+        """Choose an object by its number."""
+        self._number = number
+        self._mark()
+
+    def _selected(self, name: str) -> None:
+        kind, _, number = name.partition(".")
+        if kind == "object":
+            self.select(int(number))
+
+    def refresh(self) -> None:
+        """Show where the objects are now."""
+        self._asked += 1
+        background_tasks.create(self._refresh(self._asked), name="situation")
+
+    async def _refresh(self, asked: int) -> None:
+        await asyncio.sleep(0.05)
+        if asked != self._asked or self._document.problems:
+            return
+        try:
+            self._situation = await self._ask()
+        except Exception:  # noqa: BLE001 - the picture's own message says it
+            self._situation = None
+        if not self._viewer.is_deleted:
+            self._mark()
+
+    async def _ask(self) -> Situation:
+        session = self._session
+        job = partial(_situation, session.document.scene, session.index, session.time_s)
+        return await asyncio.wrap_future(session.pictures.ask(job, urgent=True))
+
+    def _mark(self) -> None:
+        here = self._situation
+        marks = [] if here is None else list(here.marks)
+        marks += [
+            Marker(f"floor.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
+            for k, p in enumerate(self._floor.clicks)
+        ]
+        self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
+        self._viewer.select(f"object.{self._number}")
+        self._face.enable(bool(here is not None and here.bodies))
+
+    def _choose(self, tool: str) -> None:
+        self._tool = tool
+        self._choice.choose(tool)
+        self._floor.begin(shown=tool == "floor")
+
+    async def _picked(self, pick: Pick) -> None:
+        point = pick.point
+        if point is None or not self._tool:
+            return
+        try:
+            if self._tool == "water":
+                self._match_water(point)
+                return
+            here = await self._ask()
+            if self._tool == "floor":
+                self._floor.add(here.camera, point)
+            elif self._tool == "sun":
+                azimuth, elevation = here.sun_angles_deg(point)
+                given = {
+                    "sun": "given",
+                    "sun_azimuth_deg": _short(azimuth, 2),
+                    "sun_elevation_deg": _short(elevation, 2),
+                }
+                self._document.apply("sun by click", {f"light.{name}": value for name, value in given.items()})
+            else:
+                self._check_number(here)
+                place = here.standing if self._tool == "stand" else here.swimming
+                self._put(f"object.{self._number}.position_m", _vector(place(self._number, point)))
+        except (ParameterError, OSError, ValueError) as error:
+            self._failed(error)
+
+    async def _dragged(self, drag: Drag) -> None:
+        try:
+            if drag.phase == "start":
+                self._drag = None
+                kind, _, digits = drag.name.partition(".")
+                here, number = await self._ask(), int(digits)
+                if kind == "object":
+                    self._number = number
+                    self._check_number(here)
+                self._drag = here, kind, number
+                self._asked += 1
+            if self._drag is None or drag.phase == "start":
+                return
+            here, kind, number = self._drag
+            group = f"{self._viewer.client.id} drag {id(here)}"
+            if kind == "object":
+                self._drag_object(drag, here, number, group)
+            elif kind == "lamp":
+                point = drag.start if drag.phase == "cancel" else drag.point
+                self._put(f"lamp.{number}.position_m", _vector(here.lamp_at(number, point)), group)
+            if drag.phase in ("end", "cancel"):
+                self._drag = None
+        except (ParameterError, OSError, ValueError) as error:
+            self._failed(error)
+
+    def _drag_object(self, drag: Drag, here: Situation, number: int, group: str) -> None:
+        key, body = f"object.{number}", here.bodies[number]
+        point = drag.start if drag.phase == "cancel" else drag.point
+        shown = here.shown(number)
+        if drag.handle == "move":
+            self._put(f"{key}.position_m", _vector(here.swimming(number, point)), group)
+        elif shown is not None and drag.handle == "turn":
+            step = _TURN_STEP_DEG if drag.keys.shift else 0.0
+            yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
+            self._put(f"{key}.rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
+        elif shown is not None:
+            scale = placing.scale_by_drag(body.scale, shown, drag.start, point)
+            self._put(f"{key}.scale", float(f"{scale:.4g}"), group)
+
+    def _face_camera(self) -> None:
+        def turn() -> None:
+            assert self._situation is not None
+            self._check_number(self._situation)
+            yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
+            rest = self._situation.bodies[self._number].rotation_deg[1:]
+            self._put(f"object.{self._number}.rotation_deg", [yaw, *rest])
+
+        self._try(turn)
+
+    def _check_number(self, here: Situation) -> None:
+        if not here.bodies:
+            raise ParameterError("object - there is none to place (got 0) - add one first")
+        self._number = min(self._number, len(here.bodies) - 1)
+
+    def _put(self, key: str, value: Any, group: str | None = None) -> None:
+        """Set a parameter, or its key of this time where it has keys."""
+        if key in tracks.tracks(self._document):
+            tracks.set_key(self._document, key, self._session.time_s, value, group=group)
+        else:
+            self._document.set(key, value, group=group)
+
+    def _try(self, action: Callable[[], Any]) -> None:
+        try:
+            action()
+        except (ParameterError, OSError, ValueError) as error:
+            self._failed(error)
+
+
+def _situation(scene: Any, index: int, time_s: float, renderer: Any) -> Situation:
+    here: Situation = renderer.situation(scene, index, time_s)
+    return here
+
+
+def _vector(position: Any) -> list[float]:
+    return [_short(part, 4) for part in np.asarray(position).tolist()]
+
+
+def _short(value: float, digits: int) -> float:
+    return round(float(value), digits) + 0.0

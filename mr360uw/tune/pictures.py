@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
+
+After a change a draft is made, and when nothing was asked for a moment, the picture at full size.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+from mr360uw.errors import Mr360uwError
+from mr360uw.preview.live import COARSE_WIDTH
+from mr360uw.scene.model import Scene
+
+REST_S = 0.15
+"""Time without another change [s] after which the full picture is made. Twice as long, it comes visibly late; at half
+of it slow drags start full pictures that hold up the next draft."""
+_QUICK_S = 0.1
+"""Full pictures that take less [s] need no draft before them."""
+_KEPT = 48
+"""Pictures that browsers may still fetch, of up to 1 MB."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A picture to be made.
+
+    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`. dark: its charts. width:
+    [pixels] of the full picture. full: whether to make that once nothing else is asked for.
+    """
+
+    scene: Scene
+    revision: int
+    index: int
+    view: str
+    width: int
+    full: bool = True
+    dark: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A picture as JPEG, with its size [pixels]. panorama: whether it is equirectangular."""
+
+    data: bytes
+    width: int
+    height: int
+    panorama: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture that was made, as JPEG; or, where none could be made, the reasons.
+
+    seconds: it took. panorama: whether it is equirectangular.
+    """
+
+    number: int
+    wanted: Wanted
+    width: int
+    height: int
+    draft: bool
+    seconds: float
+    data: bytes
+    problems: tuple[str, ...] = ()
+    panorama: bool = True
+
+
+class Renderer(Protocol):
+    """Makes pictures; belongs to the thread that made it."""
+
+    def picture(self, wanted: Wanted, width: int) -> Drawn:
+        """Return a picture of about a width."""
+
+    def close(self) -> None:
+        """Let go of everything."""
+
+
+class Pictures:
+    """The thread that makes pictures. make: called in it for the renderer. publish: called in it with each picture."""
+
+    def __init__(self, make: Callable[[], Renderer], publish: Callable[[Picture], None]) -> None:
+        self._make, self._publish = make, publish
+        self._changed = threading.Condition()
+        self._wanted: Wanted | None = None
+        self._jobs: deque[tuple[Callable[[Any], Any], Future[Any]]] = deque()
+        self._urgent: deque[tuple[Callable[[Any], Any], Future[Any]]] = deque()
+        self._closed = False
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._stored: dict[int, bytes] = {}
+        self._count = 0
+        self._full_s = 1.0
+        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
+        self._thread.start()
+
+    def want(self, wanted: Wanted) -> None:
+        """Ask for a picture, in place of one that was asked for and not begun."""
+        with self._changed:
+            self._wanted = wanted
+            self._changed.notify()
+
+    def ask(self, job: Callable[[Any], T], *, urgent: bool = False) -> Future[T]:
+        """Run a function of the renderer in its thread when no picture is wanted; return its future result.
+
+        urgent: before the next picture; for functions of a few milliseconds.
+        """
+        future: Future[T] = Future()
+        with self._changed:
+            (self._urgent if urgent else self._jobs).append((job, future))
+            self._changed.notify()
+        return future
+
+    def get(self, number: int) -> bytes | None:
+        """Return the JPEG of a picture by its number while it is kept."""
+        with self._changed:
+            return self._stored.get(number) or self._kept.get(number)
+
+    def store(self, data: bytes) -> int:
+        """Keep a JPEG of another kind, as a thumbnail, for good; return its number."""
+        with self._changed:
+            self._count += 1
+            self._stored[self._count] = data
+            return self._count
+
+    def drop(self, number: int) -> None:
+        """Let go of a picture that was stored."""
+        with self._changed:
+            self._stored.pop(number, None)
+
+    def close(self) -> None:
+        """End the thread after the picture that it is at."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(timeout=30.0)
+
+    def _run(self) -> None:
+        renderer: Renderer | None = None
+        while True:
+            with self._changed:
+                while self._wanted is None and not self._urgent and not self._jobs and not self._closed:
+                    self._changed.wait()
+                if self._closed:
+                    break
+                wanted, job = None, None
+                if self._urgent or self._wanted is None:
+                    job = (self._urgent or self._jobs).popleft()
+                else:
+                    wanted, self._wanted = self._wanted, None
+            try:
+                renderer = renderer or self._make()
+            except Mr360uwError as error:
+                self._fail(wanted, job, error)
+                continue
+            if job is not None:
+                _run_job(job, renderer)
+            elif wanted is not None:
+                self._serve(renderer, wanted)
+        for _, future in (*self._urgent, *self._jobs):
+            future.cancel()
+        if renderer is not None:
+            renderer.close()
+
+    def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
+        """Make the draft and, after a rest, the full picture, unless another is asked for meanwhile."""
+        if self._full_s > _QUICK_S or not wanted.full:
+            if not self._one(renderer, wanted, draft=True) or not wanted.full:
+                return
+            with self._changed:
+                self._changed.wait_for(lambda: self._wanted or self._urgent or self._closed, timeout=REST_S)
+                if self._urgent and self._wanted is None:
+                    self._wanted = wanted  # again, after that
+                if self._wanted is not None or self._closed:
+                    return
+        self._one(renderer, wanted, draft=False)
+
+    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool) -> bool:
+        """Make and publish one picture; return whether it could be made."""
+        start = time.perf_counter()
+        try:
+            drawn = renderer.picture(wanted, min(wanted.width // 2, COARSE_WIDTH) if draft else wanted.width)
+        except (Mr360uwError, OSError, MemoryError) as error:
+            self._publish(self._numbered(_failed(wanted, error)))
+            return False
+        seconds = time.perf_counter() - start
+        if not draft:
+            self._full_s = seconds
+        self._publish(
+            self._numbered(
+                Picture(0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama)
+            )
+        )
+        return True
+
+    def _fail(self, wanted: Wanted | None, job: tuple[Any, Future[Any]] | None, error: Exception) -> None:
+        if job is not None:
+            job[1].set_exception(error)
+        elif wanted is not None:
+            self._publish(self._numbered(_failed(wanted, error)))
+
+    def _numbered(self, picture: Picture) -> Picture:
+        with self._changed:
+            self._count += 1
+            numbered = replace(picture, number=self._count)
+            if numbered.data:
+                self._kept[numbered.number] = numbered.data
+            while len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        return numbered
+
+
+def _failed(wanted: Wanted, error: Exception) -> Picture:
+    lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
+    return Picture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
+
+
+def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: Renderer) -> None:
+    work, future = job
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        future.set_result(work(renderer))
+    except Exception as error:  # noqa: BLE001 - whoever asked gets it
+        future.set_exception(error)

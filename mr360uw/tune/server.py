@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Serves the tuning page of one document until it is interrupted."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import secrets
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+from fastapi.responses import FileResponse, Response
+from nicegui import ui
+
+from mr360uw.errors import ParameterError
+from mr360uw.files import write_whole
+from mr360uw.tune.editing.document import Document
+from mr360uw.tune.guard import Guard, is_loopback
+from mr360uw.tune.page import build_page
+from mr360uw.tune.page_renderer import PageRenderer, clip_of
+from mr360uw.tune.pictures import Picture, Pictures
+from mr360uw.tune.session import Session
+
+PORT = 8360
+"""Port that is taken where none is asked for and it is free."""
+_POLL_S = 1.0
+"""Time between two looks at the scene file [s]; a change of it shows up so much later at the most."""
+_WIDTH = 1024
+"""Width of full pictures at the start [pixels]; four times as many take four times as long."""
+_NO_STORE = {"Cache-Control": "no-store"}
+
+
+def serve(
+    document: Document,
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    token: str | None = None,
+    backend: str = "auto",
+    tell: Callable[[str], None],
+) -> None:
+    """Serve a document's page until the process is interrupted.
+
+    port: None takes `PORT`, or a free one where that is taken. token: made where others than this machine can reach the
+    host. tell: called with the page's address once it answers, and with what becomes of unsaved changes. Raises
+    `ParameterError` where the address cannot be had, and what opening the plate raises.
+    """
+    clip = clip_of(document.scene)
+    if token is None and not is_loopback(host):
+        token = secrets.token_urlsafe(24)
+    listening = _listen(host, port)
+    name = f"[{host}]" if ":" in host else host
+    query = "" if token is None else f"/?token={token}"
+    address = f"http://{name}:{listening.getsockname()[1]}{query}"
+    app = _application(document, clip, backend, lambda: tell(address))
+    config = uvicorn.Config(
+        Guard(app, host, token), log_level="warning", access_log=False, lifespan="on", ws_max_size=2**22,
+        timeout_graceful_shutdown=2,
+    )  # fmt: skip
+    try:
+        asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
+    finally:
+        listening.close()
+        if document.dirty:
+            path = document.path.with_suffix(".unsaved.toml")
+            write_whole(path, document.text)
+            tell(f"changes that were not saved are in {path}")
+
+
+def _listen(host: str, port: int | None) -> socket.socket:
+    """Return a socket that listens; raise `ParameterError` where it cannot."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for number in [PORT, 0] if port is None else [port]:
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((host, number))
+        except (OSError, OverflowError) as error:
+            listening.close()
+            if port is None and number and getattr(error, "errno", 0) == errno.EADDRINUSE:
+                continue
+            reason = getattr(error, "strerror", None) or str(error)
+            raise ParameterError(
+                f"--host, --port - cannot be listened on (got {host}, {number}: {reason}) - take another, or port 0"
+            ) from None
+        listening.listen(64)
+        return listening
+    raise AssertionError
+
+
+def _application(document: Document, clip: Any, backend: str, ready: Callable[[], None]) -> FastAPI:
+    """Return the application of a document's page. ready: called once it answers."""
+    held: list[Session] = []
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+
+        def publish(picture: Picture) -> None:
+            loop.call_soon_threadsafe(lambda: held[0].take(picture))
+
+        pictures = Pictures(lambda: PageRenderer(backend), publish)
+        held.append(Session(document, pictures, clip, _WIDTH, backend))
+        held[0].show()
+        watch = loop.create_task(_watch(document))
+        loop.call_soon(ready)
+        try:
+            yield
+        finally:
+            watch.cancel()
+            if held[0].run is not None:
+                held[0].run.cancel()
+            await asyncio.to_thread(pictures.close)
+
+    app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
+
+    @app.get("/picture/{number}")
+    def picture(number: int) -> Response:
+        found = held[0].pictures.get(number)
+        if found is None:
+            return Response(status_code=404, headers=_NO_STORE)
+        return Response(found, media_type="image/jpeg", headers=_NO_STORE)
+
+    @app.get("/result")
+    def result() -> Response:
+        run = held[0].run
+        if run is None or run.state != "done" or not run.out.is_file():
+            return Response(status_code=404, headers=_NO_STORE)
+        return FileResponse(run.out, headers=_NO_STORE)
+
+    @app.get("/tune/{name}")
+    def part(name: str) -> Response:
+        if name not in ("page.css", "page.js"):
+            return Response(status_code=404)
+        return FileResponse(Path(__file__).with_name(name), headers={"Cache-Control": "no-cache"})
+
+    @ui.page("/", response_timeout=20.0)
+    def page() -> None:
+        build_page(held[0])
+
+    ui.run_with(
+        app, title=f"{document.path.name} - mr360uw", dark=None, language="en-US", tailwind=False,
+        show_welcome_message=False, reconnect_timeout=10.0, binding_refresh_interval=None,
+    )  # fmt: skip
+    return app
+
+
+async def _watch(document: Document) -> None:
+    while True:
+        await asyncio.sleep(_POLL_S)
+        document.poll()

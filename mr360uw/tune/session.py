@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state that all tabs of a tuning page share: document, time, view, newest picture."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.tune.editing.document import Document
+from mr360uw.tune.pictures import Picture, Pictures, Wanted
+from mr360uw.tune.views import VIEWS
+
+Event = Literal["document", "picture", "time", "run", "thumbnails"]
+THUMBNAILS = 12
+"""Pictures on the time line: as many as are 100 pixels wide on a small screen."""
+
+
+class Clip(Protocol):
+    """Length of a plate; a still has no frame count."""
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames."""
+
+    @property
+    def frame_rate(self) -> Any:
+        """Frames a second."""
+
+    @property
+    def width(self) -> int:
+        """Of a frame [pixels]."""
+
+
+class Session:
+    """A document, where in its clip the page is, and how the picture is shown. For the thread of the event loop.
+
+    pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures
+    [pixels]. backend: of the pictures and of runs. picture: the newest that could be made, of whatever state. problems:
+    why the newest state has none. run: the last run of the whole clip. range: frames start:stop of it. views: names of
+    views with their labels. thumbnails: numbers of small pictures, by frame. kept_pictures: numbers of pictures that
+    snapshots and comparisons keep, by name.
+    """
+
+    def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int, backend: str = "auto") -> None:
+        self.document, self.pictures, self.clip = document, pictures, clip
+        self.width, self.backend = min(width, clip.width), backend
+        self.run: CompositeRun | None = None
+        self.index, self.view, self.dark = 0, "composite", True
+        self.range = (0, self.frame_count)
+        self.views = {name: view.name for name, view in VIEWS.items()}
+        self.thumbnails: dict[int, int] = {}
+        self._asked_thumbnails = False
+        self.kept_pictures: dict[str, int] = {}
+        self.picture: Picture | None = None
+        self.problems: tuple[str, ...] = ()
+        self._observers: list[Callable[[Event], None]] = []
+        document.observe(self._document_changed)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames of the clip; 1 for a still."""
+        return self.clip.frame_count or 1
+
+    @property
+    def time_s(self) -> float:
+        """Time of the frame that is shown."""
+        return self.index / float(self.clip.frame_rate)
+
+    def is_present(self, picture: Picture) -> bool:
+        """Whether a picture is of the present state, as a draft or at full size."""
+        return picture.wanted == self._wanted(full=picture.wanted.full)
+
+    @property
+    def behind(self) -> bool:
+        """Whether the picture is not of the present state at full size."""
+        return self.picture is None or self.picture.draft or not self.is_present(self.picture)
+
+    def observe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
+        """Call a function after every change with its kind; return the function that ends it."""
+        self._observers.append(callback)
+
+        def end() -> None:
+            if callback in self._observers:
+                self._observers.remove(callback)
+
+        return end
+
+    def show(self, *, full: bool = True) -> None:
+        """Ask for a picture of the present state; full: at full size, once nothing changes."""
+        self.pictures.want(self._wanted(full=full))
+
+    def seek(self, index: int, *, scrubbing: bool = False) -> None:
+        """Show another frame of the clip, the nearest there is. scrubbing: more will follow, and a draft will do."""
+        index = min(max(index, 0), self.frame_count - 1)
+        moved, self.index = index != self.index, index
+        if moved or (not scrubbing and self.behind):
+            self.show(full=not scrubbing)
+        if moved:
+            self._tell("time")
+
+    def look(self, view: str | None = None, *, width: int | None = None, dark: bool | None = None) -> None:
+        """Show another view, at another width of full pictures, or with charts that are dark or light."""
+        self.view = self.view if view is None else view
+        self.width = self.width if width is None else min(width, self.clip.width)
+        self.dark = self.dark if dark is None else dark
+        self.show()
+        self._tell("time")
+
+    def start_run(self, out: Path) -> CompositeRun:
+        """Return a new run to an output; raise `ParameterError` while another one is going on."""
+        if self.run is not None and self.run.state == "running":
+            raise ParameterError(f"render - a run is going on (got {self.run.out}) - wait for it, or cancel it")
+        self.run = CompositeRun(out, lambda: self._tell("run"))
+        self._tell("run")
+        return self.run
+
+    def set_range(self, start: int, stop: int) -> None:
+        """Set the frames start:stop that are played and rendered."""
+        if (start, stop) != self.range:
+            self.range = (start, stop)
+            self._tell("time")
+
+    def keep_picture(self, name: str) -> None:
+        """Keep the newest picture under a name."""
+        data = None if self.picture is None else self.pictures.get(self.picture.number)
+        if data is not None:
+            self.replaced(name, data)
+
+    def replaced(self, name: str, data: bytes) -> int:
+        """Keep a JPEG under a name, in place of one that had it; return its number."""
+        if name in self.kept_pictures:
+            self.pictures.drop(self.kept_pictures[name])
+        self.kept_pictures[name] = self.pictures.store(data)
+        return self.kept_pictures[name]
+
+    async def make_thumbnails(self) -> None:
+        """Make the small pictures of the plate, unless they are there; tell when they are."""
+        if self._asked_thumbnails:
+            return
+        self._asked_thumbnails, scene = True, self.document.scene
+        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, THUMBNAILS))
+        try:
+            made: list[tuple[int, bytes]] = await asyncio.wrap_future(job)
+        except (Mr360uwError, OSError):  # the picture's own message says why; the next tab tries again
+            self._asked_thumbnails = False
+            return
+        self.thumbnails = {frame: self.pictures.store(data) for frame, data in made}
+        self._tell("thumbnails")
+
+    def take(self, picture: Picture) -> None:
+        """Take a picture that was made."""
+        if picture.problems:
+            self.problems = picture.problems
+        else:
+            self.picture, self.problems = picture, ()
+        self._tell("picture")
+
+    def _wanted(self, *, full: bool) -> Wanted:
+        document = self.document
+        return Wanted(document.scene, document.revision, self.index, self.view, self.width, full, self.dark)
+
+    def _document_changed(self) -> None:
+        if self.picture is None or self.picture.wanted.revision != self.document.revision:
+            self.show()
+        self._tell("document")
+
+    def _tell(self, event: Event) -> None:
+        for callback in tuple(self._observers):
+            callback(event)

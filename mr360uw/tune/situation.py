@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Camera, receiver and objects of one frame, for placing things by clicks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.composite.shot import Receiver
+from mr360uw.errors import ParameterError
+from mr360uw.preview.live import LivePreview
+from mr360uw.scene.model import Scene
+from mr360uw.tune import placing
+from mr360uw.tune.marks import Marker, markers, receiver_edge
+from mr360uw.tune.placing import Point
+from mr360uw.types import Floats, View
+
+_WIDTH = 512
+"""Width of the frames that are resolved for placing [pixels]; results do not depend on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
+
+    rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
+    rotation_deg: (yaw, pitch, roll), as set for this time.
+    """
+
+    position: Floats
+    center: Floats
+    rotation: Floats
+    scale: float
+    hull: Floats
+    with_camera: bool
+    rotation_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Situation:
+    """A frame's camera, receiver (or None), and objects. edge: lines around the receiver.
+
+    lamps: their positions (3,) in the world; None of those that go with the camera or an object.
+    """
+
+    camera: View
+    receiver: Receiver | None
+    bodies: tuple[Body, ...]
+    lamps: tuple[Floats | None, ...]
+    marks: tuple[Marker, ...]
+    edge: tuple[tuple[Point, ...], ...]
+
+    def standing(self, number: int, point: Point) -> Floats:
+        """Return the position setting of an object that stands where a point shows the receiver."""
+        if self.receiver is None:
+            raise ParameterError("receiver - is not in the scene (got none) - add the sea floor first")
+        body = self.bodies[number]
+        place = placing.stand_at(self.camera, point, self.receiver, body.hull, body.rotation, body.scale)
+        return self.setting_of(number, place)
+
+    def swimming(self, number: int, point: Point) -> Floats:
+        """Return the position setting of an object whose middle is moved to a point, as far away as it is."""
+        body = self.bodies[number]
+        return self.setting_of(number, placing.swim_to(self.camera, point, body.center) - body.center + body.position)
+
+    def setting_of(self, number: int, position: Floats) -> Floats:
+        """Return the position setting of an object for a position (3,) in the world."""
+        return placing.in_camera(self.camera, position) if self.bodies[number].with_camera else position
+
+    def facing_yaw_deg(self, number: int) -> float:
+        """Return the yaw setting [deg] of an object that turns its nose to the camera."""
+        body = self.bodies[number]
+        if body.with_camera:
+            return placing.facing_yaw_deg(np.zeros(3), placing.in_camera(self.camera, body.position))
+        return placing.facing_yaw_deg(self.camera.position, body.position)
+
+    def shown(self, number: int) -> Point | None:
+        """Return the point that shows an object's middle; None at the camera."""
+        found = [mark for mark in self.marks if mark.name == f"object.{number}"]
+        return Point(found[0].longitude, found[0].latitude) if found else None
+
+    def lamp_at(self, number: int, point: Point) -> Floats:
+        """Return the position setting of a lamp in the world that is moved to a point, as far away as it is."""
+        lamp = self.lamps[number]
+        if lamp is None:
+            raise ParameterError(f"lamp.{number} - goes with the camera or an object (got a drag) - set its position")
+        return placing.swim_to(self.camera, point, lamp)
+
+    def sun_angles_deg(self, point: Point) -> tuple[float, float]:
+        """Return azimuth and elevation [deg] of a point in the levelled frame, as `light.sun_azimuth_deg` has them."""
+        x, y, z = placing.ray(self.camera, point)
+        return float(np.degrees(np.arctan2(x, -z))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
+
+
+def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> Situation:
+    """Return the situation of a frame; raises what loading the scene raises."""
+    loaded = preview.loaded(scene, _WIDTH).at(time_s)
+    view = loaded.view(time_s)
+    bodies = []
+    for one in loaded.objects:
+        placed = one.at(time_s, index, view.position, view.world_from_camera)
+        with_camera = one.settings.attach == "camera"
+        turned = placed.world_from_object[:3, :3] / placed.scale
+        center = placed.to_world(placed.mesh.center_m)
+        origin = placed.world_from_object[:3, 3].copy()
+        bodies.append(
+            Body(origin, center, turned, placed.scale, placed.mesh.hull, with_camera, one.settings.rotation_deg)
+        )
+    receiver = None if loaded.receiver is None else loaded.receiver.at(index)
+    edge = () if receiver is None else tuple(map(tuple, receiver_edge(view, receiver)))
+    lamps = tuple(
+        lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
+    )
+    return Situation(view, receiver, tuple(bodies), lamps, tuple(markers(loaded, time_s, index, None)), edge)

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
+
+Angles are longitude and latitude [rad] in the camera's axes (`mr360uw.sphere`), but for the look-around view, which is
+given as `preview.perspective.Perspective` has it, in degrees. The browser's side is viewer.js.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from mr360uw.tune.marks import Handle, Marker
+from mr360uw.tune.placing import Point
+
+Phase = Literal["start", "move", "end", "cancel"]
+Compare = Literal["none", "wipe", "side"]
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """The modifier keys that were held."""
+
+    shift: bool = False
+    ctrl: bool = False
+    alt: bool = False
+    meta: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """A click on the picture. u, v: fractions of it from the top left. point: None in a picture that is no panorama."""
+
+    u: float
+    v: float
+    point: Point | None
+    keys: Keys
+
+
+@dataclass(frozen=True, slots=True)
+class Drag:
+    """A drag of a handle, or an arrow key on it: from `start` to `point`. name: of the marker.
+
+    phase: "start", then any number of "move" (at most 25 a second), then "end", or "cancel" where nothing is to change.
+    """
+
+    phase: Phase
+    handle: Handle
+    name: str
+    start: Point
+    point: Point
+    keys: Keys
+
+
+@dataclass(frozen=True, slots=True)
+class ViewState:
+    """The view. look: whether it looks around: yaw_deg (+ = right), pitch_deg, fov_deg from its left to its right edge.
+
+    u, v, zoom: of a flat picture: its middle, as fractions from the top left, and how often it is enlarged.
+    """
+
+    look: bool
+    yaw_deg: float
+    pitch_deg: float
+    fov_deg: float
+    u: float
+    v: float
+    zoom: float
+
+
+class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
+    """A picture that is looked at and clicked on. It fills its parent, which needs a height.
+
+    bar: whether it has buttons of its own for the projection, the size and the comparison.
+    """
+
+    def __init__(self, *, bar: bool = True) -> None:
+        super().__init__()
+        self._serial, self._others = 0, 0
+        self._props.update(
+            {"picture": None, "other": None, "expected": 0, "markers": [], "horizon": [], "selected": "",
+             "look": False, "compare": "none", "bar": bar}
+        )  # fmt: skip
+        self.classes("w-full h-full")
+        # what its own buttons change is what Python has set
+        self.on("mode", lambda event: self.set_look(look=event.args["look"]))
+        self.on("compare", lambda event: self.set_compare(event.args["compare"]))
+
+    # --- pictures
+
+    def expect(self) -> None:
+        """Say that the settings have changed: the picture is marked as older until one is shown that is not stale."""
+        self._props["expected"] = self._serial + 1
+        self.update()
+
+    def show(
+        self, url: str, *, stale: bool = False, coarse: bool = False, panorama: bool = True, name: str = "composite"
+    ) -> int:
+        """Show the picture at a URL of this server; return its serial number, which `on_shown` tells.
+
+        It is shown once it is loaded, unless a newer one is there by then; the view stays. stale: the settings have
+        changed since it was rendered. coarse: a draft of the picture that will follow. Either is marked. panorama:
+        whether it is equirectangular and can be looked around in. name: for the chip beside a second picture. The URL
+        must be another for another picture.
+        """
+        self._serial += 1
+        self._props["picture"] = {
+            "url": url, "serial": self._serial, "stale": stale, "coarse": coarse, "panorama": panorama, "name": name,
+        }  # fmt: skip
+        if stale:
+            self._props["expected"] = self._serial + 1
+        self.update()
+        return self._serial
+
+    def show_other(self, url: str, name: str = "plate") -> None:
+        """Set the second picture, for `set_compare`; its size may differ, its projection not."""
+        self._others += 1
+        self._props["other"] = {"url": url, "serial": self._others, "name": name}
+        self.update()
+
+    def snapshot(self, name: str = "snapshot") -> None:
+        """Keep the picture that is shown as the second one."""
+        self.run_method("snapshot", name)
+
+    def set_compare(self, compare: Compare) -> None:
+        """Show the picture alone, with a draggable divider to the second one, or both beside each other."""
+        self._props["compare"] = compare
+        self.update()
+
+    # --- views and marks
+
+    def set_look(self, *, look: bool) -> None:
+        """Look around in a panorama, or show it flat."""
+        self._props["look"] = look
+        self.update()
+
+    def set_view(self, *, yaw_deg: float, pitch_deg: float, fov_deg: float = 90.0) -> None:
+        """Turn the look-around view."""
+        self.run_method("setView", {"yaw": yaw_deg, "pitch": pitch_deg, "fov": fov_deg})
+
+    def set_marks(self, markers: Sequence[Marker], horizon: Sequence[Sequence[Point]] = ()) -> None:
+        """Replace the marks, and the lines that show the edge of the receiver."""
+        self._props["markers"] = [asdict(marker) for marker in markers]
+        self._props["horizon"] = [[[p.longitude, p.latitude] for p in line] for line in horizon]
+        self.update()
+
+    def select(self, name: str | None) -> None:
+        """Give the marker of a name its handles; None: no marker."""
+        self._props["selected"] = name or ""
+        self.update()
+
+    # --- events
+
+    def on_pick(self, handler: Callable[[Pick], Any]) -> None:
+        """Call a handler for each click on the picture that is no drag, and for Enter (the middle of the view)."""
+
+        def told(event: GenericEventArguments) -> Any:
+            a = event.args
+            point = Point(a["longitude"], a["latitude"]) if a.get("longitude") is not None else None
+            return handler(Pick(a["u"], a["v"], point, _keys(a)))
+
+        self.on("pick", told)
+
+    def on_drag(self, handler: Callable[[Drag], Any]) -> None:
+        """Call a handler for each step of a drag of a handle."""
+
+        def told(event: GenericEventArguments) -> Any:
+            a, start = event.args, event.args["start"]
+            began = Point(start["longitude"], start["latitude"])
+            here = Point(a["longitude"], a["latitude"])
+            return handler(Drag(a["phase"], a["handle"], a["name"], began, here, _keys(a)))
+
+        self.on("drag", told)
+
+    def on_view(self, handler: Callable[[ViewState], Any]) -> None:
+        """Call a handler when the view has changed, at most 7 times a second and for the last change."""
+        self.on("view", lambda event: handler(ViewState(**event.args)))
+
+    def on_select(self, handler: Callable[[str], Any]) -> None:
+        """Call a handler with the name of a marker that is clicked on."""
+        self.on("select", lambda event: handler(event.args["name"]))
+
+    def on_shown(self, handler: Callable[[int], Any]) -> None:
+        """Call a handler with the serial number of each picture once it is on the screen."""
+        self.on("shown", lambda event: handler(event.args["serial"]))
+
+    def on_failed(self, handler: Callable[[str], Any]) -> None:
+        """Call a handler with the reason when a picture cannot be loaded; the viewer says it too."""
+        self.on("failed", lambda event: handler(event.args["reason"]))
+
+
+def _keys(told: dict[str, Any]) -> Keys:
+    return Keys(told["shift"], told["ctrl"], told["alt"], told["meta"])

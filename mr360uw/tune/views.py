@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Views of a frame: its picture and what it is made of, each as a picture of 8-bit sRGB codes.
+
+`VIEWS` names them. Panoramas are equirectangular, in the camera's axes, as the plate; charts are flat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.color import encode
+from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.ibl.report import marked
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.tune.charts import caustic_chart, plan_chart, surface_chart
+from mr360uw.tune.drawing import Codes, false_colour, label, legend, message
+from mr360uw.tune.marks import markers
+from mr360uw.tune.placing import Point, pixel_of_point
+from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame
+from mr360uw.video.write.image_writer import picture_codes
+
+_WIDTH = 1024
+"""Width [px] of panoramas that are coarse, or have edges of their own; those of the frame's detail have its size."""
+_SMOOTH_WIDTH = 512
+_LARGEST_WIDTH = 4096
+_FAR_M = 1e5
+"""Length [m] of a way through water that nothing is seen through."""
+_DIFFERENCE_GAIN = 4.0
+"""Amplification of the change of the plate: a quarter more or less light is white or black."""
+_NEAREST_M, _FARTHEST_M = 0.5, 50.0
+"""Distances of the ends of the false colours, which go with the logarithm."""
+
+
+@dataclass(frozen=True, slots=True)
+class PictureView:
+    """A view of a frame. name: for people. panorama: whether it can be looked around in. draw: makes its picture."""
+
+    name: str
+    help: str
+    panorama: bool
+    draw: Callable[[ShownFrame], Codes]
+
+
+def composite_picture(shown: ShownFrame) -> Codes:
+    """Return the plate with all that is laid over it, (H, W, 3)."""
+    return _codes(shown.frame.picture)
+
+
+def plate_picture(shown: ShownFrame) -> Codes:
+    """Return the plate as it is, (H, W, 3)."""
+    return _codes(shown.frame.plate)
+
+
+def lights_picture(shown: ShownFrame) -> Codes:
+    """Return the light that reaches the camera, expanded, with the sun and the lamps marked; (512, 1024, 3)."""
+    import cv2
+
+    light = shown.frame.light
+    if light is None:
+        return message("no light is measured: nothing in this scene needs it", shown.palette)
+    radiance = light.environment.radiance
+    white = max(float(np.percentile(radiance, 99.0)), 1e-6)
+    factor = _WIDTH // radiance.shape[1]
+    large = np.repeat(np.repeat(radiance, factor, axis=0), factor, axis=1)
+    image = _quantized(marked(np.clip(encode(large / white, "srgb"), 0.0, 1.0), light.environment.sun))
+    for mark in markers(shown.loaded, shown.frame.plate.time_s, shown.frame.plate.index, light):
+        x, y = pixel_of_point(Point(mark.longitude, mark.latitude), _WIDTH, _WIDTH // 2)
+        if mark.kind == "lamp":
+            cv2.drawMarker(image, (int(x), int(y)), (255, 255, 255), cv2.MARKER_DIAMOND, 16, 3, cv2.LINE_AA)
+            cv2.drawMarker(image, (int(x), int(y)), (234, 88, 12), cv2.MARKER_DIAMOND, 16, 1, cv2.LINE_AA)
+        if mark.kind in ("lamp", "sun"):
+            label(image, mark.label, (min(x + 22, _WIDTH - 60), y + 5))
+    found = light.environment.sun
+    words = "no sun" if found is None else f"sun: confidence {found.confidence:.2f}"
+    label(image, f"white is {white:.3g} x the plate's white; {words}", (12, _WIDTH // 2 - 14))
+    return image
+
+
+def difference_picture(shown: ShownFrame) -> Codes:
+    """Return the factor on the plate by shadows, caustics and lamps, amplified; grey where it is 1; (H, W, 3)."""
+    grey = np.clip(0.5 + 0.5 * _DIFFERENCE_GAIN * (shown.frame.layer.ratio - 1.0), 0.0, 1.0)
+    return _reduced(_quantized(grey))
+
+
+def water_picture(shown: ShownFrame) -> Codes:
+    """Return the water alone: the veil over a long way in every direction; (256, 512, 3)."""
+    if shown.frame.medium is None:
+        return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
+    view = shown.view_of(_SMOOTH_WIDTH)
+    up = view.directions(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])[..., 1]
+    return _quantized(np.clip(encode(np.maximum(veil_lookup(shown.frame.medium, _FAR_M, up), 0.0), "srgb"), 0.0, 1.0))
+
+
+def depth_picture(shown: ShownFrame) -> Codes:
+    """Return distances along the rays of objects and receiver, false colours with a legend; (512, 1024, 3).
+
+    Black: nothing there, or farther than the receiver's extent.
+    """
+    view = shown.view_of(_WIDTH)
+    distance = _nearest_pixels(shown.frame.layer.distance_m, view.width, view.height)
+    receiver = shown.receiver
+    if receiver is not None:
+        x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
+        floor, _ = ReceiverShape(receiver, view.position).meet_along(view, x, y, view.directions(x, y))
+        distance = np.minimum(distance, floor)
+    there = np.isfinite(distance)
+    log_range = np.log(_FARTHEST_M / _NEAREST_M)
+    image = false_colour(np.log(np.where(there, np.maximum(distance, 1e-3), 1.0) / _NEAREST_M) / log_range)
+    image[~there] = 0
+    metres = (_NEAREST_M, 1.0, 2.0, 5.0, 10.0, 20.0, _FARTHEST_M)
+    words = [(float(np.log(m / _NEAREST_M) / log_range), f"{m:g}") for m in metres]
+    legend(image, [*words[:-1], (1.0, f"{_FARTHEST_M:g} m")], (24, view.height - 48), 360)
+    return image
+
+
+VIEWS: dict[str, PictureView] = {
+    "composite": PictureView("Composite", "the plate with the objects, their shadows and caustics", True,
+                             composite_picture),
+    "plate": PictureView("Plate", "the plate as it is", True, plate_picture),
+    "caustics": PictureView("Caustics", "a tile of the caustics at the receiver's depth, 1 is a flat sea", False,
+                            caustic_chart),
+    "surface": PictureView("Sea surface", "height and slope of a tile of the sea", False, surface_chart),
+    "lights": PictureView("Lights", "the light that reaches the camera, with the sun and the lamps", True,
+                          lights_picture),
+    "difference": PictureView("Shadows and caustics", "what they change of the plate, 4 times amplified; grey: nothing",
+                              True, difference_picture),
+    "water": PictureView("Water alone", "what is seen where there is nothing but water", True, water_picture),
+    "depth": PictureView("Distances", "of the objects and the receiver from the camera", True, depth_picture),
+    "plan": PictureView("Plan", "from above: camera, objects and their paths, lamps, receiver and sun", False,
+                        plan_chart),
+}  # fmt: skip
+"""The views by their names in URLs and settings."""
+
+
+def _codes(frame: VideoFrame) -> Codes:
+    return _reduced(np.asarray(picture_codes(frame, deep=False), np.uint8))
+
+
+def _reduced(codes: Codes) -> Codes:
+    """Return a picture no wider than a texture is taken."""
+    import cv2
+
+    height, width = codes.shape[:2]
+    if width <= _LARGEST_WIDTH:
+        return codes
+    size = (_LARGEST_WIDTH, max(1, round(height * _LARGEST_WIDTH / width)))
+    return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _quantized(encoded: Floats) -> Codes:
+    return np.ascontiguousarray(np.round(255.0 * encoded).astype(np.uint8))
+
+
+def _nearest_pixels(values: Floats, width: int, height: int) -> Floats:
+    rows = (np.arange(height) * values.shape[0]) // height
+    columns = (np.arange(width) * values.shape[1]) // width
+    return values[rows[:, None], columns]

@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tuning page in a browser: one server and one browser for all tests, which build on each other."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from mr360uw.preview.live import LivePreview
+from mr360uw.sample import SampleDive
+from mr360uw.scene.model import load_scene
+from mr360uw.tune import placing
+from mr360uw.tune.situation import situation
+from tests.tune.browser import chromium, started
+
+TOKEN = "for-tests"
+QUICK = "\n[draw]\nsamples = 1\nsun_samples = 1\nambient_occlusion = false\n"
+WAIT_MS = 60_000  # for pictures on a busy machine; they take a fraction of a second
+WIDTH, HEIGHT = 256, 128
+
+
+class Tab:
+    """A tab of the page. asked: the addresses that it asked for."""
+
+    def __init__(self, context: Any, address: str) -> None:
+        self.page = context.new_page()
+        self.page.set_default_timeout(WAIT_MS)
+        self.asked: list[str] = []
+        self.wrong: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("websocket", lambda socket: self.asked.append(socket.url))
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.goto(address)
+        self.page.wait_for_selector(".control")
+
+    def control(self, key: str) -> Any:
+        """Find a control by its key, through the search."""
+        self.page.get_by_label("Search parameters").fill(key.split(".")[-1])
+        return self.page.locator(f'[data-key="{key}"]')
+
+    def done(self) -> None:
+        """Wait until the picture is of the present state."""
+        status = self.page.locator(".stage-bar > .status")
+        self.page.wait_for_function("e => / ms$/.test(e.textContent)", arg=status.element_handle())
+
+    def picture(self) -> bytes:
+        """Return the picture of the present state."""
+        self.done()
+        number = max(int(url.rsplit("/", 1)[1]) for url in self.asked if "/picture/" in url and not self.is_small(url))
+        return bytes(self.page.request.get(f"/picture/{number}").body())
+
+    def changed(self, before: bytes) -> None:
+        """Wait until the picture is another one."""
+        end = time.monotonic() + WAIT_MS / 1000
+        while self.picture() == before:
+            assert time.monotonic() < end, "the picture stays as it was"
+            self.page.wait_for_timeout(20)
+
+    def is_small(self, url: str) -> bool:
+        shown: list[str] = self.page.locator(".uw-strip img").evaluate_all("all => all.map(one => one.src)")
+        return url in shown
+
+    def until(self, what: str) -> None:
+        self.page.wait_for_function(what)
+
+
+class Page:
+    """The server, the browser and the first tab."""
+
+    def __init__(self, browser: Any, scene: Path, address: str) -> None:
+        self.browser, self.scene, self.address = browser, scene, address
+        parts = urlsplit(address)
+        self.base, self.port = f"http://{parts.netloc}", parts.port
+        self.context = browser.new_context(viewport={"width": 1280, "height": 800}, base_url=self.base)
+        self.tabs: list[Tab] = []
+        self.first = self.tab()
+
+    def tab(self) -> Tab:
+        tab = Tab(self.context, self.address)
+        self.tabs.append(tab)
+        return tab
+
+
+@pytest.fixture(scope="module")
+def page(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    chromium()
+    folder = tmp_path_factory.mktemp("tune")
+    for file in (dive.plate, dive.mesh):
+        shutil.copy(file, folder)
+    scene = folder / "scene.toml"
+    scene.write_text(re.sub(r"(?m)^\[draw\]$", "# [draw]", dive.scene.read_text("utf-8")) + QUICK, "utf-8")
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}  # NiceGUI looks for it
+    command = [sys.executable, "-m", "mr360uw", "tune", str(scene), "--port", "0", "--no-browser", "--token", TOKEN]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ours)
+    try:
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:"), address + server.stdout.read()
+        with started() as browser:
+            yield Page(browser, scene, address)
+    finally:
+        server.terminate()
+        output, _ = server.communicate(timeout=60.0)
+    assert "Traceback" not in output, output
+
+
+def test_the_page_shows_the_scene(page: Page) -> None:
+    tab = page.first
+    assert tab.page.title() == "scene.toml - mr360uw"
+    assert tab.page.locator("h1").inner_text() == "scene.toml"
+    assert tab.control("camera.depth_m").get_by_label("Camera depth", exact=True).input_value() == "4"
+    picture = tab.picture()
+    assert picture[:2] == b"\xff\xd8"
+    assert "256 x 128" in tab.page.locator(".stage-bar > .status").inner_text()
+    assert len(picture) > 2000
+    assert "token" not in tab.page.url
+
+
+NUMBER, SLIDER, CHOICE, SWITCH, TEXT, COLOUR = "number", "slider", "choice", "switch", "text", "colour"
+
+
+@pytest.mark.parametrize(
+    ("key", "how", "given", "expected", "seen"),
+    [
+        ("camera.depth_m", NUMBER, "7.5", 7.5, True),
+        ("water.visibility_m", SLIDER, "End", 90.0, True),
+        ("draw.sun_samples", NUMBER, "2", 2, False),
+        ("water.type", CHOICE, '"III"', "III", True),  # in place of the visibility
+        ("object.0.visible", SWITCH, "", False, True),
+        ("object.0.double_sided", CHOICE, "true", True, False),
+        ("object.0.position_m", NUMBER, "-0.5", [-0.5, -0.6, -3.6], False),
+        ("object.0.base_color", COLOUR, "#ff0000", [1.0, 0.0, 0.0], False),
+        ("object.0.part", TEXT, "", None, False),
+        ("water.gain", TEXT, "[1.0, 0.9, 0.8]", [1.0, 0.9, 0.8], False),
+        ("light.sun_time", TEXT, "2026-06-21T12:00:00+00:00", "2026-06-21T12:00:00+00:00", False),
+    ],
+)
+def test_every_kind_of_control_sets_its_parameter(
+    page: Page, key: str, how: str, given: str, expected: Any, seen: bool
+) -> None:
+    tab, before = page.first, page.first.picture()
+    control = tab.control(key)
+    if how == NUMBER:
+        control.locator("input[type=number]").first.fill(given)
+        control.locator("input[type=number]").first.press("Enter")
+    elif how == SLIDER:
+        control.locator("input[type=range]").press(given)
+    elif how == CHOICE:
+        control.locator("select").select_option(given)
+    elif how == SWITCH:
+        control.locator("input").click()
+    elif how == COLOUR:
+        control.locator("input[type=color]").fill(given)
+        control.locator("input[type=color]").dispatch_event("change")
+    else:
+        control.locator("input").fill(given)
+        control.locator("input").press("Enter")
+    if expected is None:
+        return
+    tab.page.locator(f"button[title='undo: set {key}']").wait_for()  # the document has it
+    assert control.locator(".error").count() == 0
+    if seen:
+        tab.until("() => document.querySelector('.stage-bar > .status').textContent.includes('rendering')")
+        assert tab.picture() != before
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    found: Any = load_scene(page.scene)
+    for part in key.split("."):
+        found = found[int(part)] if part.isdecimal() else getattr(found, {"object": "objects"}.get(part, part))
+    assert (list(found) if isinstance(found, tuple) else found) == expected
+
+
+def test_undo_and_reset_go_back(page: Page) -> None:
+    tab = page.first
+    control = tab.control("object.0.visible")
+    control.locator(".reset").click()
+    control.locator(".mark").wait_for(state="detached")
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    control.locator(".mark").wait_for()
+    tab.page.keyboard.press("Control+Shift+z")
+    control.locator(".mark").wait_for(state="detached")
+
+
+def test_an_invalid_value_is_told_beside_its_control_and_the_picture_stays(page: Page) -> None:
+    tab, before = page.first, page.first.picture()
+    control = tab.control("camera.depth_m")
+    number = control.locator("input[type=number]")
+    number.fill("-3")
+    number.press("Enter")
+    control.locator(".error").wait_for()
+    assert "must be > 0 and <= 200 m" in control.locator(".error").inner_text()
+    assert number.get_attribute("aria-invalid") == "true"
+    tab.page.locator(".page-notices .problems").wait_for()
+    tab.page.keyboard.press("Control+s")  # what gives no scene is not saved
+    tab.page.locator(".q-notification").first.wait_for()
+    assert load_scene(page.scene).camera.depth_m == 7.5
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    control.locator(".error").wait_for(state="detached")
+    assert tab.picture() == before
+
+
+def test_two_tabs_stay_in_step(page: Page) -> None:
+    first, second = page.first, page.tab()
+    first.control("camera.depth_m").locator("input[type=number]").fill("6.25")
+    first.page.keyboard.press("Enter")
+    field = second.control("camera.depth_m").locator("input[type=number]")
+    second.page.wait_for_function("e => e.value === '6.25'", arg=field.element_handle())
+    field.fill("4.5")
+    field.press("Enter")
+    other = first.control("camera.depth_m").locator("input[type=number]")
+    first.page.wait_for_function("e => e.value === '4.5'", arg=other.element_handle())
+    assert first.picture() == second.picture()
+    second.page.close()
+
+
+def test_looking_around_stays_while_pictures_change(page: Page) -> None:
+    tab = page.first
+    look = tab.page.get_by_role("button", name="Look around")
+    look.click()
+    canvas = tab.page.locator(".uw-stage canvas")
+    canvas.focus()
+    tab.page.keyboard.press("ArrowRight")
+    tab.control("camera.depth_m").locator("input[type=number]").fill("5")
+    tab.page.keyboard.press("Enter")
+    tab.done()
+    assert look.get_attribute("aria-pressed") == "true"
+    tab.page.get_by_role("button", name="Flat").click()
+
+
+def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
+    tab = page.first
+    tab.page.get_by_label("What a click in the picture does").select_option("stand")
+    tab.done()
+    box = tab.page.locator(".uw-stage canvas").bounding_box()
+    assert box is not None
+    x, y = round(box["x"] + 0.31 * box["width"]), round(box["y"] + 0.7 * box["height"])
+    old = tab.control("object.0.position_m").locator("input").first.input_value()
+    tab.page.mouse.click(x, y)
+    first = tab.control("object.0.position_m").locator("input").first
+    tab.page.wait_for_function("([e, old]) => e.value !== old", arg=[first.element_handle(), old])
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    with LivePreview("reference") as preview:
+        here = situation(preview, load_scene(page.scene), 0, 0.0)
+    body = here.bodies[0]
+    foot = body.position + placing.foot(body.hull, body.rotation, body.scale)
+    u, v = placing.pixel_of_point(placing.shown_at(here.camera, foot).point, WIDTH, HEIGHT)
+    size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
+    at_x = box["x"] + 0.5 * box["width"] + size * (u - 0.5 * WIDTH)
+    at_y = box["y"] + 0.5 * box["height"] + size * (v - 0.5 * HEIGHT)
+    # positions are kept to 0.1 mm; a click is at a whole pixel
+    np.testing.assert_allclose([at_x, at_y], [x, y], atol=1.0)
+
+
+def test_keys_are_set_edited_and_played(page: Page) -> None:
+    tab = page.first
+    control, before = tab.control("sea.wind_speed"), tab.picture()
+    control.get_by_label("key Wind speed at this time").click()
+    tab.page.locator(".uw-key").first.wait_for()
+    tab.page.locator(".uw-strip").press("End")
+    tab.until("() => document.querySelector('.uw-time .uw-where').textContent.includes('frame 7')")
+    tab.changed(before)
+    control.locator("input[type=number]").fill("9")
+    control.locator("input[type=number]").press("Enter")
+    tab.page.locator(".uw-key").nth(1).wait_for()
+    last = tab.page.locator(".uw-key").nth(1)
+    last.press("ArrowLeft")  # the key goes a frame back
+    tab.until("() => /0\\.2\\d s/.test(document.querySelectorAll('.uw-key')[1].getAttribute('aria-label'))")
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    (key,) = load_scene(page.scene).keys
+    assert (key.parameter, key.value) == ("sea.wind_speed", (3.0, 9.0))
+    np.testing.assert_allclose(key.time_s, [0.0, 6.0 / 24.0], atol=1e-5)  # rounded to microseconds
+    tab.page.locator(".uw-strip").press("Home")
+    before = tab.picture()
+    tab.page.get_by_role("button", name="Play").click()
+    tab.page.wait_for_function("() => !document.querySelector('.uw-time .uw-where').textContent.includes('frame 0 ')")
+    tab.page.get_by_role("button", name="Pause").click()
+    tab.changed(before)
+
+
+def test_a_preset_is_one_step(page: Page) -> None:
+    tab = page.first
+    tab.page.get_by_role("button", name="Presets").click()
+    tab.page.get_by_text("harbour", exact=True).click()
+    choice = tab.control("water.type").locator("select")
+    tab.page.wait_for_function("e => e.value === '\"harbour\"'", arg=choice.element_handle())
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    tab.page.wait_for_function("e => e.value === '\"III\"'", arg=choice.element_handle())
+
+
+def test_a_scene_broken_by_another_program_shows_why_and_the_last_picture(page: Page) -> None:
+    tab, before, good = page.first, page.first.picture(), page.scene.read_text("utf-8")
+    page.scene.write_text("plate = [", "utf-8")
+    tab.page.locator(".page-notices .problems").get_by_text("is not TOML").wait_for()
+    assert tab.picture() == before
+    page.scene.write_text(good + "\n# again\n", "utf-8")
+    tab.page.locator(".page-notices .problems").wait_for(state="detached")
+    assert tab.picture() == before
+
+
+def test_others_are_refused(page: Page) -> None:
+    fresh = page.browser.new_context(base_url=page.base)
+    for path in ("/", "/picture/1", "/?token=wrong", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
+        assert fresh.request.get(path).status == 403
+    fresh.close()
+    known = {"Cookie": "; ".join(f"{one['name']}={one['value']}" for one in page.context.cookies())}
+    socket = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+              "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}  # fmt: skip
+    for headers, expected in (
+        (known, 200), (known | {"Origin": "http://evil.example"}, 403), (known | {"Host": "evil.example"}, 403),
+        (known | socket | {"Origin": "http://evil.example"}, 403), (known | socket | {"Origin": page.base}, 101),
+    ):  # fmt: skip
+        connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=20.0)
+        path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket" if "Upgrade" in headers else "/"
+        connection.request("GET", path, headers=headers)
+        assert connection.getresponse().status == expected, headers
+        connection.close()
+
+
+def test_the_whole_clip_is_rendered_from_the_page(page: Page) -> None:
+    tab = page.first
+    tab.page.get_by_role("button", name="Render").click()
+    tab.page.get_by_role("textbox", name="Output").fill("from_page.mp4")
+    tab.page.get_by_role("button", name="Render", exact=True).click()
+    tab.until("() => /^Done/.test(document.querySelector('.run-text').textContent)")
+    assert (page.scene.parent / "from_page.mp4").stat().st_size > 1000
+    link = tab.page.get_by_role("link", name="Open from_page.mp4").get_attribute("href")
+    assert tab.page.request.get(link, headers={"Range": "bytes=0-99"}).status == 206
+    tab.page.get_by_role("button", name="Close").click()
+
+
+def test_nothing_was_asked_of_other_machines(page: Page) -> None:
+    time.sleep(0.2)  # for requests that are on their way
+    asked = [url for tab in page.tabs for url in tab.asked]
+    assert len(asked) > 20
+    own = (page.base, page.base.replace("http", "ws"), "data:", f"blob:{page.base}")
+    assert [url for url in asked if not url.startswith(own)] == []
+    assert [wrong for tab in page.tabs for wrong in tab.wrong] == []

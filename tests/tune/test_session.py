@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state that tabs share, and runs of the whole clip."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
+
+from mr360uw.errors import ParameterError
+from mr360uw.sample import SampleDive
+from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.tune.editing.document import Document
+from mr360uw.tune.pictures import Picture, Wanted
+from mr360uw.tune.session import Session
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A clip of a second."""
+
+    frame_count: int | None = 24
+    frame_rate: Fraction = Fraction(24)
+    width: int = 2048
+
+
+class Studio:
+    """Keeps what was asked for."""
+
+    def __init__(self) -> None:
+        self.wanted: list[Wanted] = []
+        self.stored: dict[int, bytes] = {}
+
+    def want(self, wanted: Wanted) -> None:
+        self.wanted.append(wanted)
+
+    def get(self, number: int) -> bytes | None:
+        return b"picture %d" % number
+
+    def store(self, data: bytes) -> int:
+        self.stored[100 + len(self.stored)] = data
+        return max(self.stored)
+
+    def drop(self, number: int) -> None:
+        del self.stored[number]
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    (tmp_path / "plate.png").touch()
+    (tmp_path / "scene.toml").write_text('plate = "plate.png"\n', "utf-8")
+    studio: Any = Studio()
+    return Session(Document(tmp_path / "scene.toml"), studio, Clip(), 1024)
+
+
+def made(session: Session, **changes: Any) -> Picture:
+    studio: Any = session.pictures
+    return replace(Picture(1, studio.wanted[-1], 1024, 512, False, 0.1, b"jpeg"), **changes)
+
+
+def test_a_picture_of_an_older_state_is_never_the_present_one(session: Session) -> None:
+    session.show()
+    first = made(session)
+    session.take(replace(first, draft=True))
+    assert session.behind
+    session.take(first)
+    assert not session.behind
+    session.document.set("camera.depth_m", 7.0)
+    assert session.behind
+    session.take(first)  # it comes late
+    assert session.behind
+    session.take(made(session))
+    assert not session.behind
+    session.seek(3)
+    assert session.behind
+    session.take(made(session))
+    session.look("plate", width=512)
+    assert session.behind
+
+
+def test_an_error_keeps_the_last_picture(session: Session) -> None:
+    session.show()
+    session.take(made(session))
+    session.document.set("camera.depth_m", 7.0)
+    session.take(made(session, problems=("plate - is gone",), data=b""))
+    assert session.problems == ("plate - is gone",)
+    assert session.picture is not None
+    assert session.picture.data == b"jpeg"
+    session.take(made(session))
+    assert session.problems == ()
+
+
+def test_seeking_stays_in_the_clip_and_asks_for_full_pictures_at_rest(session: Session) -> None:
+    studio: Any = session.pictures
+    heard: list[str] = []
+    end = session.observe(heard.append)
+    session.seek(99, scrubbing=True)
+    assert (session.index, session.time_s, studio.wanted[-1].full) == (23, 23 / 24, False)
+    session.seek(99)
+    assert studio.wanted[-1].full
+    assert heard == ["time"]
+    session.seek(-4)
+    assert session.index == 0
+    session.set_range(2, 9)
+    assert session.range == (2, 9)
+    end()
+    session.seek(5)
+    assert heard == ["time"] * 3
+
+
+def test_pictures_are_kept_under_names(session: Session) -> None:
+    studio: Any = session.pictures
+    session.keep_picture("one")
+    assert not session.kept_pictures  # there is none yet
+    session.show()
+    session.take(made(session))
+    session.keep_picture("one")
+    session.keep_picture("one")
+    assert studio.stored == {session.kept_pictures["one"]: b"picture 1"}
+
+
+def test_one_run_at_a_time(session: Session, tmp_path: Path) -> None:
+    run = session.start_run(tmp_path / "out.mp4")
+    with pytest.raises(ParameterError, match="going on"):
+        session.start_run(tmp_path / "other.mp4")
+    run.state = "done"
+    assert session.start_run(tmp_path / "other.mp4") is not run
+
+
+def test_a_run_tells_its_progress_and_what_went_wrong(dive: SampleDive, tmp_path: Path) -> None:
+    told: list[tuple[int, int, float | None]] = []
+    run = CompositeRun(tmp_path / "out.mp4", lambda: told.append((run.done, run.total, run.seconds_left)))
+    asyncio.run(run.run(dive.scene, ["--frames", "0:3", "--scale", "0.25", "--backend", "reference"]))
+    assert run.state == "done", run.message
+    assert run.out.is_file()
+    assert [row[:2] for row in told[-4:-1]] == [(1, 3), (2, 3), (3, 3)]
+    assert told[-2][2] == 0.0
+    again = CompositeRun(tmp_path / "out.mp4", lambda: None)
+    asyncio.run(again.run(dive.scene, ["--frames", "0:3"]))
+    assert again.state == "failed"
+    assert "already there" in again.message
+
+
+def test_a_run_that_is_cancelled_says_so(dive: SampleDive, tmp_path: Path) -> None:
+    run = CompositeRun(tmp_path / "out.mp4", lambda: run.cancel() if run.state == "running" else None)
+    asyncio.run(run.run(dive.scene, ["--backend", "reference"]))
+    assert run.state == "cancelled"
+    assert not run.out.exists()
