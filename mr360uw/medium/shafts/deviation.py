@@ -15,9 +15,9 @@ included. Bodies and waves change that part. Only the change is added, so nothin
 
 p' and c' are those of the medium's transmittance and veil and of the beam on objects (share g^4, below 22 degrees in
 the ocean, `phase.wide_angle_moments`), and they go together. Where V is 0 everywhere D is exactly minus what the beam's
-first wide-angle scattering gave to the veil. Light that turns by a small angle first and by a wide one later is part of the
-shaft, blurred, as it is part of the beam on objects. Exact single scattering (p and c, `single_scattering`) lacks that
-light and has instead the glow within 22 degrees of the sun, which the veil leaves out inside Snell's window.
+first wide-angle scattering gave to the veil. Light that turns by a small angle first and by a wide one later is part of
+the shaft, blurred, as it is part of the beam on objects. Exact single scattering (p and c, `single_scattering`) lacks
+that light and has instead the glow within 22 degrees of the sun, which the veil leaves out inside Snell's window.
 docs/medium.md has what the choice amounts to. Shafts are not blurred on their way to the camera, as objects are not.
 
 Lamps do not light the plate: all of their scattered light is added, with the same p' and c'. For the modes that are

@@ -49,7 +49,9 @@ class FroxelGrid:
             )
 
 
-DEFAULT_GRID = FroxelGrid(128, 256, 64, 4)
+DEFAULT_GRID = FroxelGrid(256, 512, 96, 2)
+"""Error over the rms of the deviation: see docs/medium.md. Half as many rows and columns: two to three times the
+error, an eighth of the time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

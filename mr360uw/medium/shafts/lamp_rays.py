@@ -25,12 +25,14 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, eq=False)
 class LampSegments:
     """Segments of m rays. light: (m, k) integral of spot(angle)/r^2 over each [1/m]. cosine: (m, k) of the angle by
-    which light turns. path_m: (m, k) from the lamp over the segment to the camera. point: (m, k, 3) in the world.
+    which light turns. distance_m: (m, k) from the camera. path_m: (m, k) from the lamp over the segment to the camera.
+    point: (m, k, 3) in the world.
     least_m: distance from the lamp within which nothing shades.
     """
 
     light: Array
     cosine: Array
+    distance_m: Array
     path_m: Array
     point: Array
     least_m: float
@@ -72,4 +74,4 @@ def lamp_segments(
     towards = away / r[..., None]
     light = spot_factor(lamp, towards) / (r * r) * width[:, None] * (1.0 + tangent * tangent) * step[:, None]
     cosine = np.einsum("mkc,mc->mk", towards, directions)
-    return LampSegments(light, cosine, r + s, point, least)
+    return LampSegments(light, cosine, s, r + s, point, least)

@@ -23,6 +23,8 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+_BEYOND_M = 1e-4
+"""How far [m] behind a hit the next one is searched for: above the roundings of rays, below the size of a body."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Step from place to place along a segment, as a fraction of it."""
 
@@ -52,6 +54,16 @@ class Bodies:
         for body in self.occluders:
             nearest = np.minimum(nearest, body.distance(np.broadcast_to(origin, directions.shape), directions))
         return nearest
+
+    def inside_m(self, origin: Array, directions: Array) -> tuple[Array, Array]:
+        """Return the distances (n,) [m] between which rays (n, 3) from one point are inside their first body."""
+        enter = self.first_hit_m(origin, directions)
+        leave = np.full(len(directions), np.inf)
+        met = np.flatnonzero(np.isfinite(enter))
+        start = origin + (enter[met, None] + _BEYOND_M) * directions[met]
+        for body in self.occluders:
+            leave[met] = np.minimum(leave[met], enter[met] + _BEYOND_M + body.distance(start, directions[met]))
+        return enter, leave
 
     def visible(self, point: Array, directions: Array, along: Array | None = None) -> Array:
         """Return the fraction (n,) of k directions (k, 3) about one axis that are free from points (n, 3).

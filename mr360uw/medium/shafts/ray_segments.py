@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Division of camera rays into segments of equal transmittance, and where rays end.
 
-Segment edges are uniform in t over [0, 1], with x = rate reach bounded to +-`_STEEPEST`:
+Segment edges are uniform in t over [0, 1], with x = rate reach. Beyond an optical length of `_STEEPEST` no light is
+left; reach is bounded so that |x| is no more:
 
     r(t) = -reach log(1 - t (1 - exp(-x)))/x        t(r) = (1 - exp(-x r/reach))/(1 - exp(-x))
 """
@@ -42,7 +43,8 @@ def fraction_at(radius_m: ArrayLike, rate: ArrayLike, reach_m: ArrayLike) -> Arr
 
 def _coordinates(first: ArrayLike, rate: ArrayLike, reach_m: ArrayLike) -> tuple[Array, Array, Array]:
     first, rate, reach = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (first, rate, reach_m)))
-    return first, np.clip(rate * reach, -_STEEPEST, _STEEPEST), reach
+    reach = np.minimum(reach, _STEEPEST / np.maximum(np.abs(rate), 1e-30))
+    return first, rate * reach, reach
 
 
 def segment_points(origin: Array, directions: Array, edge_m: Array, at: float = 0.5) -> tuple[Array, Array]:

@@ -148,7 +148,9 @@ class ShaftScene:
             _LAMP_POINTS,
         )  # fmt: skip
         light = at.light
-        if lamp.casts_shadow:
+        if lamp.casts_shadow and self.bodies.occluders:
+            enter, leave = (np.repeat(m, slices)[:, None] for m in self.bodies.inside_m(self.origin, directions))
+            light = np.where((at.distance_m > enter) & (at.distance_m < leave), 0.0, light)
             lit = np.flatnonzero(light.ravel() > 0.0)
             seen = self.bodies.visible_from(at.point.reshape(-1, 3)[lit], np.asarray(lamp.position), at.least_m)
             light.reshape(-1)[lit] *= seen
