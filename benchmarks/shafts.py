@@ -51,6 +51,11 @@ class Ball:
     centre: np.ndarray
     radius: float
 
+    @property
+    def bounding_sphere(self) -> tuple[np.ndarray, float]:
+        """Return the ball."""
+        return self.centre, self.radius
+
     def distance(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Return the distance (n,) at which rays meet the ball from the start on, infinity where they do not."""
         to = self.centre - origins
@@ -79,17 +84,18 @@ def sun_at(elevation_deg: float, azimuth_deg: float = 35.0) -> Sun:
 # --- truth ---------------------------------------------------------------------------------------------------------
 
 BALL = Ball(np.array([0.0, 1.0, -3.0]), 0.5)
-_PIXELS, _FOV_DEG = 20, 30.0
+_PIXELS, _FOV_DEG, _SAMPLES = 20, 30.0, 512
 WATERS = {"thin": (0.05, 0.05, 0.0), "IB": (0.07, 0.18, 0.92), "1C": (0.12, 0.45, 0.92)}
 """Absorption, scattering [1/m] and mean cosine; the last two about those of the types at 550 nm."""
 
 
 def path_traced(
-    absorption: float, scattering: float, g: float, sun: Sun, target: np.ndarray, ball: bool, depth: int, samples: int
+    absorption: float, scattering: float, g: float, sun: Sun, target: np.ndarray, ball: bool, depth: int, seed: int = 7
 ) -> np.ndarray:
     """Return a square picture (n, n) from the origin towards a target in endless water below y = DEPTH_M.
 
-    The sun has unit irradiance just below the surface. depth: most events on a path, 2 for single scattering.
+    The sun has unit irradiance just below the surface. depth: most events on a path, 2 for single scattering. seed: the
+    same with and without the ball, so that most paths are the same.
     """
     import mitsuba as mi
 
@@ -114,7 +120,7 @@ def path_traced(
         "sensor": {
             "type": "perspective", "fov": _FOV_DEG, "medium": {"type": "ref", "id": "water"},
             "to_world": transform().look_at(origin=[0, 0, 0], target=target.tolist(), up=[0, 1, 0]),
-            "sampler": {"type": "independent", "sample_count": samples},
+            "sampler": {"type": "independent", "sample_count": _SAMPLES},
             "film": {
                 "type": "hdrfilm", "width": _PIXELS, "height": _PIXELS, "rfilter": {"type": "box"},
                 "pixel_format": "luminance", "component_format": "float32",
@@ -126,7 +132,7 @@ def path_traced(
             "type": "sphere", "center": BALL.centre.tolist(), "radius": BALL.radius,
             "bsdf": {"type": "diffuse", "reflectance": grey(0.0)},
         }  # fmt: skip
-    return np.asarray(mi.render(mi.load_dict(scene), spp=samples, seed=7)).reshape(_PIXELS, _PIXELS)
+    return np.asarray(mi.render(mi.load_dict(scene), spp=_SAMPLES, seed=seed)).reshape(_PIXELS, _PIXELS)
 
 
 def _window(target: np.ndarray, fine: int) -> np.ndarray:
@@ -156,8 +162,10 @@ def section_truth() -> None:
     """Contrast of the shaft of a ball: 1 - radiance with it/radiance without it, in its core."""
     from mr360uw.medium.phase import henyey_greenstein
 
-    print("single scattering: contrast by Mitsuba, ours; and all scattering: what the ball takes, ours over Mitsuba")
-    print("with the wide-angle beam (p', c'), with exact single scattering (p, c), with p and c'")
+    print(
+        "once: contrast by Mitsuba and ours, target 5 %. all: what the ball takes by the wide-angle beam (p', c') and by"
+    )
+    print("exact single scattering (p, c), of what it takes by Mitsuba with all orders of scattering, and the ratios")
     for name, (a, b, g) in WATERS.items():
         for elevation, below in ((75.0, 1.5), (50.0, 1.5)):
             sun = sun_at(elevation)
@@ -168,23 +176,25 @@ def section_truth() -> None:
             smooth, taken = (_mean(x) for x in _ours(a, b, p, sun, fine))
             seen = _mean(np.isinf(BALL.distance(np.zeros_like(fine), fine)).astype(np.float64)) == 1.0
             core = seen & (taken / smooth > 0.7 * np.max((taken / smooth)[seen]))
-            once = [path_traced(a, b, g, sun, target, ball, 2, 1024)[core].mean() for ball in (False, True)]
+            once = [path_traced(a, b, g, sun, target, ball, 2)[core].mean() for ball in (False, True)]
             contrast, ours = 1.0 - once[1] / once[0], (taken[core].sum() / smooth[core].sum())
-            every = [path_traced(a, b, g, sun, target, ball, 48, 1024)[core].mean() for ball in (False, True)]
-            lost = every[0] - every[1]
             line = f"{name:5} sun {elevation:.0f}: once {contrast:.4f} {ours:.4f} ({ours / contrast - 1.0:+.1%})"
-            ratios = [taken[core].mean() / lost]
             if g:
                 phase = ("hg", g)
                 share = float(wide_angle_moments(phase, 1)[0])
-                theta = np.arccos(np.clip(cosine, -1.0, 1.0))
-                wide = wide_angle_function(phase, theta)
-                ratios = [
-                    _mean(_ours(a, b * share, wide / share, sun, fine)[1])[core].mean() / lost,
-                    taken[core].mean() / lost,
-                    _mean(_ours(a, b * share, p / share, sun, fine)[1])[core].mean() / lost,
+                wide = wide_angle_function(phase, np.arccos(np.clip(cosine, -1.0, 1.0)))
+                beam = _mean(_ours(a, b * share, wide / share, sun, fine)[1])[core].mean()
+                pairs = [
+                    [path_traced(a, b, g, sun, target, ball, 48, seed)[core] for ball in (0, 1)] for seed in _SEEDS
                 ]
-            print(f"{line}  all: " + " ".join(f"{r:.3f}" for r in ratios), flush=True)
+                lost = [float(np.mean(x - y)) for x, y in pairs]
+                mean, error = np.mean(lost), np.std(lost, ddof=1) / np.sqrt(len(lost))
+                line += f"  all: {beam:.2e} {taken[core].mean():.2e} of {mean:.2e} +- {error:.0e}"
+                line += f" = {beam / mean:.2f}, {taken[core].mean() / mean:.2f}"
+            print(line, flush=True)
+
+
+_SEEDS = range(6)
 
 
 def _mean(x: np.ndarray) -> np.ndarray:
@@ -233,7 +243,7 @@ def scenes() -> dict[str, ShaftScene]:
     return found
 
 
-GRIDS = (FroxelGrid(64, 128, 32, 1), FroxelGrid(128, 256, 48, 2), FroxelGrid(256, 512, 96, 1), DEFAULT_GRID)
+GRIDS = (FroxelGrid(64, 128, 48, 2), FroxelGrid(128, 256, 96, 2), DEFAULT_GRID)
 _RAYS, _STEPS = 384, 4096
 
 
@@ -311,7 +321,7 @@ def pictures(folder: str) -> None:
             caustics = waves(sun, medium) if wavy else None
             image = shaft_deviation(view, medium, sun, bodies, caustics)
             scale = np.percentile(np.abs(image), 99.5)
-            shown = encode(np.clip(0.2 + 0.2 * image / scale, 0.0, 1.0))
+            shown = encode(np.clip(0.2 + 0.2 * image / scale, 0.0, 1.0), "srgb")
             path = Path(folder) / f"{name}-{elevation:.0f}.png"
             cv2.imwrite(str(path), np.round(255.0 * shown[..., ::-1]).astype(np.uint8))
             print(path, "99.5 % of |D|:", scale)

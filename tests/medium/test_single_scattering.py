@@ -27,6 +27,10 @@ class Ball:
     centre: np.ndarray
     radius: float
 
+    @property
+    def bounding_sphere(self):
+        return self.centre, self.radius
+
     def distance(self, origins, directions):
         to = self.centre - origins
         along = np.sum(to * directions, axis=-1)

@@ -31,7 +31,10 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @runtime_checkable
 class Occluder(Protocol):
-    """A body of any kind. Origins (n, 3) [m] in the world, directions (n, 3) unit."""
+    """A body of any kind. Origins (n, 3) [m] in the world, directions (n, 3) unit.
+
+    An attribute `bounding_sphere`, (centre (3,), radius) [m], spares rays to points that the body cannot shade.
+    """
 
     def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
         """Return whether each ray (n,) meets the body nearer than `reach_m` [m]."""
@@ -122,8 +125,9 @@ def bodies_of(bodies: Sequence[Any] | Any) -> Bodies:
                     "`triangles`, or an object with the methods of `Occluder`"
                 )
             occluders.append(body)
-            centres.append(np.zeros((1, 3)))
-            radii.append(np.inf)
+            centre, radius = getattr(body, "bounding_sphere", (np.zeros(3), np.inf))
+            centres.append(np.asarray(centre, np.float64)[None])
+            radii.append(float(radius))
             continue
         corners = numbers("bodies", triangles).astype(np.float64, copy=False)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3):
