@@ -162,10 +162,8 @@ def section_truth() -> None:
     """Contrast of the shaft of a ball: 1 - radiance with it/radiance without it, in its core."""
     from mr360uw.medium.phase import henyey_greenstein
 
-    print(
-        "once: contrast by Mitsuba and ours, target 5 %. all: what the ball takes by the wide-angle beam (p', c') and by"
-    )
-    print("exact single scattering (p, c), of what it takes by Mitsuba with all orders of scattering, and the ratios")
+    print("once: contrast by Mitsuba and ours, target 5 %. all: what the ball takes by wide angles (p', c'), by exact")
+    print("single scattering (p, c), and by Mitsuba with all orders of scattering; ratios to the last")
     for name, (a, b, g) in WATERS.items():
         for elevation, below in ((75.0, 1.5), (50.0, 1.5)):
             sun = sun_at(elevation)
