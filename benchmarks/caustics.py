@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mr360uw.caustic_lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
 from mr360uw.caustics import (
     CausticSettings,
     GerstnerSea,
@@ -36,7 +37,6 @@ from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.gl.renderer import CausticRenderer, caustic_renderer
 from mr360uw.caustics.gl.stack import upload
-from mr360uw.caustics.lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.sphere import direction_from_angles
@@ -250,7 +250,7 @@ def speed() -> None:
 
 
 LOOKUP = """
-#include "caustics/lookup.glsl"
+#include "caustic_lookup.glsl"
 uniform CausticStack stack;
 uniform sampler2DArray ratio;
 uniform sampler2D plane_depth;

@@ -33,6 +33,12 @@ LUMINANCE_R, LUMINANCE_G, LUMINANCE_B = 0.2126, 0.7152, 0.0722
 CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B = 0.82, 1.03, 1.25
 """Colour of a clear sky relative to sun and sky together, linear Rec.709: near CIE daylight of 9000 K over D65."""
 
+NEAREST_LAMP_M = 1e-3
+"""Least distance [m] from a point lamp: bounds the inverse square."""
+
+MINIMUM_SUN_UP = 0.05
+"""Least sine of the sun's elevation in the water: the path of a horizontal beam would be infinite."""
+
 LONGEST_RAY_M = 1e9
 """Stands for an infinite ray through water, so that no infinity meets a zero."""
 

@@ -20,6 +20,11 @@ from mr360uw.shapes import common_shape, vectors
 
 Array = NDArray[np.float64]
 
+_PIECES = 2.7
+"""Points in the innermost ring."""
+_TURN = np.pi * (3.0 - np.sqrt(5.0))
+"""Rotation from ring to ring, the golden angle [rad], so that pieces do not line up."""
+
 
 def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) -> Array:
     """Return the unit directions (..., 3) seen at continuous frame coordinates, pixel centres at i + .5."""
@@ -69,3 +74,40 @@ def yaw_matrix(yaw_rad: float) -> Array:
     """Return the (3, 3) rotation about +y that turns forward (-z) to the right (+x) for positive angles."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+
+def basis(axis: ArrayLike) -> Array:
+    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; u is level, so a yaw rotates all three alike."""
+    w = unit(axis)
+    level = np.array([w[2], 0.0, -w[0]])
+    length = float(np.hypot(w[0], w[2]))
+    u = level / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
+    return np.stack([u, np.cross(w, u), w])
+
+
+def disc_offsets(count: int) -> Array:
+    """Return points (count, 2) of the unit disc that represent equal areas; a single one is its centre.
+
+    The areas are pieces of rings of equal width, each point at the root mean square radius of its piece. At the
+    straight edge of a shadow the error is half that of a Fermat spiral of as many points.
+    """
+    rings = max(round(np.sqrt(count / _PIECES)), 1)
+    ends = np.round(count * (np.arange(rings + 1) / rings) ** 2).astype(np.int64)
+    points = []
+    for ring, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
+        radius = np.sqrt(0.5 * (first + last) / count) if last > 1 else 0.0
+        angle = 2.0 * np.pi * (np.arange(last - first) + 0.5) / max(last - first, 1) + ring * _TURN
+        points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    return np.concatenate(points)
+
+
+def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Array:
+    """Return directions (count, 3) over a disc of angular radius `half_angle_rad` about `axis`."""
+    u, v, w = basis(axis)
+    offsets = np.tan(half_angle_rad) * disc_offsets(count)
+    return unit(w + offsets[:, :1] * u + offsets[:, 1:] * v)
+
+
+def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Array:
+    """Return the radius (...,) [rad] of the disc with the second moment of the sun's disc and the water's spread."""
+    return np.asarray(np.sqrt(np.square(half_angle_rad) + 4.0 * np.square(spread_rad)))

@@ -22,9 +22,9 @@ GROUND = {
 PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
-    "caustics": {"gl"},
-    "medium": set(),
-    "composite": {"gl", "threads", *PHYSICS},
+    "caustics": {"gl", "caustic_lookup"},
+    "medium": {"rays", "caustic_lookup"},
+    "composite": {"gl", "threads", "rays", "caustic_lookup", *PHYSICS},
     "gl": set(),
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
@@ -32,9 +32,21 @@ ALLOWED: dict[str, set[str]] = {
     "runs": {"render", "scene", "composite", "video", "ibl", "threads", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
-    "match": {"render", "scene", "video", "progress", *PHYSICS},
-    "sample": {"scene", "caustics", "medium", "video", "progress", "threads"},
-    "tune": {"match", "preview", "runs", "render", "scene", "composite", "video", "progress", "threads", *PHYSICS},
+    "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
+    "sample": {"scene", "caustics", "medium", "caustic_lookup", "video", "progress", "threads"},
+    "tune": {
+        "match",
+        "preview",
+        "runs",
+        "render",
+        "scene",
+        "composite",
+        "video",
+        "rays",
+        "progress",
+        "threads",
+        *PHYSICS,
+    },
 }
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui"}
 

@@ -28,12 +28,12 @@ from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
 from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
-from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
 from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps, Pattern, find_gaps, join_gaps, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
+from mr360uw.rays import RayScene
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000

@@ -42,6 +42,11 @@ class PlacedObject:
         """Cache key: equal for the same mesh with the same transform."""
         return self.mesh, self.world_from_object.tobytes()
 
+    @property
+    def triangles(self) -> Floats:
+        """Its triangles (T, 3, 3) [m] in the world."""
+        return self.to_world(self.mesh.positions)
+
     def to_world(self, points: Floats) -> Floats:
         """Return points (..., 3) of the object in the world."""
         return points @ self.world_from_object[:3, :3].T + self.world_from_object[:3, 3]

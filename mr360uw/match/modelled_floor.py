@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.caustic_lookup import mip_level, mip_levels
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.caustics.lookup import mip_level, mip_levels
 from mr360uw.caustics.settings import Sea
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA

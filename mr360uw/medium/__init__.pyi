@@ -6,6 +6,10 @@ from .jerlov import JERLOV_TYPES
 from .medium import MODES, Medium
 from .models import spectral_model
 from .settings import WaterSettings
+from .shafts.deviation import shaft_deviation
+from .shafts.froxels import FroxelGrid, ShaftField, shaft_field
+from .shafts.shaft_scene import ShaftScene
+from .shafts.single_scattering import single_scattering
 from .spectral.bands import Bands, bands
 from .spectral.gamut import compress_gamut
 from .spectral.sensor import Sensor, cameras, illuminant
@@ -17,10 +21,13 @@ __all__ = [
     "JERLOV_TYPES",
     "MODES",
     "Bands",
+    "FroxelGrid",
     "LightField",
     "Medium",
     "PlateProfile",
     "Sensor",
+    "ShaftField",
+    "ShaftScene",
     "Water",
     "WaterFit",
     "WaterSettings",
@@ -34,6 +41,9 @@ __all__ = [
     "multiple_scattering",
     "picture_change",
     "reflectance",
+    "shaft_deviation",
+    "shaft_field",
+    "single_scattering",
     "spectral_model",
     "steady_gain",
 ]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import INV_4PI, LONGEST_RAY_M
+from mr360uw.constants import BRIGHTEST_LOG, INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, numbers
@@ -64,6 +64,16 @@ def path_modes(source: Array, fall: Array, decay: Array, distance_m: Array) -> A
     lost = fall * -s
     np.expm1(lost, out=lost)
     return np.asarray(np.einsum("rnj,rnj->rn", source * np.exp(-decay) / -fall, lost))
+
+
+def exponential_integral(rate: ArrayLike, start: ArrayLike, end: ArrayLike) -> Array:
+    """Return the integral of exp(-rate t) over t from start to end [m], for a rate [1/m] of either sign.
+
+    The integrand is bounded by exp(`BRIGHTEST_LOG`).
+    """
+    rate, start, end = (np.asarray(x, np.float64) for x in (rate, start, end))
+    brightest = np.minimum(-np.minimum(rate * start, rate * end), BRIGHTEST_LOG)
+    return (end - start) * np.exp(brightest) * mean_transmittance(np.abs(rate * (end - start)))
 
 
 def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:

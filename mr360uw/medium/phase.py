@@ -178,6 +178,15 @@ def wide_angle_moments(phase: Phase, count: int) -> Array:
     return moments
 
 
+def wide_angle_function(phase: Phase, theta: ArrayLike) -> Array:
+    """Return the phase function [1/sr] at angles [rad] whose forward peak is cut off level, see `wide_angle_moments`.
+
+    Its integral is the fraction of light that is not scattered by small angles.
+    """
+    _, level = _level_of_peak(phase)
+    return np.minimum(phase_function(phase, theta) / _integral(phase), level)
+
+
 def forward_peak(phase: Phase) -> tuple[Array, Array]:
     """Return angles (n,) [rad] and the fractions (n,), sum 1, that the cut-off forward peak scatters into them.
 
@@ -192,12 +201,18 @@ def forward_peak(phase: Phase) -> tuple[Array, Array]:
 
 
 @functools.lru_cache(maxsize=64)
+def _integral(phase: Phase) -> float:
+    """Return the integral of a phase function over the sphere, 1 but for the rounding of published numbers."""
+    theta, weight = _angle_quadrature()
+    return float(2.0 * PI * np.sum(weight * phase_function(phase, theta)))
+
+
+@functools.lru_cache(maxsize=64)
 def _level_of_peak(phase: Phase) -> tuple[Array, float]:
     """Return a phase function at the quadrature's angles and the value that its peak is cut off at; infinity: none."""
     share = max(mean_cosine(phase), 0.0) ** 4
     theta, weight = _angle_quadrature()
-    p = phase_function(phase, theta)
-    p = p / (2.0 * PI * np.sum(weight * p))
+    p = phase_function(phase, theta) / _integral(phase)
     if share < 1e-6:
         return p, np.inf
     low, high, level = 0.0, PI, np.inf

@@ -13,8 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
-from mr360uw.constants import BRIGHTEST_LOG
+from mr360uw.constants import BRIGHTEST_LOG, MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.fit.level import fit_level
 from mr360uw.medium.lookup import path_attenuation

@@ -10,8 +10,7 @@ import numpy as np
 
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
-from mr360uw.composite.lighting.sun import MINIMUM_SUN_UP
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
+from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.lookup import environment_lookup

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.preview.perspective import Perspective
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import direction_from_angles, direction_from_frame, frame_from_direction, unit
 from mr360uw.types import Floats, View
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics.gl.stack import upload
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
@@ -35,7 +35,7 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
     )
     on_device = upload(stack)
     got = glsl_call(
-        "caustics/lookup.glsl",
+        "caustic_lookup.glsl",
         "caustic_lookup(stack, ratio, plane_depth, v.xyz, v.w)",
         3,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;",

@@ -19,8 +19,8 @@ import pytest
 
 import mr360uw
 from mr360uw import optics, sphere
+from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.caustics.flux import cell, coverage, refracted_rays
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.caustics.sea import detail, gerstner, surface
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
@@ -334,7 +334,7 @@ CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
     "caustics/flux/coverage.glsl": coverage_case,
     "caustics/flux/cell.glsl": cell_case,
     "caustics/flux/refracted_rays.glsl": rays_case,
-    "caustics/lookup.glsl": caustic_case,
+    "caustic_lookup.glsl": caustic_case,
     "composite/lighting/shading.glsl": shading_case,
     "ibl/expansion.glsl": expansion_case,
     "ibl/lookup.glsl": environment_case,

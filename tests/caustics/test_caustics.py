@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.ndimage import uniform_filter
 
+from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import (
     CausticSettings,
     GerstnerSea,
@@ -26,7 +27,6 @@ from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
 from mr360uw.caustics.gl.atlas import mip_atlas
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol

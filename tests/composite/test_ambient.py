@@ -23,11 +23,11 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.raycast.geometry import occluding
-from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.gl.context import gl_available
 from mr360uw.ibl.cosine import irradiance
+from mr360uw.rays import RayScene
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats, Layer
 from tests.composite import tolerances as tol

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.shadow import disc_directions
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.raycast.geometry import occluding
-from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.sphere import directions, row_solid_angle, unit, yaw_matrix
+from mr360uw.rays import RayScene
+from mr360uw.sphere import directions, disc_directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import View
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere

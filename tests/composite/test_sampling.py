@@ -4,10 +4,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
+from mr360uw.rays import barycentric
 from mr360uw.sphere import directions, frame_from_direction, unit
 from tests.composite import tolerances as tol
 from tests.glsl import glsl_call

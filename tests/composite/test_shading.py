@@ -12,13 +12,12 @@ from mr360uw.composite.lighting.shading import (
     reflectance,
     smith_visibility,
 )
-from mr360uw.composite.lighting.shadow import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, make_texture, texture_lookup, texture_taps, trilinear
 from mr360uw.composite.reference import render_aovs
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
-from mr360uw.sphere import directions, unit
+from mr360uw.sphere import basis, directions, disc_directions, disc_offsets, effective_half_angle, unit
 from tests.composite import tolerances as tol
 from tests.composite.scenes import placed, quad, shot, sphere
 from tests.glsl import glsl_call

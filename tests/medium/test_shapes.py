@@ -8,9 +8,10 @@ import pytest
 
 from mr360uw import medium
 from mr360uw.errors import ParameterError
-from mr360uw.medium import LightField, Medium, PlateProfile, Sensor, Water
+from mr360uw.medium import FroxelGrid, LightField, Medium, PlateProfile, Sensor, ShaftScene, Water
 from mr360uw.medium.tabulate import ATTENUATION_SIZE, DEPTH_SIZE, VEIL_SIZE
-from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes
+from mr360uw.types import Sun, View
+from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes, towards
 
 WATER = Water.jerlov("IB")
 W = np.array([450.0, 550.0, 600.0, 650.0])
@@ -18,6 +19,9 @@ FIELD = LightField(filled(4), filled(4), "isotropic")
 MODEL = medium.spectral_model(WATER, W, "kd")
 MEDIUM = Medium(WATER, mode="kd", band_count=4)
 BANDS = medium.bands(4)
+VIEW, SUN = View(4, 2), Sun(np.array([0.6, 0.8, 0.0]), np.ones(3), 0.0, 1.0)
+GRID = FroxelGrid(2, 4, 3)
+SCENE = ShaftScene.of(VIEW, MEDIUM, SUN, [np.eye(3)[None]])
 
 
 def radiance_map(height: int = 32, width: int = 64, channels: int = 3) -> np.ndarray:
@@ -78,6 +82,14 @@ RETURNS: Returns = {
     "exposure_change": (lambda _: medium.exposure_change(radiance_map(), radiance_map()), lambda _: ()),
     "picture_change": (lambda _: medium.picture_change(radiance_map(), radiance_map()), lambda _: ()),
     "steady_gain": (lambda _: medium.steady_gain(filled(9, 3), filled(9), filled(9), 25.0), lambda _: (9, 3)),
+    "single_scattering": (
+        lambda b: medium.single_scattering(VIEW, filled(*b[:1]), 0.1, "petzold", SUN), lambda b: (2, 4, *b[:1]),
+    ),
+    "shaft_deviation": (lambda _: medium.shaft_deviation(VIEW, MEDIUM, SUN, grid=GRID), lambda _: (2, 4, 3)),
+    "shaft_field": (lambda _: medium.shaft_field(SCENE, GRID).table, lambda _: (6, 4, 4, 3)),
+    "ShaftField.radiance": (
+        lambda _: medium.shaft_field(SCENE, GRID).radiance(towards((5,)), filled(5)), lambda _: (5, 3),
+    ),
 }  # fmt: skip
 REFUSED: Refused = {
     "multiple_scattering": lambda: medium.multiple_scattering(WATER, W, filled(4), filled(3), 0.2),
@@ -107,6 +119,10 @@ REFUSED: Refused = {
     "exposure_change, grey": lambda: medium.exposure_change(radiance_map()[..., 0], radiance_map()[..., 0]),
     "picture_change": lambda: medium.picture_change(radiance_map(), radiance_map(16, 32)),
     "steady_gain": lambda: medium.steady_gain(filled(9, 3), filled(8), filled(9), 25.0),
+    "single_scattering": lambda: medium.single_scattering(VIEW, filled(4), filled(3), "petzold", SUN),
+    "single_scattering, end": lambda: medium.single_scattering(VIEW, 0.1, 0.1, "petzold", SUN, end_m=filled(4, 2)),
+    "shaft_deviation": lambda: medium.shaft_deviation(VIEW, MEDIUM, SUN, [filled(5, 3)]),
+    "shaft_field": lambda: medium.shaft_field(ShaftScene.of(VIEW, MEDIUM, SUN, [filled(5, 2, 3)])),
     "steady_gain, channels": lambda: medium.steady_gain(filled(9, 4), filled(9), filled(9), 25.0),
 }
 

@@ -1,5 +1,5 @@
 // Mip levels of the planes of one colour in the layout that lookup.glsl reads, scaled to mean 1.
-// Held to caustics/lookup.py.
+// Held to caustic_lookup.py.
 uniform sampler2D light_0, light_1, light_2, light_3;  // with mip levels
 uniform sampler2D total_0, total_1, total_2, total_3;  // incoming light, one texel
 uniform int size;

@@ -10,8 +10,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.caustic_lookup import mip_levels
 from mr360uw.caustics.gl.atlas import layer_planes, mip_atlas, plane_steps
-from mr360uw.caustics.lookup import mip_levels
 from mr360uw.gl.context import texture_array_from_array, texture_from_array
 from mr360uw.types import CausticStack
 

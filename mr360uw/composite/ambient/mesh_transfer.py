@@ -20,9 +20,9 @@ from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast.geometry import base_color, gather
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 _RAYS_AT_ONCE = 200_000

@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, Atlas, LightFrame
-from mr360uw.composite.lighting.lamps import lamps_of, nearest_m
-from mr360uw.composite.lighting.shadow import basis
+from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.medium.shafts.lamp_rays import nearest_m
+from mr360uw.sphere import basis
 from mr360uw.types import Floats, Lamp
 
 _FARTHER = 1.25

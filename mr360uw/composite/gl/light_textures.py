@@ -15,12 +15,13 @@ from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
 from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_uniforms
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.shadow import disc_offsets, wide_pixel_offsets
+from mr360uw.composite.lighting.shadow import wide_pixel_offsets
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_RAYS, MAXIMUM_SUN_SAMPLES
 from mr360uw.gl.context import set_uniforms, texture_array_from_array, texture_from_array
+from mr360uw.sphere import disc_offsets
 from mr360uw.types import CausticStack, Floats, MediumTable
 
 if TYPE_CHECKING:

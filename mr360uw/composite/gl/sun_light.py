@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from mr360uw.composite.gl.shadow_atlas import LightFrame
-from mr360uw.composite.lighting.shadow import basis
 from mr360uw.composite.lighting.sun import sun_of, sun_up, widest_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.sphere import basis
 
 MAXIMUM_SLOTS = 30
 """Most slots of the sun; the last holds all further bodies. The shader keeps slots as the bits of an integer."""

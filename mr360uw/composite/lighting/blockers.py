@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.raycast.masked import MaskedScene
-from mr360uw.composite.raycast.rays import RayScene
 from mr360uw.composite.shot import Shot
+from mr360uw.rays import RayScene
 from mr360uw.types import Floats
 
 

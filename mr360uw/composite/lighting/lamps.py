@@ -16,36 +16,18 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.shadow import basis, disc_offsets, visible_fraction
+from mr360uw.composite.lighting.shadow import visible_fraction
 from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
+from mr360uw.medium.shafts.lamp_rays import nearest_m, spot_factor
+from mr360uw.sphere import basis, disc_offsets
 from mr360uw.types import Floats, Lamp
-
-NEAREST_M = 1e-3
-"""Least distance [m] from a point lamp: bounds the inverse square."""
 
 
 def lamps_of(shot: Shot) -> tuple[Lamp, ...]:
     """Return the lamps of a shot with any intensity."""
     return tuple(light for light in shot.lights if isinstance(light, Lamp) and np.any(light.intensity > 0.0))
-
-
-def nearest_m(lamp: Lamp) -> float:
-    """Return the distance [m] from a lamp's centre within which irradiance is constant and nothing casts a shadow."""
-    return max(lamp.radius_m, NEAREST_M)
-
-
-def spot_factor(lamp: Lamp, towards: Floats) -> Floats:
-    """Return the fraction (n,) of the axial intensity that a lamp emits against unit directions `towards` it (n, 3).
-
-    1 within the core of the cone, 0 beyond its edge, a smooth step of the cosine between.
-    """
-    if lamp.cos_edge <= -1.0:
-        return np.ones(len(towards))
-    cosine = -(towards @ lamp.axis)
-    t = np.clip((cosine - lamp.cos_edge) / max(lamp.cos_core - lamp.cos_edge, 1e-6), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
 
 
 class LampSource:

@@ -3,27 +3,21 @@
 
 Visibility is the mean over directions that fill the disc, each from a place of its own in the footprint (footprint.py).
 Light that the water has scattered forwards comes from a wider disc: a Gaussian spread of standard deviation sigma is
-taken as a disc of the same second moment, radius^2 = half_angle^2 + 4 sigma^2. The device traces the same rays through
+taken as a disc of the same second moment (`sphere.effective_half_angle`). The device traces the same rays through
 filtered columns (gl/shaders/shadow.glsl).
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.footprint import moved
-from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
-_PIECES = 2.7
-"""Points in the innermost ring."""
-_TURN = np.pi * (3.0 - np.sqrt(5.0))
-"""Rotation from ring to ring, the golden angle [rad], so that pieces do not line up."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _STRIDE = 0.24
 """Step through the lattice of places, as a fraction of its points: of those tried, the one of least error at straight
@@ -38,36 +32,6 @@ light; with one place 0.014."""
 _TURN_OF_PLACES = np.array([0.7549, 0.5698])
 """Shift of the places from round to round: the additive sequence in two dimensions of least discrepancy (1/g and 1/g^2,
 g^3 = g + 1)."""
-
-
-def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Floats:
-    """Return the radius (...,) [rad] of the disc with the second moment of the sun's disc and the water's spread."""
-    return np.sqrt(np.square(half_angle_rad) + 4.0 * np.square(spread_rad))
-
-
-def basis(axis: ArrayLike) -> Floats:
-    """Return (3, 3) rows (u, v, axis), orthonormal and right-handed; u is level, so a yaw rotates all three alike."""
-    w = unit(axis)
-    level = np.array([w[2], 0.0, -w[0]])
-    length = float(np.hypot(w[0], w[2]))
-    u = level / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
-    return np.stack([u, np.cross(w, u), w])
-
-
-def disc_offsets(count: int) -> Floats:
-    """Return points (count, 2) of the unit disc that represent equal areas; a single one is its centre.
-
-    The areas are pieces of rings of equal width, each point at the root mean square radius of its piece. At the
-    straight edge of a shadow the error is half that of a Fermat spiral of as many points.
-    """
-    rings = max(round(np.sqrt(count / _PIECES)), 1)
-    ends = np.round(count * (np.arange(rings + 1) / rings) ** 2).astype(np.int64)
-    points = []
-    for ring, (first, last) in enumerate(itertools.pairwise(ends.tolist())):
-        radius = np.sqrt(0.5 * (first + last) / count) if last > 1 else 0.0
-        angle = 2.0 * np.pi * (np.arange(last - first) + 0.5) / max(last - first, 1) + ring * _TURN
-        points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    return np.concatenate(points)
 
 
 def pixel_offsets(count: int) -> Floats:
@@ -131,10 +95,3 @@ def _reaches_edge(blocked: Blocked, start: Floats, sides: Floats, seen: Floats, 
             free = ~blocked(int(k), moved(start[same], sides[same], corner), same)
             other[same] |= free != (seen[same] > 0.0)
     return other
-
-
-def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Floats:
-    """Return directions (count, 3) over a disc of angular radius `half_angle_rad` about `axis`."""
-    u, v, w = basis(axis)
-    offsets = np.tan(half_angle_rad) * disc_offsets(count)
-    return unit(w + offsets[:, :1] * u + offsets[:, 1:] * v)

@@ -14,18 +14,18 @@ import functools
 
 import numpy as np
 
-from mr360uw.caustics.lookup import caustic_lookup, mip_levels, soft_caustic_lookup
+from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.shadow import disc_directions, effective_half_angle, visible_fraction
+from mr360uw.composite.lighting.shadow import visible_fraction
 from mr360uw.composite.shot import Shot
+from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.lookup import beam_ratio, unscattered_share
+from mr360uw.sphere import disc_directions, effective_half_angle
 from mr360uw.types import Floats, Sun
 
 REFERENCE_SUN_FACTOR = 4
 """Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
-MINIMUM_SUN_UP = 0.05
-"""Least sine of the sun's elevation in the water: the path of a horizontal beam would be infinite."""
 
 
 def sun_of(shot: Shot) -> Sun | None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
-from mr360uw.composite.raycast.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_bodies
+from mr360uw.rays import barycentric
 from mr360uw.types import Floats, Rectangle
 
 LARGEST_CHANGE = 1.0
@@ -52,7 +52,7 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
     for index, placed in enumerate(objects):
         mesh = placed.mesh
         linear = placed.world_from_object[:3, :3]
-        columns["positions"].append(placed.to_world(mesh.positions) - camera_position)
+        columns["positions"].append(placed.triangles - camera_position)
         columns["normals"].append(mesh.normals @ linear.T / placed.scale)
         columns["uv"].append(mesh.uv)
         columns["colors"].append(mesh.colors)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.raycast.geometry import base_color, gather
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.shot import PlacedObject
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 _MAXIMUM_HITS = 64

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.raycast.geometry import Geometry, Hits, base_color, surface, uv_change
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -25,6 +24,7 @@ from mr360uw.composite.sampling import (
     nearest_to_mean,
 )
 from mr360uw.composite.shot import Shot
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 _MAXIMUM_HITS = 64

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.on_ground.ground_kernel import UNNOTICED
 from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.shadow import basis
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.receiver.ratio import added_light
 from mr360uw.composite.receiver.shadow_box import mark_occluded, mark_shaded
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import rectangles_of_mask
 from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.rays import RayScene, barycentric
+from mr360uw.sphere import basis
 from mr360uw.types import Floats, Rectangle, View
 
 RECTANGLE_COST_PX = 16384

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from mr360uw.cache import Cache
-from mr360uw.composite.raycast.rays import RayScene, barycentric
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import frame_from_direction
 
 

@@ -1,5 +1,5 @@
 // Per triangle of a body: the rectangle of pixels that it may cover, and its vectors for ray intersection (rays.glsl).
-// Held to composite/tiles.py and composite/raycast/rays.py.
+// Held to composite/tiles.py and rays.py.
 #include "composite/gl/shaders/geometry.glsl"
 #include "composite/gl/shaders/tiles.glsl"
 uniform sampler2D triangles, materials;

@@ -1,4 +1,4 @@
-// Ray-triangle intersection, one ray or four at once. Held to composite/raycast/rays.py.
+// Ray-triangle intersection, one ray or four at once. Held to rays.py.
 // A facet is three vectors of a triangle: a ray d meets it if d.a, d.b, d.c are not negative. Their sum is one over the
 // distance, and divided by it they are the barycentric weights of the corners.
 struct Facet {

@@ -3,7 +3,7 @@
 #include "composite/gl/shaders/footprint.glsl"
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"
-#include "caustics/lookup.glsl"
+#include "caustic_lookup.glsl"
 
 // axes: rows (across, across, along) in the world's axes, the last one near the sun's direction. slope: that direction
 // in these axes, across over along. up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad]

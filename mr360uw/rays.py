@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ray-triangle intersection of the reference renderer.
+"""Ray-triangle intersection: first hits and occlusion of rays by triangles.
 
 embree finds the triangle in single precision; the point on it is computed again in double precision. On platforms
 without a wheel of embree, trimesh's own (slow) intersector is used.
@@ -52,13 +52,16 @@ class RayScene:
         """Return whether each ray (n,) hits anything nearer than `reach_m`, (n,) or a number for all."""
         if np.all(np.isinf(reach_m)):
             return self._query(origins, directions, "OCCLUDED") >= 0
+        return np.asarray(self.distance(origins, directions) < reach_m)
+
+    def distance(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the distance (n,) of each ray's nearest triangle in units of its direction, infinity for none."""
         triangle = self.first_hit(origins, directions)
         hit = np.flatnonzero(triangle >= 0)
         corners = self.triangles[triangle[hit]] - np.asarray(origins)[hit, None]
-        _, distance = barycentric(corners, np.asarray(directions)[hit])
-        blocked = np.zeros(len(origins), np.bool_)
-        blocked[hit] = distance < np.broadcast_to(reach_m, len(origins))[hit]
-        return blocked
+        found = np.full(len(origins), np.inf)
+        found[hit] = barycentric(corners, np.asarray(directions)[hit])[1]
+        return found
 
     def _query(self, origins: Floats, directions: Floats, query: str) -> NDArray[np.int64]:
         if len(self.triangles) == 0 or len(origins) == 0:

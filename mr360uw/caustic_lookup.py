@@ -3,7 +3,7 @@
 
 A point's ray of the beam is followed up to the mean surface, which gives its place in the map of every plane (Thompson
 et al. 2019 eq. 2, with the division by the sun's y that it lacks). The two planes around the point are interpolated.
-Twin: lookup.glsl.
+Twin: caustic_lookup.glsl.
 
 Mip level: pixels t wide, read bilinearly, blur with variance t^2/12 + t^2/6 = t^2/4 (a box and a tent). A footprint w
 wide averages with variance w^2/12. The two are equal at t = w/sqrt(3), which is the level read. At t = w the blur would
@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -31,15 +33,21 @@ def mip_levels(ratio: Floats) -> list[Floats]:
     return levels
 
 
-def _periodic_bilinear(level: Floats, plane: NDArray[np.int64], u: Floats, v: Floats) -> Floats:
-    size = level.shape[1]
-    x, y = u * size - 0.5, v * size - 0.5
-    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    fx, fy = (x - i)[..., None], (y - j)[..., None]
-    i0, i1, j0, j1 = i % size, (i + 1) % size, j % size, (j + 1) % size
-    return (level[plane, j0, i0] * (1 - fx) + level[plane, j0, i1] * fx) * (1 - fy) + (
-        level[plane, j1, i0] * (1 - fx) + level[plane, j1, i1] * fx
-    ) * fy
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: Any) -> None:
+    """Add `weight` (n,) times values of an image (D, size, size, C), periodic and bilinear, to `result` (n, 3)."""
+    size, channels = image.shape[1], image.shape[3]
+    for n in range(len(u)):
+        if weight[n] > 0.0:
+            x, y = u[n] * size - 0.5, v[n] * size - 0.5
+            i, j = int(np.floor(x)), int(np.floor(y))
+            fx, fy, p = x - i, y - j, plane[n]
+            i0, i1, j0, j1 = i % size, (i + 1) % size, j % size, (j + 1) % size
+            for c in range(3):
+                k = c % channels
+                above = image[p, j0, i0, k] * (1.0 - fx) + image[p, j0, i1, k] * fx
+                below = image[p, j1, i0, k] * (1.0 - fx) + image[p, j1, i1, k] * fx
+                result[n, c] += weight[n] * (above * (1.0 - fy) + below * fy)
 
 
 def periodic_trilinear(
@@ -49,13 +57,12 @@ def periodic_trilinear(
 
     All arguments (...,) have one shape; `plane` holds integers below D.
     """
-    result = np.zeros((*u.shape, 3))
+    result = np.zeros((u.size, 3))
     for k, image in enumerate(levels):
         weight = np.maximum(1.0 - np.abs(level - k), 0.0)
-        here = weight > 0.0
-        if np.any(here):
-            result[here] += weight[here][:, None] * _periodic_bilinear(image, plane[here], u[here], v[here])
-    return result
+        if np.any(weight > 0.0):
+            _add_bilinear(image, plane.ravel(), u.ravel(), v.ravel(), weight.ravel(), result)
+    return result.reshape(*u.shape, 3)
 
 
 def mip_level(footprint_m: ArrayLike, pixel_m: float, last: float) -> Floats:

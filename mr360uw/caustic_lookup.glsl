@@ -1,4 +1,4 @@
-// twin: lookup.py
+// twin: caustic_lookup.py
 // `ratio` holds the mip_atlas of a stack and filters linearly, `plane_depth` its plane_steps
 struct CausticStack {
     float tile_m;

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How right and how fast light shafts are: python benchmarks/shafts.py [section ...], all but `pictures` without any.
+
+truth: contrast of a ball's shadow in the water against a path tracer of single scattering, and what the choice of phase
+function and attenuation is worth against one of all scattering. grid: froxels against rays of 4096 segments in six
+scenes, over size and time; draws docs/shafts-pareto.png. bands: three averaged bands against all wavelengths. pictures
+FOLDER: equirectangular pictures of shafts, amplified.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from mr360uw.caustics import (  # noqa: E402
+    CausticSettings,
+    GerstnerSea,
+    caustic_stack,
+    refract_to_air,
+    stack_depths,
+)
+from mr360uw.color import encode  # noqa: E402
+from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_deviation, shaft_field  # noqa: E402
+from mr360uw.medium.closed_form import exponential_integral  # noqa: E402
+from mr360uw.medium.phase import wide_angle_function, wide_angle_moments  # noqa: E402
+from mr360uw.medium.shafts.deviation import march  # noqa: E402
+from mr360uw.medium.shafts.froxels import DEFAULT_GRID  # noqa: E402
+from mr360uw.medium.shafts.ray_segments import ray_ends_m, view_directions  # noqa: E402
+from mr360uw.medium.small_angles import spread_of  # noqa: E402
+from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
+from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
+
+DEPTH_M = 5.0
+SUN_HALF_ANGLE = 0.0035
+"""Angular radius [rad] of the sun's disc in the water."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball with exact ray tests, an `Occluder`. centre: (3,), radius [m]."""
+
+    centre: np.ndarray
+    radius: float
+
+    @property
+    def bounding_sphere(self) -> tuple[np.ndarray, float]:
+        """Return the ball."""
+        return self.centre, self.radius
+
+    def distance(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Return the distance (n,) at which rays meet the ball from the start on, infinity where they do not."""
+        to = self.centre - origins
+        along = np.sum(to * directions, axis=-1)
+        half = self.radius**2 - np.sum(to * to, axis=-1) + along**2
+        root = np.sqrt(np.maximum(half, 0.0))
+        near = np.where(along > root, along - root, along + root)
+        return np.where((half > 0.0) & (near > 0.0), near, np.inf)
+
+    def occluded(self, origins: np.ndarray, directions: np.ndarray, reach_m: Any = np.inf) -> np.ndarray:
+        """Return whether rays (n,) meet the ball nearer than `reach_m`."""
+        return self.distance(origins, directions) < reach_m
+
+
+def rms(x: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def sun_at(elevation_deg: float, azimuth_deg: float = 35.0) -> Sun:
+    """Return a sun of unit irradiance at an elevation in the water."""
+    direction = direction_from_angles(np.radians(azimuth_deg), np.radians(elevation_deg))
+    return Sun(direction, np.ones(3), SUN_HALF_ANGLE, 1.0)
+
+
+# --- truth ---------------------------------------------------------------------------------------------------------
+
+BALL = Ball(np.array([0.0, 1.0, -3.0]), 0.5)
+_PIXELS, _FOV_DEG, _SAMPLES = 20, 30.0, 512
+WATERS = {"thin": (0.05, 0.05, 0.0), "IB": (0.07, 0.18, 0.92), "1C": (0.12, 0.45, 0.92)}
+"""Absorption, scattering [1/m] and mean cosine; the last two about those of the types at 550 nm."""
+
+
+def path_traced(
+    absorption: float, scattering: float, g: float, sun: Sun, target: np.ndarray, ball: bool, depth: int, seed: int = 7
+) -> np.ndarray:
+    """Return a square picture (n, n) from the origin towards a target in endless water below y = DEPTH_M.
+
+    The sun has unit irradiance just below the surface. depth: most events on a path, 2 for single scattering. seed: the
+    same with and without the ball, so that most paths are the same.
+    """
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    transform = mi.ScalarTransform4f
+
+    def grey(value: float) -> dict[str, Any]:
+        return {"type": "rgb", "value": [value] * 3}
+
+    phase = {"type": "hg", "g": g} if g else {"type": "isotropic"}
+    c = absorption + scattering
+    water = {"type": "homogeneous", "sigma_t": c, "albedo": grey(scattering / c), "phase": phase}
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "volpath", "max_depth": depth, "rr_depth": 64},
+        "water": water,
+        "sea": {
+            "type": "cube", "bsdf": {"type": "null"}, "interior": {"type": "ref", "id": "water"},
+            "to_world": transform().translate([0.0, DEPTH_M - 60.0, 0.0]).scale([200.0, 60.0, 200.0]),
+        },
+        "sun": {"type": "directional", "direction": (-sun.direction).tolist(), "irradiance": grey(1.0)},
+        "sensor": {
+            "type": "perspective", "fov": _FOV_DEG, "medium": {"type": "ref", "id": "water"},
+            "to_world": transform().look_at(origin=[0, 0, 0], target=target.tolist(), up=[0, 1, 0]),
+            "sampler": {"type": "independent", "sample_count": _SAMPLES},
+            "film": {
+                "type": "hdrfilm", "width": _PIXELS, "height": _PIXELS, "rfilter": {"type": "box"},
+                "pixel_format": "luminance", "component_format": "float32",
+            },
+        },
+    }  # fmt: skip
+    if ball:
+        scene["ball"] = {
+            "type": "sphere", "center": BALL.centre.tolist(), "radius": BALL.radius,
+            "bsdf": {"type": "diffuse", "reflectance": grey(0.0)},
+        }  # fmt: skip
+    return np.asarray(mi.render(mi.load_dict(scene), spp=_SAMPLES, seed=seed)).reshape(_PIXELS, _PIXELS)
+
+
+def _window(target: np.ndarray, fine: int) -> np.ndarray:
+    """Return directions (n fine, n fine, 3) of the path tracer's pixels, `fine` times finer."""
+    forward = unit(target)
+    right = unit(np.cross(forward, [0.0, 1.0, 0.0]))
+    upward = np.cross(right, forward)
+    at = np.tan(np.radians(0.5 * _FOV_DEG)) * (2.0 * (np.arange(_PIXELS * fine) + 0.5) / (_PIXELS * fine) - 1.0)
+    return unit(forward + at[None, :, None] * right - at[:, None, None] * upward)
+
+
+def _ours(a: float, b: float, p: np.ndarray, sun: Sun, directions: np.ndarray, steps: int = 2048) -> np.ndarray:
+    """Return smooth light and what the ball takes from it (2, m) for a beam of unit irradiance at the surface."""
+    c, up = a + b, sun.direction[1]
+    ends = np.where(directions[:, 1] > 0.0, DEPTH_M / np.maximum(directions[:, 1], 1e-9), 80.0)
+    ends = np.minimum(ends, BALL.distance(np.zeros_like(directions), directions))
+    rate = c * (1.0 - directions[:, 1] / up)
+    edge = ends[:, None] * np.linspace(0.0, 1.0, steps + 1) ** 2
+    light = exponential_integral(rate[:, None], edge[:, :-1], edge[:, 1:])
+    point = (0.5 * (edge[:, :-1] + edge[:, 1:]))[..., None] * directions[:, None]
+    shaded = BALL.occluded(point.reshape(-1, 3), np.broadcast_to(sun.direction, (point.size // 3, 3)))
+    factor = b * p * np.exp(-c * DEPTH_M / up)
+    return factor * np.array([light.sum(-1), (light * shaded.reshape(light.shape)).sum(-1)])
+
+
+def section_truth() -> None:
+    """Contrast of the shaft of a ball: 1 - radiance with it/radiance without it, in its core."""
+    from mr360uw.medium.phase import henyey_greenstein
+
+    print("once: contrast by Mitsuba and ours, target 5 %. all: what the ball takes by wide angles (p', c'), by exact")
+    print("single scattering (p, c), and by Mitsuba with all orders of scattering; ratios to the last")
+    for name, (a, b, g) in WATERS.items():
+        for elevation, below in ((75.0, 1.5), (50.0, 1.5)):
+            sun = sun_at(elevation)
+            target = BALL.centre - below * sun.direction
+            fine = _window(target, 3).reshape(-1, 3)
+            cosine = fine @ sun.direction
+            p = henyey_greenstein(cosine, g)
+            smooth, taken = (_mean(x) for x in _ours(a, b, p, sun, fine))
+            seen = _mean(np.isinf(BALL.distance(np.zeros_like(fine), fine)).astype(np.float64)) == 1.0
+            core = seen & (taken / smooth > 0.7 * np.max((taken / smooth)[seen]))
+            once = [path_traced(a, b, g, sun, target, ball, 2)[core].mean() for ball in (False, True)]
+            contrast, ours = 1.0 - once[1] / once[0], (taken[core].sum() / smooth[core].sum())
+            line = f"{name:5} sun {elevation:.0f}: once {contrast:.4f} {ours:.4f} ({ours / contrast - 1.0:+.1%})"
+            if g:
+                phase = ("hg", g)
+                share = float(wide_angle_moments(phase, 1)[0])
+                wide = wide_angle_function(phase, np.arccos(np.clip(cosine, -1.0, 1.0)))
+                beam = _mean(_ours(a, b * share, wide / share, sun, fine)[1])[core].mean()
+                pairs = [
+                    [path_traced(a, b, g, sun, target, ball, 48, seed)[core] for ball in (0, 1)] for seed in _SEEDS
+                ]
+                lost = [float(np.mean(x - y)) for x, y in pairs]
+                mean, error = np.mean(lost), np.std(lost, ddof=1) / np.sqrt(len(lost))
+                line += f"  all: {beam:.2e} {taken[core].mean():.2e} of {mean:.2e} +- {error:.0e}"
+                line += f" = {beam / mean:.2f}, {taken[core].mean() / mean:.2f}"
+            print(line, flush=True)
+
+
+_SEEDS = range(6)
+
+
+def _mean(x: np.ndarray) -> np.ndarray:
+    fine = round(np.sqrt(x.size)) // _PIXELS
+    return x.reshape(_PIXELS, fine, _PIXELS, fine).mean(axis=(1, 3))
+
+
+# --- grid ----------------------------------------------------------------------------------------------------------
+
+
+def waves(sun: Sun, medium: Medium) -> CausticStack:
+    """Return the caustics of the default sea down to 25 m."""
+    sea = GerstnerSea(wind_speed=4.0, wind_direction_deg=30.0, tile_m=8.0, seed=1)
+    settings = CausticSettings(size=256, grid=128)
+    depths = stack_depths(0.2, 25.0, 24)
+    return caustic_stack(sea, refract_to_air(sun.direction), depths, 0.0, settings, spread=spread_of(medium))
+
+
+def water(name: str) -> Medium:
+    """Return the water of a type, with eight fitted bands: the bands cost nothing on the grid, but in the truth."""
+    return Medium(Water.jerlov(name), camera_depth_m=DEPTH_M, band_count=8, rule="fitted")  # type: ignore[arg-type]
+
+
+VIEW = View(64, 32, surface_y_m=DEPTH_M)
+PAIR = (BALL, Ball(np.array([1.6, -0.3, -1.4]), 0.4))
+TORCH = Lamp(
+    np.array([0.45, -0.2, 0.0]), unit([-0.1, 0.05, -1.0]), np.ones(3), cos_core=float(np.cos(np.radians(12.0))),
+    cos_edge=float(np.cos(np.radians(20.0))), radius_m=0.02,
+)  # fmt: skip
+
+
+def scenes() -> dict[str, ShaftScene]:
+    """Return the six scenes."""
+    described: dict[str, tuple[str, float, bool, tuple[Ball, ...]]] = {
+        "IA, high sun, waves": ("IA", 75.0, True, ()),
+        "IB, low sun, waves": ("IB", 48.0, True, ()),
+        "II, high sun, waves, two balls": ("II", 75.0, True, PAIR),
+        "3C, low sun, two balls": ("3C", 48.0, False, PAIR),
+        "7C, high sun, waves": ("7C", 75.0, True, ()),
+    }
+    found = {}
+    for name, (type_, elevation, wavy, bodies) in described.items():
+        sun, medium = sun_at(elevation), water(type_)
+        found[name] = ShaftScene.of(VIEW, medium, sun, bodies, waves(sun, medium) if wavy else None)
+    found["IB, torch, two balls"] = ShaftScene.of(VIEW, water("IB"), None, PAIR, lamps=(TORCH,))
+    return found
+
+
+GRIDS = (FroxelGrid(64, 128, 48, 2), FroxelGrid(128, 256, 96, 2), DEFAULT_GRID)
+_RAYS, _STEPS = 384, 4096
+
+
+def section_grid() -> None:
+    """Error of the grid over the rms of the deviation, rays spread evenly over the sphere, and its processor time."""
+    rng = np.random.default_rng(5)
+    directions = unit(rng.normal(size=(_RAYS, 3)))
+    print(f"{'scene':32}" + "".join(f"{g.rows:>6} x {g.columns} x {g.slices} x {g.samples}" for g in GRIDS))
+    errors = {}
+    for name, scene in scenes().items():
+        ends = ray_ends(scene, directions)
+        truth = march(scene, directions, ends, _STEPS)
+        cells, errors[name] = "", []
+        for grid in GRIDS:
+            start = time.process_time()
+            field = shaft_field(scene, grid)
+            spent = time.process_time() - start
+            error = rms(field.radiance(directions, ends) - truth) / rms(truth)
+            errors[name].append((spent, error))
+            cells += f"{100.0 * error:12.2f} % {spent:5.1f} s"
+        print(f"{name:32}{cells}", flush=True)
+    print(f"target: 3 % at the default grid {DEFAULT_GRID}")
+    _plot(errors)
+
+
+def ray_ends(scene: ShaftScene, directions: np.ndarray) -> np.ndarray:
+    """Return the lengths of rays up to the surface or the first body."""
+    hits = scene.bodies.first_hit_m(scene.origin, directions)
+    return np.minimum(hits, np.where(directions[:, 1] > 0.0, scene.depth_m / np.maximum(directions[:, 1], 1e-9), 1e9))
+
+
+def _plot(errors: dict[str, list[tuple[float, float]]]) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
+    for name, found in errors.items():
+        axes.loglog(*np.array(found).T, "o-", label=name, markersize=4)
+    axes.axhline(0.03, color="grey", linewidth=0.8, linestyle="--")
+    axes.set(xlabel="processor time of the grid [s]", ylabel="RMSE over the rms of the deviation")
+    axes.legend(fontsize=7)
+    figure.savefig(ROOT / "docs" / "shafts-pareto.png", dpi=110)
+
+
+# --- bands ---------------------------------------------------------------------------------------------------------
+
+
+def section_bands() -> None:
+    """Three bands of averaged albedo and mean free path against all wavelengths, per channel."""
+    for type_ in ("IA", "IB", "II", "1C", "3C", "7C"):
+        sun, medium = sun_at(60.0), Medium(Water.jerlov(type_), camera_depth_m=DEPTH_M)  # type: ignore[arg-type]
+        scene = ShaftScene.of(VIEW, medium, sun, PAIR)
+        directions = view_directions(VIEW)
+        ends = ray_ends_m(VIEW, directions, DEPTH_M, scene.bodies, None)
+        cheap = replace(scene, water=scene.water.averaged())
+        whole, three = (march(s, directions, ends, 128) for s in (scene, cheap))
+        error = np.sqrt(np.mean((three - whole) ** 2, axis=0) / np.mean(whole**2, axis=0))
+        ratio = three.sum(axis=0) / whole.sum(axis=0)
+        print(f"{type_:3} relative RMSE of red, green, blue: {error.round(3)}  ratio of the means {ratio.round(3)}")
+
+
+# --- pictures ------------------------------------------------------------------------------------------------------
+
+
+def pictures(folder: str) -> None:
+    """Write grey pictures brightened and darkened by the shafts of a ball and of waves."""
+    import cv2
+
+    view = View(1024, 512, surface_y_m=DEPTH_M)
+    for elevation in (75.0, 50.0):
+        sun, medium = sun_at(elevation), water("IB")
+        for name, bodies, wavy in (("ball", (BALL,), False), ("waves", (), True)):
+            caustics = waves(sun, medium) if wavy else None
+            image = shaft_deviation(view, medium, sun, bodies, caustics)
+            scale = np.percentile(np.abs(image), 99.5)
+            shown = encode(np.clip(0.2 + 0.2 * image / scale, 0.0, 1.0), "srgb")
+            path = Path(folder) / f"{name}-{elevation:.0f}.png"
+            cv2.imwrite(str(path), np.round(255.0 * shown[..., ::-1]).astype(np.uint8))
+            print(path, "99.5 % of |D|:", scale)
+
+
+SECTIONS: dict[str, Callable[[], None]] = {"truth": section_truth, "grid": section_grid, "bands": section_bands}
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["pictures"]:
+        pictures(sys.argv[2])
+    else:
+        for name in sys.argv[1:] or SECTIONS:
+            print(f"\n{name}: {SECTIONS[name].__doc__}")
+            SECTIONS[name]()

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What shafts depend on in one view, and their light in segments of camera rays.
+
+A segment takes its visibility and caustics from one point and the exact integral of everything that is smooth along it
+(Hillaire 2015): no light is lost in thick segments, and a ray in full shadow loses exactly the beam's part of the veil.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.constants import MINIMUM_SUN_UP
+from mr360uw.errors import ParameterError
+from mr360uw.medium.lookup import linear, table_coordinate
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.shafts.beam_pattern import BeamPattern
+from mr360uw.medium.shafts.lamp_rays import lamp_segments
+from mr360uw.medium.shafts.occluders import Bodies, bodies_of
+from mr360uw.medium.shafts.ray_segments import camera_depth_m, segment_points
+from mr360uw.medium.shafts.shaft_water import ShaftWater
+from mr360uw.shapes import exactly
+from mr360uw.sphere import unit
+from mr360uw.types import CausticStack, Lamp, Sun, View
+
+Array = NDArray[np.float64]
+
+SPREAD_RAD = float(np.radians(5.0))
+"""Standard deviation of the directions of light that has turned by small angles: that of `draw.sun_spread_deg`."""
+SUN_SAMPLES = 4
+"""Directions over the sun's disc: its shadow's edge is 7 cm wide 10 m behind a body, less than a segment."""
+_LAMP_POINTS = 2
+"""Points of a segment at which a lamp's light is evaluated."""
+_PATHS = 1024
+"""Lengths at which a lamp's light is tabulated over wavelength, uniform in S/(S + length)."""
+_DARK_REACH = 12.0
+"""Optical length after which rays end: 6e-6 of their light is left."""
+_SLOWEST = 0.02
+"""Least rate of fading over c' that segments are laid out for: rays along a low beam hardly fade at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShaftScene:
+    """What the shafts of one view depend on.
+
+    water: of the medium. origin: (3,) [m] of the camera in the world. depth_m: of the camera. bodies: that take light
+    away. pattern: of the sun's beam, None where it deviates nowhere. lamps: with light. length_m: of their tables.
+    """
+
+    water: ShaftWater
+    origin: Array
+    depth_m: float
+    bodies: Bodies
+    pattern: BeamPattern | None
+    lamps: tuple[Lamp, ...]
+    length_m: float
+
+    @classmethod
+    def of(
+        cls,
+        view: View,
+        medium: Medium,
+        sun: Sun | None,
+        bodies: Sequence[Any] = (),
+        caustics: CausticStack | None = None,
+        lamps: Sequence[Lamp] = (),
+        spread_rad: float = SPREAD_RAD,
+        sun_samples: int = SUN_SAMPLES,
+    ) -> ShaftScene:
+        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`."""
+        if sun_samples < 1 or not 0.0 <= spread_rad < 0.5:
+            raise ParameterError(
+                f"shafts - sun_samples must be 1 or more, spread_rad in [0, 0.5) (got {sun_samples}, {spread_rad})"
+                " - correct them"
+            )
+        solid, pattern = bodies_of(bodies), None
+        if sun is not None and sun.direction[1] > 0.0:
+            exactly("sun.irradiance", sun.irradiance, (3,))
+            pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
+        return cls(
+            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            None if pattern is None or pattern.even else pattern,
+            tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
+        )  # fmt: skip
+
+    @property
+    def dark(self) -> bool:
+        """Whether nothing deviates anywhere."""
+        return (self.pattern is None and not self.lamps) or not self.water.scatters
+
+    @functools.cached_property
+    def sun_up(self) -> float:
+        """Sine of the sun's elevation in the water; 1 without sun."""
+        return 1.0 if self.pattern is None else max(float(unit(self.pattern.sun.direction)[1]), MINIMUM_SUN_UP)
+
+    def layout(self, up: Array) -> tuple[Array, Array]:
+        """Return the rate [1/m] at which the light of rays of height `up` (...,) fades, and their reach [m]."""
+        slowest = float(self.water.extinction.min())
+        rate = np.maximum(slowest * (1.0 - np.asarray(up) / self.sun_up), _SLOWEST * slowest)
+        surface = np.divide(self.depth_m, up, out=np.full(np.shape(up), np.inf), where=np.asarray(up) > 0.0)
+        return rate, np.minimum(surface, _DARK_REACH / rate)
+
+    def segments(self, directions: Array, edge_m: Array, at: float = 0.5, spacing_rad: float = 0.0) -> Array:
+        """Return the deviating radiance (m, k, 3) of segments of rays (m, 3) from the camera.
+
+        edge_m: (m, k + 1), or (1, k + 1) for rays of one height. at: where in a segment the point is that stands for
+        it, as a fraction. spacing_rad: angle between neighbouring rays, over which caustics are averaged. Of a segment
+        in which its ray meets a body, the part before the body stands for all of it.
+        """
+        count = len(directions), edge_m.shape[1] - 1
+        result = np.zeros((*count, 3))
+        if self.pattern is not None:
+            sun = unit(self.pattern.sun.direction)
+            up = directions[: len(edge_m), 1]
+            whole, sharp = self.water.beam_segments(up, edge_m, self.depth_m, self.sun_up)
+            turned = self.water.turned(directions @ sun) @ np.eye(2)
+            point, along = segment_points(self.origin, directions, self._before_bodies(directions, edge_m), at)
+            across = spacing_rad * np.linalg.norm(point - self.origin, axis=-1)
+            soft = self.pattern.soft(point, along, across).reshape(*count, 3)
+            crisp = self.pattern.sharp(point, along, across).reshape(*count, 3)
+            for kind in range(2):
+                light = whole[:, :, kind] * (soft - 1.0) + sharp[:, :, kind] * (crisp - soft)
+                result += turned[:, None, kind, None] * light
+            result *= self.pattern.sun.irradiance
+        for lamp in self.lamps:
+            result += self._lamp_segments(lamp, directions, np.broadcast_to(edge_m, (count[0], count[1] + 1)))
+        return result
+
+    def _before_bodies(self, directions: Array, edge_m: Array) -> Array:
+        """Return edges (m, k + 1); the one behind a ray's first body is put to that body."""
+        if not self.bodies.occluders:
+            return edge_m
+        hit = self.bodies.first_hit_m(self.origin, directions)[:, None]
+        edge = np.broadcast_to(edge_m, (len(directions), edge_m.shape[1])).copy()
+        meets = (edge[:, :-1] < hit) & (hit < edge[:, 1:])
+        edge[:, 1:][meets] = np.broadcast_to(hit, meets.shape)[meets]
+        return edge
+
+    def _lamp_segments(self, lamp: Lamp, directions: Array, edge_m: Array) -> Array:
+        rays, slices = len(directions), edge_m.shape[1] - 1
+        at = lamp_segments(
+            lamp, self.origin, np.repeat(directions, slices, axis=0), edge_m[:, :-1].ravel(), edge_m[:, 1:].ravel(),
+            _LAMP_POINTS,
+        )  # fmt: skip
+        light = at.light
+        if lamp.casts_shadow and self.bodies.occluders:
+            enter, leave = (np.repeat(m, slices)[:, None] for m in self.bodies.inside_m(self.origin, directions))
+            light = np.where((at.distance_m > enter) & (at.distance_m < leave), 0.0, light)
+            lit = np.flatnonzero(light.ravel() > 0.0)
+            seen = self.bodies.visible_from(at.point.reshape(-1, 3)[lit], np.asarray(lamp.position), at.least_m)
+            light.reshape(-1)[lit] *= seen
+        x = table_coordinate(at.path_m, self.length_m) * (_PATHS - 1)
+        i = np.minimum(x.astype(np.int64), _PATHS - 2)
+        log = self._over_path[i] + (self._over_path[i + 1] - self._over_path[i]) * (x - i)[..., None, None]
+        turned = self.water.turned(at.cosine)
+        radiance = np.einsum("sp,spj,spjk->spk", light, turned, np.exp(log))
+        if lamp.attenuation is not None:
+            own = linear(lamp.attenuation, table_coordinate(at.path_m, self.length_m)) * at.path_m[..., None]
+            white = -np.log(
+                np.maximum(np.exp(-self.water.extinction * at.path_m[..., None]) @ self.water.weight, 1e-300)
+            )
+            radiance *= np.exp(np.clip(white - own, -40.0, 40.0))
+        return np.asarray(lamp.intensity * radiance.sum(axis=1)).reshape(rays, slices, 3)
+
+    @functools.cached_property
+    def _over_path(self) -> Array:
+        """Logarithm (_PATHS, 2, 3) of `ShaftWater.over_path`."""
+        t = np.arange(_PATHS) / (_PATHS - 1)
+        path = self.length_m * t / np.maximum(1.0 - t, 1e-4)
+        return np.asarray(np.log(np.maximum(self.water.over_path(path), 1e-300)))
