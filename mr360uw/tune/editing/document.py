@@ -60,8 +60,6 @@ class Document:
         self._observers: list[Callable[[], None]] = []
         self._together: str | None = None
 
-    # --- reading ---------------------------------------------------------------------------------------------------
-
     def get(self, key: str) -> Any:
         """Return the value that the text sets a dotted key to, as in 'object.0.scale'; None where it does not."""
         return find(self.tree, key_of(key))
@@ -100,8 +98,6 @@ class Document:
     def redo_label(self) -> str | None:
         """Name of the change that `redo` makes again; None where there is none."""
         return self._future[-1].label if self._future else None
-
-    # --- changes ---------------------------------------------------------------------------------------------------
 
     def set(self, key: str, value: Any, *, group: str | None = None) -> None:
         """Set a key; changes with the same group that follow each other, as those of one drag, are one step."""
@@ -169,8 +165,6 @@ class Document:
         self.snapshots = [one for one in self.snapshots if one.name != name]
         self._tell()
 
-    # --- the file --------------------------------------------------------------------------------------------------
-
     def save(self, *, overwrite: bool = False) -> None:
         """Write the text to the file, whole or not at all.
 
@@ -221,8 +215,6 @@ class Document:
                 self._observers.remove(callback)
 
         return end
-
-    # --- inside ----------------------------------------------------------------------------------------------------
 
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
