@@ -155,10 +155,9 @@ class Document:
 
     def keep(self, name: str) -> Snapshot:
         """Keep the present state under a name, in place of one that had it; return it."""
-        kept = Snapshot(name, self.text)
-        self.snapshots = [*(one for one in self.snapshots if one.name != name), kept]
+        self.snapshots = [*(one for one in self.snapshots if one.name != name), Snapshot(name, self.text)]
         self._tell()
-        return kept
+        return self.snapshots[-1]
 
     def forget(self, name: str) -> None:
         """Drop a kept state."""
@@ -219,15 +218,14 @@ class Document:
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
             return
-        before = self.text
+        step = _Step(label, self.text, group)
         self._take(text)
         if self._together is None:
-            self._push(_Step(label, before, group))
+            self._push(step)
             self._tell()
 
     def _push(self, step: _Step) -> None:
-        goes_on = step.group is not None and self._past and self._past[-1].group == step.group and not self._future
-        if not goes_on:
+        if step.group is None or self._future or not self._past or self._past[-1].group != step.group:
             self._past = [*self._past[-_LONGEST_HISTORY:], step]
         self._future = []
 
