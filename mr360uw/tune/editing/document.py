@@ -60,8 +60,6 @@ class Document:
         self._observers: list[Callable[[], None]] = []
         self._together: str | None = None
 
-    # --- reading ---------------------------------------------------------------------------------------------------
-
     def get(self, key: str) -> Any:
         """Return the value that the text sets a dotted key to, as in 'object.0.scale'; None where it does not."""
         return find(self.tree, key_of(key))
@@ -100,8 +98,6 @@ class Document:
     def redo_label(self) -> str | None:
         """Name of the change that `redo` makes again; None where there is none."""
         return self._future[-1].label if self._future else None
-
-    # --- changes ---------------------------------------------------------------------------------------------------
 
     def set(self, key: str, value: Any, *, group: str | None = None) -> None:
         """Set a key; changes with the same group that follow each other, as those of one drag, are one step."""
@@ -159,17 +155,14 @@ class Document:
 
     def keep(self, name: str) -> Snapshot:
         """Keep the present state under a name, in place of one that had it; return it."""
-        kept = Snapshot(name, self.text)
-        self.snapshots = [*(one for one in self.snapshots if one.name != name), kept]
+        self.snapshots = [*(one for one in self.snapshots if one.name != name), Snapshot(name, self.text)]
         self._tell()
-        return kept
+        return self.snapshots[-1]
 
     def forget(self, name: str) -> None:
         """Drop a kept state."""
         self.snapshots = [one for one in self.snapshots if one.name != name]
         self._tell()
-
-    # --- the file --------------------------------------------------------------------------------------------------
 
     def save(self, *, overwrite: bool = False) -> None:
         """Write the text to the file, whole or not at all.
@@ -222,20 +215,17 @@ class Document:
 
         return end
 
-    # --- inside ----------------------------------------------------------------------------------------------------
-
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
             return
-        before = self.text
+        step = _Step(label, self.text, group)
         self._take(text)
         if self._together is None:
-            self._push(_Step(label, before, group))
+            self._push(step)
             self._tell()
 
     def _push(self, step: _Step) -> None:
-        goes_on = step.group is not None and self._past and self._past[-1].group == step.group and not self._future
-        if not goes_on:
+        if step.group is None or self._future or not self._past or self._past[-1].group != step.group:
             self._past = [*self._past[-_LONGEST_HISTORY:], step]
         self._future = []
 
