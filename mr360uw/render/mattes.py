@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,13 +17,15 @@ from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError
-from mr360uw.reading.kept_reads import Stamp, stamp
+from mr360uw.reading.kept_reads import stamp
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
 
 _LOSSY_STEPS = 2.0
 """Uncertainty of a value of a lossy video, in codes; that of a lossless picture is one code."""
+_APART = 4
+"""Frames that the thread that measures a plate's light may be ahead of the one that draws, and their pictures kept."""
 _FINEST = 1.0 / 4096.0
 """Step, as a fraction of the range, above which a distance map is smoothed: 12 bits and coarser."""
 
@@ -48,8 +51,8 @@ class GreyClip:
     def __init__(self, path: Path, width: int, height: int, *, depth: bool = False) -> None:
         self._reader: VideoReader = open_video(path, transfer="linear", equirectangular=False, depth=depth)
         self._frames: Iterator[VideoFrame] | None = None
-        self._seen: tuple[int, Stamp] = (-1, None)
-        self._grey = Grey(np.zeros((0, 0), np.float32), metric=False, step=0.0)
+        self._last = -1
+        self._kept, self._one_thread = Cache(), threading.Lock()
         shape = (self._reader.width, self._reader.height)
         if shape[0] * height != shape[1] * width:
             raise VideoError(
@@ -67,19 +70,24 @@ class GreyClip:
             )
 
     def at(self, index: int) -> Grey:
-        """Return the picture of a frame, the same object while it is unchanged; ascending frames are decoded once."""
+        """Return the picture of a frame, the same object while it is unchanged; ascending frames are decoded once.
+
+        For any thread: one may be some frames ahead of the other.
+        """
         if self._reader.is_still:
             index = 0
-        seen = index, stamp(self._reader.file_of(index))
-        if seen != self._seen:
-            self.check(index + 1)
-            if self._frames is None or index != self._seen[0] + 1:
-                self._frames = iter(self._reader.frames(index))
-            frame = next(self._frames)
-            metric, lossy = frame.spec.bits == 32, frame.yuv is not None
-            step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
-            self._grey, self._seen = Grey(frame.image_linear.mean(axis=-1), metric, step), seen
-        return self._grey
+        with self._one_thread:
+            key = index, stamp(self._reader.file_of(index))
+            return self._kept.get("grey", key, lambda: self._decoded(index), _APART)
+
+    def _decoded(self, index: int) -> Grey:
+        self.check(index + 1)
+        if self._frames is None or index != self._last + 1:
+            self._frames = iter(self._reader.frames(index))
+        frame, self._last = next(self._frames), index
+        metric, lossy = frame.spec.bits == 32, frame.yuv is not None
+        step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
+        return Grey(frame.image_linear.mean(axis=-1), metric, step)
 
 
 def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
@@ -155,7 +163,7 @@ class ReceiverClip:
     def __init__(self, settings: ReceiverSettings, width: int, height: int) -> None:
         self._settings, self._receiver = settings, load_receiver(settings)
         self._clip: GreyClip | None = None
-        self._grey: Grey | None = None
+        self._kept, self._one_thread = Cache(), threading.Lock()
         if settings.kind == "distance":
             assert settings.path is not None
             self._clip = GreyClip(settings.path, width, height, depth=True)
@@ -166,11 +174,16 @@ class ReceiverClip:
             self._clip.check(stop)
 
     def at(self, index: int) -> Receiver:
-        """Return the receiver of a frame."""
-        if self._clip is not None and (grey := self._clip.at(index)) is not self._grey:
-            low, high = self._settings.range_m
-            metres = distances(grey, self._settings.range_m)
-            if grey.step > _FINEST:
-                metres = without_steps(metres, grey.step * abs(high - low))
-            self._grey, self._receiver = grey, replace(self._receiver, distance_m=metres)
-        return self._receiver
+        """Return the receiver of a frame, for any thread."""
+        if self._clip is None:
+            return self._receiver
+        grey = self._clip.at(index)
+        with self._one_thread:
+            return self._kept.get("receiver", Same(grey), lambda: self._shaped(grey), _APART)
+
+    def _shaped(self, grey: Grey) -> Receiver:
+        low, high = self._settings.range_m
+        metres = distances(grey, self._settings.range_m)
+        if grey.step > _FINEST:
+            metres = without_steps(metres, grey.step * abs(high - low))
+        return replace(self._receiver, distance_m=metres)

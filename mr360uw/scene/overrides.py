@@ -47,4 +47,15 @@ def override(data: dict[str, Any], text: str) -> None:
             raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
     if isinstance(table, list):
         raise SceneError("--set", [f"{key} - names a list of tables - say which one, as in {parents[-1]}.0.{last}"])
+    if dotted(key) in _keyed(data):
+        raise SceneError(
+            "--set", [f"{key} - is keyed: its keys hold at all times - change its [[keys]], or remove them"]
+        )
     table[last] = parsed
+
+
+def _keyed(data: dict[str, Any]) -> list[list[str]]:
+    """Return the names, in parts, of the parameters that a scene's [[keys]] name; what is no such table is left out."""
+    tables = data.get("keys")
+    names = [one.get("parameter") for one in tables if isinstance(one, dict)] if isinstance(tables, list) else []
+    return [dotted(name) for name in names if isinstance(name, str)]

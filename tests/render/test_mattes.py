@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,20 @@ def map_of(clip: ReceiverClip, index: int) -> Floats:
     distance = clip.at(index).distance_m
     assert distance is not None
     return distance
+
+
+def test_threads_that_are_frames_apart_get_their_own_maps(tmp_path: Path) -> None:
+    maps = [floor(-1.0 - 0.25 * k) for k in range(6)]
+    clip = ReceiverClip(receiver(save_video(tmp_path / "map.mkv", maps)), *SIZE)
+    alone = ReceiverClip(receiver(tmp_path / "map.mkv"), *SIZE)
+    true = [map_of(alone, k) for k in range(6)]
+    with ThreadPoolExecutor(2) as pool:
+        ahead = pool.map(lambda k: map_of(clip, k), range(6))
+        behind = pool.map(lambda k: map_of(clip, k), range(6))
+        for of_thread in (ahead, behind):
+            for got, want in zip(of_thread, true, strict=True):
+                np.testing.assert_array_equal(got, want)
+    assert clip.at(5) is clip.at(5)
 
 
 def test_a_still_is_one_receiver_for_all_frames(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, is_direction, parameter
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.keyed import keyed_in_words, scene_at
-from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
 from tests.scenes import scene_with
 
@@ -199,6 +199,19 @@ def test_what_is_wrong_with_keys_is_said(tmp_path: Path, lines: str, message: st
         scene_from_dict(tomllib.loads(text), tmp_path, "s.toml", key_lines(text))
     (problem,) = caught.value.problems
     assert problem.startswith(f"s.toml:{message}")
+
+
+@pytest.mark.parametrize("name", ["sea.wind_speed", "object[0].scale"])
+def test_a_keyed_parameter_cannot_be_overridden(tmp_path: Path, name: str) -> None:
+    (tmp_path / "plate.png").touch()
+    path = tmp_path / "s.toml"
+    path.write_text(TEXT + f'parameter = "{name}"\ntime_s = [0]\nvalue = [1]\n')
+    assert load_scene(path, ["sea.steepness=0.5"]).keys
+    with pytest.raises(SceneError) as caught:
+        load_scene(path, [f"{name.replace('[0]', '.0')}=2"])
+    assert caught.value.problems == (
+        f"{name.replace('[0]', '.0')} - is keyed: its keys hold at all times - change its [[keys]], or remove them",
+    )
 
 
 def test_all_problems_of_keys_are_said_at_once(tmp_path: Path) -> None:

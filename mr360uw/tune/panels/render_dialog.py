@@ -28,7 +28,7 @@ class RenderDialog:
             ui.dialog() as self._dialog,
             ui.element("form").classes("card").props("aria-label='Render' onsubmit='return false'"),
         ):
-            Text("Render the whole clip", "h2")
+            self._title = Text("", "h2")
             self._unsaved = Text("", "p", "muted")
             with ui.element("label").classes("row-field"):
                 Text("Output")
@@ -63,6 +63,8 @@ class RenderDialog:
         """Show how far the run is."""
         run, dirty = self._session.run, self._document.dirty
         running = run is not None and run.state == "running"
+        (start, stop), count = self._session.range, self._session.frame_count
+        self._title.text = "Render the whole clip" if stop - start == count else f"Render frames {start} to {stop - 1}"
         self._unsaved.text = "There are unsaved changes." if dirty else "The scene is saved."
         self._save_first.text = "Save and render" if dirty else "Render"
         self._save_first.enable(not running)
@@ -100,6 +102,8 @@ class RenderDialog:
             scene = copy = document.path.with_name(f".{document.path.stem}.{secrets.token_hex(4)}.toml")
             write_whole(copy, document.text)
         options = [*(["--scale", self._scale] if self._scale != "1" else []), *(["--overwrite"] * self._overwrite)]
+        if session.range != (0, session.frame_count):
+            options += ["--frames", f"{session.range[0]}:{session.range[1]}"]
         run = session.start_run(document.path.parent / Path(self._name).expanduser())
         background_tasks.create(_finish(run, scene, copy, [*options, "--backend", session.backend]), name="composite")
 
