@@ -140,20 +140,30 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
     path = Path(path)
+    text = scene_text(path)
+    data = tables_of(text, str(path))
+    for text_override in overrides:
+        override(data, text_override)
+    return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
+
+
+def scene_text(path: Path) -> str:
+    """Return the text of a scene file; raise `SceneError` where there is none."""
     if reason := unreadable(path):
         made = ", or make one: mr360uw new VIDEO MESH" if reason.startswith("no such") else ""
         raise SceneError(str(path), [reason + made])
     try:
-        text = read_text(path, VideoError)
+        return read_text(path, VideoError)
     except VideoError as error:
         raise SceneError(str(path), [str(error).removeprefix(f"{path} - ")]) from None
+
+
+def tables_of(text: str, where: str) -> dict[str, Any]:
+    """Return the nested tables of a scene's text; raise `SceneError` where it is not TOML. where: name of its file."""
     try:
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of more digits than Python reads
-        raise SceneError(str(path), [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
-    for text_override in overrides:
-        override(data, text_override)
-    return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
+        raise SceneError(where, [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
 
 
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:

@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import SceneError, VideoError
 from mr360uw.files import write_whole
-from mr360uw.reading.input_files import read_text, unreadable
-from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.reading.kept_reads import stamp
+from mr360uw.scene.model import Scene, scene_from_dict, scene_text, tables_of
 from mr360uw.scene.problems import key_lines
 
 
@@ -19,23 +17,15 @@ class SceneFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._stamp = self._now()
+        self._stamp = stamp(self.path)
 
     def read(self) -> str:
         """Return the text; raise `SceneError` where there is none."""
-        if reason := unreadable(self.path):
-            raise SceneError(str(self.path), [reason])
-        try:
-            return read_text(self.path, VideoError)
-        except VideoError as error:
-            raise SceneError(str(self.path), [str(error).removeprefix(f"{self.path} - ")]) from None
+        return scene_text(self.path)
 
     def tree_of(self, text: str) -> dict[str, Any]:
         """Return the tables of a text; raise `SceneError` where it is not TOML."""
-        try:
-            return tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise SceneError(str(self.path), [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
+        return tables_of(text, str(self.path))
 
     def scene_of(self, text: str) -> Scene:
         """Return the scene of a text, whose paths start at the file's folder; raise `SceneError`."""
@@ -45,20 +35,13 @@ class SceneFile:
     def write(self, text: str) -> None:
         """Write the text, whole or not at all; raise `OSError`."""
         write_whole(self.path.resolve(), text)
-        self._stamp = self._now()
+        self._stamp = stamp(self.path)
 
     def changed(self) -> bool:
         """Whether the file was touched since the last look, or since it was written here."""
-        before, self._stamp = self._stamp, self._now()
+        before, self._stamp = self._stamp, stamp(self.path)
         return before != self._stamp
 
     def exists(self) -> bool:
         """Whether there is a file at the last look."""
         return self._stamp is not None
-
-    def _now(self) -> tuple[int, int] | None:
-        try:
-            status = self.path.stat()
-        except OSError:
-            return None
-        return status.st_mtime_ns, status.st_size
