@@ -48,6 +48,8 @@ class KeyedParameter(Parameters):
             raise ValueError(
                 f"must have an entry for each time (got {len(values)} for {len(times)}) - add or remove entries"
             )
+        if () in values:
+            raise ValueError("has an empty list for a value (got []) - give a number, or the numbers of a vector")
         if len({np.shape(value) for value in values}) > 1:
             raise ValueError("must be all numbers or all vectors of one length (got both) - write them alike")
         return values

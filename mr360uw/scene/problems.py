@@ -131,9 +131,9 @@ def _alternatives(annotation: Any) -> list[str]:
     if origin in (Union, UnionType):
         return [text for part in parts if part is not NoneType for text in _alternatives(part)]
     if origin is tuple:
-        head, of, rest = allowed_text(parts[0]).removeprefix("a ").partition(" of ")
         count = "" if parts[-1] is Ellipsis else f"{len(parts)} "
-        return [f"a list of {count}{head}s{of}{rest}"]
+        each = [text.removeprefix("a ").partition(" of ") for text in _alternatives(parts[0])]
+        return ["a list of " + " or of ".join(f"{count}{head}s{of}{rest}" for head, of, rest in each)]
     return [_WORDS.get(annotation, "a table")]
 
 

@@ -18,8 +18,9 @@ from tests.hostile.bench import SCENE, Bench
 
 TABLES = {
     "plate": 'path = "plate.png"', "object": 'mesh = "mesh.glb"', "holdout": 'path = "plate.png"',
+    "keys": 'parameter = "sea.wind_speed"\ntime_s = [0.0]\nvalue = [3.0]',
 }  # fmt: skip
-REPEATED = ("object", "lamp", "holdout")
+REPEATED = ("object", "lamp", "holdout", "keys")
 
 
 def kinds(annotation: Any) -> Iterator[Any]:
@@ -76,7 +77,7 @@ def test_wrong_values_name_their_line_and_key(
 ) -> None:
     values = wrong_values(field)
     for value in values:
-        own = [line for line in [TABLES.get(table, "")] if line and not line.startswith(f"{key} ")]
+        own = [line for line in TABLES.get(table, "").splitlines() if not line.startswith(f"{key} ")]
         own += ['model = "spectral"'] if model.__name__ == "SpectralSea" and key != "model" else []
         header = f"[[{table}]]" if table in REPEATED else f"[{table}]"
         lines = [header, *own, f"{key} = {value}"]
