@@ -24,7 +24,7 @@ from mr360uw.video.read.scaled import scaled
 COARSE_WIDTH = 512
 """Width [pixels] of drafts."""
 _SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _PLANES = 256, 2
+_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
 """Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
 
 _KINDS = 2
@@ -86,7 +86,11 @@ class LivePreview:
         """
         draw, caustics = scene.draw, scene.caustics
         fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
-        coarser = {"size": min(caustics.size, _CAUSTIC_SIZE), "planes": min(caustics.planes, _PLANES)}
+        coarser = {
+            "size": min(caustics.size, _CAUSTIC_SIZE),
+            "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
+            "planes": min(caustics.planes, _PLANES),
+        }
         drafts = {"draw": draw.model_copy(update=fewer), "caustics": caustics.model_copy(update=coarser)}
         return scene.model_copy(update=drafts)
 
