@@ -26,6 +26,15 @@ def one(path: str) -> Field:
     return next(field for key, _, field in EVERY if key == path)
 
 
+@pytest.mark.parametrize(
+    ("path", "changes"),
+    [("sea.wind_speed", True), ("object.position_m", True), ("object.base_color", True), ("camera.depth_m", False),
+     ("sea.tile_m", False), ("sea.seed", False), ("water.type", False), ("plate.scale", False)],
+)  # fmt: skip
+def test_what_cannot_change_within_a_clip_has_no_keys(path: str, changes: bool) -> None:
+    assert one(path).changes is changes
+
+
 def test_every_parameter_of_every_table_has_a_control() -> None:
     expected = {
         (f"{field.alias or name}.{inner.alias or key}", model.__name__)

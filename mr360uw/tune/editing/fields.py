@@ -12,6 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from mr360uw.parameters import stated
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.template import toml_value
@@ -37,11 +38,9 @@ FIRST = {
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
 
 INSTEAD = {
-    "water.visibility_m": "water.type",
-    "water.type": "water.visibility_m",
-    "lamp.lumen": "lamp.watts",
-    "lamp.watts": "lamp.lumen",
-}
+    "water.visibility_m": "water.type", "water.type": "water.visibility_m",
+    "lamp.lumen": "lamp.watts", "lamp.watts": "lamp.lumen",
+}  # fmt: skip
 """Parameters of which one stands in place of the other: a control that sets one removes the other."""
 
 _TITLES = {
@@ -66,7 +65,8 @@ class Field:
     """One parameter as a control shows it.
 
     key: below its table, as in "depth_m". low, high: the allowed range, None where it is open. span: of the slider.
-    default: of the file's value; None: none, or the key must be given (`required`). length: of a vector.
+    default: of the file's value; None: none, or the key must be given (`required`). length: of a vector. changes:
+    whether it may change within a clip.
     """
 
     key: str
@@ -84,6 +84,7 @@ class Field:
     required: bool = False
     choices: tuple[Any, ...] = ()
     length: int = 0
+    changes: bool = False
 
     @property
     def step(self) -> float:
@@ -121,7 +122,10 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A table of a scene. models: the kinds that it may have, the default first. tag: key that chooses among them."""
+    """A table of a scene. models: the kinds that it may have, the default first. tag: key that chooses among them.
+
+    changes: whether its numbers may change within a clip.
+    """
 
     key: str
     title: str
@@ -130,6 +134,7 @@ class Group:
     optional: bool
     models: tuple[type[BaseModel], ...]
     tag: str
+    changes: bool
 
     @property
     def tags(self) -> tuple[str, ...]:
@@ -139,12 +144,11 @@ class Group:
     def fields(self, tag: str | None = None) -> tuple[Field, ...]:
         """Return the fields of a kind of the table; None: of the default kind."""
         model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        return tuple(
-            _field(
-                f"{self.key}.{field.alias or name}", field.alias or name, field, self.tags if name == self.tag else ()
-            )
-            for name, field in model.model_fields.items()
-        )
+        found = []
+        for name, field in model.model_fields.items():
+            key = field.alias or name
+            found.append(_field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes))
+        return tuple(found)
 
 
 def groups() -> tuple[Group, ...]:
@@ -153,21 +157,23 @@ def groups() -> tuple[Group, ...]:
     for name, field in Scene.model_fields.items():
         key, models = field.alias or name, tuple(models_of(field.annotation))
         tag = "model" if len(models) > 1 else ""
-        optional = field.default is None
-        title = _TITLES.get(key, _label(key))
-        found.append(
-            Group(key, title, field.description or "", isinstance(field.default, tuple), optional, models, tag)
-        )
+        optional, repeated = field.default is None, isinstance(field.default, tuple)
+        title, changes = _TITLES.get(key, _label(key)), not stated(field, "fixed")
+        found.append(Group(key, title, field.description or "", repeated, optional, models, tag, changes))
     return tuple(found)
 
 
-def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...]) -> Field:
-    """Return a field's description; path: with its table. tags: the kinds of the table, where the field chooses one."""
+def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes: bool) -> Field:
+    """Return a field's description.
+
+    path: with its table. tags: the kinds of the table, where the field chooses one. changes: of the table.
+    """
     options = [part for part in _parts(field.annotation) if part is not NoneType]
     optional = len(options) < len(_parts(field.annotation))
     choices = tags or _choices(options)
     kind = _kind(key, options, choices)
-    unit = str((field.json_schema_extra or {}).get("unit") or "") if isinstance(field.json_schema_extra, dict) else ""
+    unit = stated(field, "unit")
+    changes &= kind in ("number", "vector", "colour") and not stated(field, "fixed")
     low, high = _bounds(field)
     default = None if field.is_required() else field.get_default(call_default_factory=True)
     span, logarithmic = None, False
@@ -176,7 +182,7 @@ def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...]) -> Fiel
     return Field(
         key, FIRST.get(path, _label(key)), kind, field.description or "", "" if unit == "1" else unit, default,
         bounds_text(field), low, high, span, logarithmic, optional, field.is_required(), choices,
-        len(get_args(options[0])) if kind in ("vector", "colour") else 0,
+        len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
     )  # fmt: skip
 
 

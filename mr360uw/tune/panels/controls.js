@@ -52,9 +52,6 @@ const Control = {
       };
       return "#" + (this.shown || [1, 1, 1]).map(channel).join("");
     },
-    numeric() {
-      return ["number", "integer", "vector", "colour"].includes(this.field.kind);
-    },
     choice() {
       return this.isSet ? JSON.stringify(this.value) : "";
     },
@@ -124,7 +121,7 @@ const Control = {
         <label :for="id" :title="title">{{ field.label }}</label>
         <span v-if="isSet" class="mark" role="img" aria-label="changed" title="set in the scene file"></span>
         <span class="grow"></span>
-        <button v-if="numeric" type="button" class="quiet key" :class="{on: key_state}" @click="$emit('mark', {key: path})"
+        <button v-if="field.changes" type="button" class="quiet key" :class="{on: key_state}" @click="$emit('mark', {key: path})"
           :aria-label="'key ' + field.label + ' at this time'" title="key this parameter at this time">◆</button>
         <button v-if="isSet && !field.required" type="button" class="quiet reset" @click="held = null; $emit('reset', {key: path})"
           :aria-label="'reset ' + field.label" :title="'back to the default: ' + words(field.default)">↺</button>
