@@ -46,12 +46,12 @@ class Cache:
 
         keep: is multiplied by the cache's room.
         """
-        values = self._kept.setdefault(name, {})
-        if key in values:
-            value: T = values.pop(key)
+        if key in self._kept.get(name, {}):
+            value: T = self._kept[name].pop(key)
         else:
             value = make()
             self.made[name] += 1
+        values = self._kept.setdefault(name, {})  # only now: `make` may have dropped the name
         values[key] = value
         while len(values) > keep * self._room:
             values.pop(next(iter(values)))

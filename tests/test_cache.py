@@ -37,6 +37,19 @@ def test_the_last_values_of_a_name_are_kept() -> None:
     assert made[6:] == ["a", "b"]
 
 
+def test_a_value_whose_making_drops_its_name_is_kept() -> None:
+    cache, made = Cache(room=2), []
+
+    def make(key: str) -> str:
+        cache.drop("letter")
+        made.append(key)
+        return key
+
+    for key in "aabbab":
+        cache.get("letter", key, lambda key=key: make(key))
+    assert made == ["a", "b", "a", "b"]
+
+
 def test_arrays_are_keys_by_identity() -> None:
     a, b = np.zeros(3), np.zeros(3)
     assert Same(a) == Same(a)
