@@ -19,6 +19,7 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard, is_loopback
 from mr360uw.tune.page import build_page
@@ -63,7 +64,8 @@ def serve(
         timeout_graceful_shutdown=2,
     )  # fmt: skip
     try:
-        asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
+        with one_blas_thread():  # two threads draw and answer: their products would wait for each other's BLAS threads
+            asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
     finally:
         listening.close()
         if document.dirty:
