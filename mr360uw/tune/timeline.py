@@ -72,12 +72,6 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         for name in ("seek", "range", "keys"):
             self.on(name, self._hear)
 
-    def set_clip(self, count: int, rate: float) -> None:
-        """Take another clip; its range is all of it, and its thumbnails are to be given again."""
-        self._props.update({"count": count, "rate": rate, "thumbnails": []})
-        self.set_frame(0)
-        self.set_range(0, count)
-
     def set_frame(self, frame: int) -> None:
         """Move the play head, without an event."""
         self._set("at", {"frame": frame})

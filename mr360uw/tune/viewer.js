@@ -266,9 +266,6 @@ export default {
       this.comparison = comparison;
       this.$emit("compare", { compare: comparison });
     },
-    setView(change) {
-      Object.assign(this.view, change);
-    },
     reset() {
       this.view = startView(this.view.look);
     },

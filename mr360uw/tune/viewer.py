@@ -138,10 +138,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self._props["look"] = look
         self.update()
 
-    def set_view(self, *, yaw_deg: float, pitch_deg: float, fov_deg: float = 90.0) -> None:
-        """Turn the look-around view."""
-        self.run_method("setView", {"yaw": yaw_deg, "pitch": pitch_deg, "fov": fov_deg})
-
     def set_marks(self, markers: Sequence[Marker], horizon: Sequence[Sequence[Point]] = ()) -> None:
         """Replace the marks, and the lines that show the edge of the receiver."""
         self._props["markers"] = [asdict(marker) for marker in markers]

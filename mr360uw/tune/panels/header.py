@@ -30,7 +30,7 @@ class Header:
             self._unsaved = Text("", classes="muted unsaved").props("role=status")
             self._undo = Button("↶ Undo", lambda: guarded(document.undo))
             self._redo = Button("↷ Redo", lambda: guarded(document.redo))
-            self._save = Button("Save", save, title="save the scene file (Ctrl+S)", classes="primary")
+            Button("Save", save, title="save the scene file (Ctrl+S)", classes="primary")
             with menu("Presets", "values that suit one kind of dive"):
                 for name, values in PRESETS.items():
                     ui.menu_item(name, partial(guarded, partial(document.apply, f"preset {name}", values)))
