@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Self
 
+from mr360uw.preview.drafts import coarse
 from mr360uw.preview.facts_kept import KeptFacts
 from mr360uw.preview.frames_kept import KeptFrames
 from mr360uw.progress import Progress
@@ -20,12 +21,6 @@ from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame
 from mr360uw.video.read.scaled import scaled
-
-COARSE_WIDTH = 512
-"""Width [pixels] of drafts."""
-_SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
-"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
 
 _KINDS = 2
 """Kinds of frames that take turns, whole ones and drafts: what each needs is kept."""
@@ -78,29 +73,15 @@ class LivePreview:
             plate, facts = self.plate(scene, index, width), self._facts.of(loaded, self._plates.reader(scene))
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
 
-    @staticmethod
-    def coarse(scene: Scene) -> Scene:
-        """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
-
-        Edges, soft shadows and caustics are drawn with fewer samples; light and water stay what they are.
-        """
-        draw, caustics = scene.draw, scene.caustics
-        fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
-        coarser = {
-            "size": min(caustics.size, _CAUSTIC_SIZE),
-            "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
-            "planes": min(caustics.planes, _PLANES),
-        }
-        drafts = {"draw": draw.model_copy(update=fewer), "caustics": caustics.model_copy(update=coarser)}
-        return scene.model_copy(update=drafts)
+    coarse = staticmethod(coarse)
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipFacts:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
 
         The sun's and the gain's tracks over the clip are smoother than what single frames show, and the mean of a clip
-        from a standing camera shows the ground without its caustics. They hold while the plate, `[camera]`, `[water]`
-        and `[light]` stay as they are; the ground also depends on `[receiver]` and `[sea]`. Raises `VideoError`,
-        `SceneError`.
+        from a standing camera shows the ground without its caustics. They hold, for the scene and its draft, while the
+        plate, `[camera]`, `[water]` and `[light]` stay as they are; the ground also depends on `[receiver]` and
+        `[sea]`. Raises `VideoError`, `SceneError`.
         """
         reader, loaded = self._plates.reader(scene), self.loaded(scene)
         return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, PlateClip
+from mr360uw.preview.drafts import COARSE_WIDTH
+from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene

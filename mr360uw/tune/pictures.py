@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH
+from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.scene.model import Scene
 
 REST_S = 0.15

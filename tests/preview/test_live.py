@@ -73,6 +73,7 @@ def same(one: VideoFrame, other: VideoFrame) -> bool:
         ("caustics.sun_half_angle_rad=0.02", {"caustics", "layer", "picture"}),
         ("light.peak=9", {"light", "water", "layer", "picture"}),
         ("light.sun_azimuth_deg=20", {"light", "water", "caustics", "layer", "picture"}),
+        ("water.gain=[0.4, 0.5, 0.5]", {"light", "water", "caustics", "layer", "picture"}),
         ("camera.depth_m=5", ALL_LIGHT),
         ('water.type="II"', ALL_LIGHT),
     ],
@@ -135,6 +136,9 @@ def test_it_shows_what_frames_are_made_of(kept: LivePreview, small_dive: Path) -
     assert facts.gain is not None
     kept.measure(scene)
     assert same(kept.frame(scene, 2).picture, composed)
+    draft = kept.frame(LivePreview.coarse(scene), 2).light
+    assert draft is not None
+    assert np.array_equal(draft.gain, facts.gain_at(2)), "drafts use them"
     assert not same(alone, composed)
     other = load_scene(small_dive, (*FEW, "light.peak=9"))
     with LivePreview("reference") as fresh:
