@@ -38,7 +38,7 @@ class TunePage:
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
                     session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
-                    key_value=self._key_value, failed=self.failed,
+                    key_value=self._key_value, failed=self.failed, settle=session.settle,
                 )  # fmt: skip
             self.stage = Stage(session, self.failed)
             self.render = RenderDialog(session, self.guarded)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
 
-After a change a draft is made, and when nothing was asked for a moment, the picture at full size.
+After a change a draft is made, then the picture at full size: at once, or while a value is being dragged, when nothing
+was asked for a moment.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.scene.model import Scene
 
 REST_S = 0.15
-"""Time without another change [s] after which the full picture is made. Twice as long, it comes visibly late; at half
-of it slow drags start full pictures that hold up the next draft."""
+"""Time without another change [s] after which the full picture is made within a drag. Twice as long, it comes visibly
+late; at half of it slow drags start full pictures that hold up the next draft."""
 _QUICK_S = 0.1
-"""Full pictures that take less [s] need no draft before them."""
+"""Full pictures that take less [s] need no draft before them; at the end of a drag those that take twice as long."""
 _KEPT = 48
 """Pictures that browsers may still fetch, of up to 1 MB."""
 
@@ -98,13 +99,20 @@ class Pictures:
         self._stored: dict[int, bytes] = {}
         self._count = 0
         self._full_s = 1.0
+        self._settled = True
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
-    def want(self, wanted: Wanted) -> None:
-        """Ask for a picture, in place of one that was asked for and not begun."""
+    def want(self, wanted: Wanted, *, moving: bool = False) -> None:
+        """Ask for a picture, in place of one that was asked for and not begun. moving: others are likely to follow."""
         with self._changed:
-            self._wanted = wanted
+            self._wanted, self._settled = wanted, not moving
+            self._changed.notify()
+
+    def settle(self) -> None:
+        """Say that no other picture is likely to follow: the full one need not wait."""
+        with self._changed:
+            self._settled = True
             self._changed.notify()
 
     def ask(self, job: Callable[[Any], T], *, urgent: bool = False) -> Future[T]:
@@ -170,17 +178,23 @@ class Pictures:
             renderer.close()
 
     def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
-        """Make the draft and, after a rest, the full picture, unless another is asked for meanwhile."""
-        if self._full_s > _QUICK_S or not wanted.full:
-            if not self._one(renderer, wanted, draft=True) or not wanted.full:
-                return
+        """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
+        if wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S:
+            self._one(renderer, wanted, draft=False)
+        elif self._one(renderer, wanted, draft=True) and wanted.full and not self._rest(renderer):
+            self._one(renderer, wanted, draft=False)
+
+    def _rest(self, renderer: Renderer) -> bool:
+        """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
+        while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._wanted or self._urgent or self._closed, timeout=REST_S)
-                if self._urgent and self._wanted is None:
-                    self._wanted = wanted  # again, after that
-                if self._wanted is not None or self._closed:
-                    return
-        self._one(renderer, wanted, draft=False)
+                self._changed.wait_for(
+                    lambda: self._wanted or self._urgent or self._closed or self._settled, timeout=REST_S
+                )
+                if self._wanted is not None or self._closed or not self._urgent:
+                    return self._wanted is not None or self._closed
+                job = self._urgent.popleft()
+            _run_job(job, renderer)
 
     def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool) -> bool:
         """Make and publish one picture; return whether it could be made."""

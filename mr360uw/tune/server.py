@@ -7,6 +7,7 @@ import asyncio
 import errno
 import secrets
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -33,6 +34,9 @@ _POLL_S = 1.0
 """Time between two looks at the scene file [s]; a change of it shows up so much later at the most."""
 _WIDTH = 1024
 """Width of full pictures at the start [pixels]; four times as many take four times as long."""
+_SWITCH_S = 0.0005
+"""Time after which the thread that draws lets the one that answers run [s], which waits as long at each answer. A tenth
+of Python's own; a hundredth would cost the drawing 1 %."""
 _NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -64,6 +68,7 @@ def serve(
         timeout_graceful_shutdown=2,
     )  # fmt: skip
     try:
+        sys.setswitchinterval(_SWITCH_S)
         with one_blas_thread():  # two threads draw and answer: their products would wait for each other's BLAS threads
             asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
     finally:
@@ -122,7 +127,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
 
     @app.get("/picture/{number}")
-    def picture(number: int) -> Response:
+    async def picture(number: int) -> Response:  # not in a thread of its own, which would have to be woken
         found = held[0].pictures.get(number)
         if found is None:
             return Response(status_code=404, headers=_NO_STORE)

@@ -89,9 +89,13 @@ class Session:
 
         return end
 
-    def show(self, *, full: bool = True) -> None:
-        """Ask for a picture of the present state; full: at full size, once nothing changes."""
-        self.pictures.want(self._wanted(full=full))
+    def show(self, *, full: bool = True, moving: bool = False) -> None:
+        """Ask for a picture of the present state. full: at full size. moving: that can wait until nothing changes."""
+        self.pictures.want(self._wanted(full=full), moving=moving)
+
+    def settle(self) -> None:
+        """Say that a drag has ended: the picture at full size need not wait for other changes."""
+        self.pictures.settle()
 
     def seek(self, index: int, *, scrubbing: bool = False) -> None:
         """Show another frame of the clip, the nearest there is. scrubbing: more will follow, and a draft will do."""
@@ -165,7 +169,7 @@ class Session:
 
     def _document_changed(self) -> None:
         if self.picture is None or self.picture.wanted.revision != self.document.revision:
-            self.show()
+            self.show(moving=self.document.dragging)
         self._tell("document")
 
     def _tell(self, event: Event) -> None:

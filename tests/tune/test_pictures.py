@@ -38,8 +38,8 @@ class Studio:
     def close(self) -> None:
         self.closed = True
 
-    def want(self, revision: int, *, full: bool = True) -> None:
-        self.pictures.want(Wanted(Scene(plate="plate.png"), revision, 0, "composite", 512, full))
+    def want(self, revision: int, *, full: bool = True, moving: bool = False) -> None:
+        self.pictures.want(Wanted(Scene(plate="plate.png"), revision, 0, "composite", 512, full), moving=moving)
 
     def next(self) -> tuple[int, bool]:
         picture = self.made.get(timeout=WAIT_S)
@@ -67,6 +67,20 @@ def test_a_draft_comes_first_and_the_full_picture_after_a_rest(studio: Studio) -
     assert draft.number < full.number
     assert studio.pictures.get(full.number) == full.data
     assert studio.pictures.get(99) is None
+
+
+def test_in_a_drag_the_full_picture_waits_until_it_ends(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "REST_S", WAIT_S)
+    studio.gate.release(9)
+    studio.want(1, moving=True)
+    assert studio.next() == (1, True)
+    assert studio.pictures.ask(lambda _: studio.made.qsize(), urgent=True).result(WAIT_S) == 0
+    studio.want(2, moving=True)
+    assert studio.next() == (2, True)
+    studio.pictures.settle()
+    assert studio.next() == (2, False)
+    studio.want(3)
+    assert [studio.next() for _ in range(2)] == [(3, True), (3, False)]
 
 
 def test_of_many_changes_only_the_newest_is_drawn(studio: Studio) -> None:

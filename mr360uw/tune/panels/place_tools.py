@@ -155,6 +155,7 @@ class PlaceTools:
                 self._put(f"lamp.{number}.position_m", _vector(here.lamp_at(number, point)), group)
             if drag.phase in ("end", "cancel"):
                 self._drag = None
+                self._session.settle()
         except (ParameterError, OSError, ValueError) as error:
             self._failed(error)
 
