@@ -179,9 +179,8 @@ class Pictures:
 
     def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
         """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
-        if wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S:
-            self._one(renderer, wanted, draft=False)
-        elif self._one(renderer, wanted, draft=True) and wanted.full and not self._rest(renderer):
+        quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
+        if quick or (self._one(renderer, wanted, draft=True) and wanted.full and not self._rest(renderer)):
             self._one(renderer, wanted, draft=False)
 
     def _rest(self, renderer: Renderer) -> bool:
