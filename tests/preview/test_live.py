@@ -89,6 +89,15 @@ def test_a_change_runs_the_stages_that_it_touches(
     assert all(count == 1 for count in run.values())
 
 
+def test_a_change_of_material_shoots_no_rays_again(kept: LivePreview, small_dive: Path) -> None:
+    kept.frame(load_scene(small_dive, FEW), 0)
+    before = kept.backend.cache.made.copy()
+    kept.frame(load_scene(small_dive, (*FEW, "object.0.roughness=0.3")), 0)
+    run = kept.backend.cache.made - before
+    assert run["ambient transfer"] == 1
+    assert {name for name in ("ambient shape", "ambient own", "height field", "ambient down") if run[name]} == set()
+
+
 def test_another_frame_is_decoded_and_measured(kept: LivePreview, small_dive: Path) -> None:
     scene = load_scene(small_dive, FEW)
     kept.frame(scene, 0)
