@@ -96,6 +96,13 @@ class LivePreview:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
         return self._plates.at(scene, index, self._plates.size(scene, width))
 
+    def soonest(self, scene: Scene, index: int, width: int | None = None) -> int:
+        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
+
+        Raises `VideoError`.
+        """
+        return self._plates.soonest(scene, index, self._plates.size(scene, width))
+
     def thumbnails(self, scene: Scene, count: int, width: int = 160) -> list[VideoFrame]:
         """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
 

@@ -12,7 +12,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from mr360uw.cache import Same
+from mr360uw.cache import Cache, Same
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -34,23 +34,30 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def calm_series(loaded: Loaded) -> CalmSeries | None:
-    """Return what collects a clip's calm ground; None where the plan leaves its caustics alone."""
+def calm_series(loaded: Loaded, kept: Cache | None = None) -> CalmSeries | None:
+    """Return what collects a clip's calm ground; None where the plan leaves its caustics alone.
+
+    kept: keeps the contrast of the scene's own caustics, which is the same for all frames.
+    """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
     height_m = _height_above(loaded.receiver.at(0), loaded)
-    return CalmSeries(height_m, _expected_contrast(loaded, loaded.scene.camera.depth_m + height_m))
+    depth_m, kept = loaded.scene.camera.depth_m + height_m, Cache() if kept is None else kept
+    key = waves_key(loaded.scene), depth_m
+    return CalmSeries(height_m, kept.get("contrast", key, lambda: _expected_contrast(loaded, depth_m)))
 
 
-def plate_pattern(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> PlatePattern | None:
+def plate_pattern(
+    loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame, kept: Cache | None = None
+) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    calm: of the clip; None finds it in this frame alone.
+    calm: of the clip; None finds it in this frame alone. kept: see `calm_series`.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
     if calm is None:
-        series = calm_series(loaded)
+        series = calm_series(loaded, kept)
         assert series is not None
         series.add(plate)
         calm = series.result()

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mr360uw.errors import Mr360uwError
 from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.preview.thumbnail import encoded
@@ -36,6 +37,13 @@ class PageRenderer:
         shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
         codes = view.draw(shown)
         return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0], view.panorama)
+
+    def stand_in(self, wanted: Wanted) -> int:
+        """Return the frame to show while the one that is wanted is decoded, or that one."""
+        try:
+            return self.preview.soonest(wanted.scene, wanted.index, wanted.draft_width)
+        except (Mr360uwError, OSError):  # the picture says it
+            return wanted.index
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
 
-After a change a draft is made, then the picture at full size: at once, or while a value is being dragged, when nothing
-was asked for a moment.
+First a draft, then the picture at full size: at once, or within a drag when nothing was asked for a moment.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.scene.model import Scene
 
 REST_S = 0.15
-"""Time without another change [s] after which the full picture is made within a drag. Twice as long, it comes visibly
-late; at half of it slow drags start full pictures that hold up the next draft."""
+"""Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
+full pictures that hold up the next draft."""
 _QUICK_S = 0.1
 """Full pictures that take less [s] need no draft before them; at the end of a drag those that take twice as long."""
 _KEPT = 48
@@ -46,6 +45,11 @@ class Wanted:
     full: bool = True
     dark: bool = True
 
+    @property
+    def draft_width(self) -> int:
+        """Width [pixels] of a draft."""
+        return min(self.width // 2, COARSE_WIDTH)
+
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
@@ -59,10 +63,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture that was made, as JPEG; or, where none could be made, the reasons.
-
-    seconds: it took. panorama: whether it is equirectangular.
-    """
+    """A picture as JPEG, or why there is none. seconds: it took. stand_in: whether it is of the nearest keyframe."""
 
     number: int
     wanted: Wanted
@@ -73,6 +74,7 @@ class Picture:
     data: bytes
     problems: tuple[str, ...] = ()
     panorama: bool = True
+    stand_in: bool = False
 
 
 class Renderer(Protocol):
@@ -80,6 +82,9 @@ class Renderer(Protocol):
 
     def picture(self, wanted: Wanted, width: int) -> Drawn:
         """Return a picture of about a width."""
+
+    def stand_in(self, wanted: Wanted) -> int:
+        """Return the frame to show while the one that is wanted is decoded, or that one."""
 
     def close(self) -> None:
         """Let go of everything."""
@@ -166,7 +171,10 @@ class Pictures:
             try:
                 renderer = renderer or self._make()
             except Mr360uwError as error:
-                self._fail(wanted, job, error)
+                if job is not None:
+                    job[1].set_exception(error)
+                elif wanted is not None:
+                    self._publish(self._numbered(_failed(wanted, error)))
                 continue
             if job is not None:
                 _run_job(job, renderer)
@@ -180,8 +188,15 @@ class Pictures:
     def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
         """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
         quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
-        if quick or (self._one(renderer, wanted, draft=True) and wanted.full and not self._rest(renderer)):
+        if quick or (self._draft(renderer, wanted) and wanted.full and not self._rest(renderer)):
             self._one(renderer, wanted, draft=False)
+
+    def _draft(self, renderer: Renderer, wanted: Wanted) -> bool:
+        """Make the draft, after one of the nearest keyframe where that comes sooner; return whether it was made."""
+        index = renderer.stand_in(wanted)
+        if index != wanted.index and (not self._one(renderer, wanted, draft=True, index=index) or self._wanted):
+            return False
+        return self._one(renderer, wanted, draft=True)
 
     def _rest(self, renderer: Renderer) -> bool:
         """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
@@ -195,29 +210,19 @@ class Pictures:
                 job = self._urgent.popleft()
             _run_job(job, renderer)
 
-    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool) -> bool:
-        """Make and publish one picture; return whether it could be made."""
-        start = time.perf_counter()
+    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
+        """Make and publish one picture; return whether it could be made. index: of a frame that stands in."""
+        start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
         try:
-            drawn = renderer.picture(wanted, min(wanted.width // 2, COARSE_WIDTH) if draft else wanted.width)
+            drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
         except (Mr360uwError, OSError, MemoryError) as error:
             self._publish(self._numbered(_failed(wanted, error)))
             return False
         seconds = time.perf_counter() - start
-        if not draft:
-            self._full_s = seconds
-        self._publish(
-            self._numbered(
-                Picture(0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama)
-            )
-        )
+        self._full_s = self._full_s if draft else seconds
+        size, rest = (drawn.width, drawn.height), (drawn.data, (), drawn.panorama, index is not None)
+        self._publish(self._numbered(Picture(0, wanted, *size, draft, seconds, *rest)))
         return True
-
-    def _fail(self, wanted: Wanted | None, job: tuple[Any, Future[Any]] | None, error: Exception) -> None:
-        if job is not None:
-            job[1].set_exception(error)
-        elif wanted is not None:
-            self._publish(self._numbered(_failed(wanted, error)))
 
     def _numbered(self, picture: Picture) -> Picture:
         with self._changed:

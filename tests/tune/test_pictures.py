@@ -26,6 +26,7 @@ class Studio:
         self.made: queue.Queue[Picture] = queue.Queue()
         self.fails: Exception | None = None
         self.closed = False
+        self.nearest: int | None = None
         self.pictures = Pictures(lambda: self, self.made.put)
 
     def picture(self, wanted: Wanted, width: int) -> Drawn:
@@ -34,6 +35,9 @@ class Studio:
         if self.fails is not None:
             raise self.fails
         return Drawn(f"{wanted.revision}".encode(), width, width // 2)
+
+    def stand_in(self, wanted: Wanted) -> int:
+        return self.nearest if self.nearest is not None else wanted.index
 
     def close(self) -> None:
         self.closed = True
@@ -91,6 +95,24 @@ def test_of_many_changes_only_the_newest_is_drawn(studio: Studio) -> None:
     studio.gate.release(3)
     assert [studio.next() for _ in range(3)] == [(1, True), (49, True), (49, False)]
     assert studio.made.empty()
+
+
+def test_the_nearest_keyframe_stands_in_for_a_frame_that_comes_late(studio: Studio) -> None:
+    studio.nearest = 7
+    studio.want(1)
+    studio.gate.release(3)
+    made = [studio.made.get(timeout=WAIT_S) for _ in range(3)]
+    assert [(p.stand_in, p.draft, p.wanted.index) for p in made] == [
+        (True, True, 0), (False, True, 0), (False, False, 0)
+    ]  # fmt: skip
+    studio.want(2)
+    assert studio.begun.get(timeout=WAIT_S) == 1
+    while studio.begun.get(timeout=WAIT_S) != 2:
+        pass
+    studio.nearest = None
+    studio.want(3)
+    studio.gate.release(3)
+    assert [studio.next() for _ in range(3)] == [(2, True), (3, True), (3, False)]
 
 
 def test_playing_makes_drafts_only(studio: Studio) -> None:

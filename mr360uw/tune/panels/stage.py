@@ -59,7 +59,7 @@ class Stage:
                 self.viewer.set_compare("wipe" if picture.panorama else "none")
             self.viewer.show(
                 f"/picture/{picture.number}", stale=not session.is_present(picture), coarse=picture.draft,
-                panorama=picture.panorama, name=session.views[picture.wanted.view],
+                stand_in=picture.stand_in, panorama=picture.panorama, name=session.views[picture.wanted.view],
             )  # fmt: skip
         self._problems.clear()
         with self._problems:
