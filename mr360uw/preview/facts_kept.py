@@ -41,15 +41,23 @@ class KeptFacts:
     def measure(self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None) -> ClipFacts:
         """Return the facts of a scene's clip, and keep them. plate: at full size. video: at the scene's own."""
         facts = clip_facts(loaded, video, progress)
+        self.take(loaded, plate, facts)
+        return facts
+
+    def take(self, loaded: Loaded, plate: VideoReader, facts: ClipFacts) -> None:
+        """Keep facts that were measured of a scene's clip. plate: at full size."""
         draft = replace(loaded, scene=coarse(loaded.scene))
         of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
         self._last = _Measured(of_clip, (_of_ground(loaded), _of_ground(draft)), facts)
-        return facts
+
+    def holds(self, loaded: Loaded, plate: VideoReader) -> bool:
+        """Return whether there are facts of a scene's clip."""
+        return self._last is not None and _of_clip(plate, loaded) in self._last.of_clip
 
     def of(self, loaded: Loaded, plate: VideoReader) -> ClipFacts:
         """Return the facts for frames of a scene; those that are not known for its settings are left out."""
         last = self._last
-        if last is None or _of_clip(plate, loaded) not in last.of_clip:
+        if last is None or not self.holds(loaded, plate):
             return ClipFacts()
         calm = last.facts.calm
         if calm is None or _of_ground(loaded) not in last.of_ground:

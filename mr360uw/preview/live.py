@@ -86,6 +86,14 @@ class LivePreview:
         reader, loaded = self._plates.reader(scene), self.loaded(scene)
         return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
 
+    def take_facts(self, scene: Scene, facts: ClipFacts) -> None:
+        """Use facts of a scene's clip that another preview's `measure` returned."""
+        self._facts.take(self.loaded(scene), self._plates.reader(scene), facts)
+
+    def has_measured(self, scene: Scene, width: int | None = None) -> bool:
+        """Return whether frames of a scene use facts of its clip that were measured."""
+        return self._facts.holds(self.loaded(scene, width), self._plates.reader(scene))
+
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
         reader, size = self._plates.reader(scene), self._plates.size(scene, width)

@@ -13,6 +13,7 @@ from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.controls import ControlPanel
 from mr360uw.tune.panels.header import Header
 from mr360uw.tune.panels.match_dialog import MatchDialog
+from mr360uw.tune.panels.measure_tool import MeasureTool
 from mr360uw.tune.panels.place_tools import PlaceTools
 from mr360uw.tune.panels.render_dialog import RenderDialog
 from mr360uw.tune.panels.stage import Stage
@@ -45,6 +46,7 @@ class TunePage:
             self.match = MatchDialog(session, self.guarded)
             with self.header.tools:
                 Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
+                MeasureTool(session, self.failed)
                 Button("Render …", self.render.open, title="composite the whole clip")
             self.place = PlaceTools(session, self.stage, self.failed, self.match.water)
             self.time = TimePanel(session, self.guarded)

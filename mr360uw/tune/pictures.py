@@ -11,12 +11,11 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.drafts import COARSE_WIDTH
-from mr360uw.scene.model import Scene
+from mr360uw.tune.wanted import Picture, Renderer, Wanted
 
 REST_S = 0.15
 """Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
@@ -27,67 +26,6 @@ _KEPT = 48
 """Pictures that browsers may still fetch, of up to 1 MB."""
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """A picture to be made.
-
-    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`. dark: its charts. width:
-    [pixels] of the full picture. full: whether to make that once nothing else is asked for.
-    """
-
-    scene: Scene
-    revision: int
-    index: int
-    view: str
-    width: int
-    full: bool = True
-    dark: bool = True
-
-    @property
-    def draft_width(self) -> int:
-        """Width [pixels] of a draft."""
-        return min(self.width // 2, COARSE_WIDTH)
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """A picture as JPEG, with its size [pixels]. panorama: whether it is equirectangular."""
-
-    data: bytes
-    width: int
-    height: int
-    panorama: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture as JPEG, or why there is none. seconds: it took. stand_in: whether it is of the nearest keyframe."""
-
-    number: int
-    wanted: Wanted
-    width: int
-    height: int
-    draft: bool
-    seconds: float
-    data: bytes
-    problems: tuple[str, ...] = ()
-    panorama: bool = True
-    stand_in: bool = False
-
-
-class Renderer(Protocol):
-    """Makes pictures; belongs to the thread that made it."""
-
-    def picture(self, wanted: Wanted, width: int) -> Drawn:
-        """Return a picture of about a width."""
-
-    def stand_in(self, wanted: Wanted) -> int:
-        """Return the frame to show while the one that is wanted is decoded, or that one."""
-
-    def close(self) -> None:
-        """Let go of everything."""
 
 
 class Pictures:
@@ -220,8 +158,11 @@ class Pictures:
             return False
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
-        size, rest = (drawn.width, drawn.height), (drawn.data, (), drawn.panorama, index is not None)
-        self._publish(self._numbered(Picture(0, wanted, *size, draft, seconds, *rest)))
+        made = Picture(
+            0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama,
+            stand_in=index is not None, measured=drawn.measured,
+        )  # fmt: skip
+        self._publish(self._numbered(made))
         return True
 
     def _numbered(self, picture: Picture) -> Picture:

@@ -25,8 +25,9 @@ from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard, is_loopback
 from mr360uw.tune.page import build_page
 from mr360uw.tune.page_renderer import PageRenderer, clip_of
-from mr360uw.tune.pictures import Picture, Pictures
+from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
+from mr360uw.tune.wanted import Picture
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""

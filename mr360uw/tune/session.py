@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.progress import Progress
+from mr360uw.runs.composite_run import CompositeRun
+from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.pictures import Picture, Pictures, Wanted
+from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.views import VIEWS
+from mr360uw.tune.wanted import Picture, Wanted
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
@@ -141,6 +145,16 @@ class Session:
         self.kept_pictures[name] = self.pictures.store(data)
         return self.kept_pictures[name]
 
+    async def measure_clip(self, progress: Progress) -> None:
+        """Measure the clip's light as a composite does; pictures use it from then on. Raises what loading raises.
+
+        progress: called by another thread; an exception of it ends the pass.
+        """
+        scene = self.document.scene
+        facts = await asyncio.to_thread(_measured, scene, progress)
+        await asyncio.wrap_future(self.pictures.ask(partial(_take_facts, scene, facts), urgent=True))
+        self.show()
+
     async def make_thumbnails(self) -> None:
         """Make the small pictures of the plate, unless they are there; tell when they are."""
         if self._asked_thumbnails:
@@ -175,3 +189,14 @@ class Session:
     def _tell(self, event: Event) -> None:
         for callback in tuple(self._observers):
             callback(event)
+
+
+def _measured(scene: Scene, progress: Progress) -> Any:
+    from mr360uw.preview.live import LivePreview
+
+    with LivePreview("reference") as own:  # which draws nothing; the one that draws belongs to its thread
+        return own.measure(scene, progress)
+
+
+def _take_facts(scene: Scene, facts: Any, renderer: Any) -> None:
+    renderer.take_facts(scene, facts)

@@ -197,6 +197,7 @@ export default {
       this.asked = {}; // a second picture that is under way comes too late
       this.show(1, await createImageBitmap(bitmap, { colorSpaceConversion: "none", premultiplyAlpha: "none" }), this.wraps);
       this.second = name;
+      if (this.comparison !== "none") this.$emit("compare", { compare: this.comparison, second: name });
     },
     show(unit, bitmap, wraps) {
       const before = this.painter.bitmaps[unit];
@@ -265,7 +266,7 @@ export default {
     setCompare(comparison) {
       if (comparison === this.comparison) return;
       this.comparison = comparison;
-      this.$emit("compare", { compare: comparison });
+      this.$emit("compare", { compare: comparison, second: this.second });
     },
     reset() {
       this.view = startView(this.view.look);

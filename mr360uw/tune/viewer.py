@@ -19,6 +19,8 @@ from mr360uw.tune.placing import Point
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]
+SNAPSHOT = "snapshot"
+"""Name of a second picture that the viewer's own button keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,13 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
     def on_select(self, handler: Callable[[str], Any]) -> None:
         """Call a handler with the name of a marker that is clicked on."""
         self.on("select", lambda event: handler(event.args["name"]))
+
+    def on_compare(self, handler: Callable[[Compare, str], Any]) -> None:
+        """Call a handler with how pictures are compared, and the second one's name, when its own buttons change that.
+
+        The name is `SNAPSHOT` where the second picture is one that was kept in the viewer alone.
+        """
+        self.on("compare", lambda event: handler(event.args["compare"], event.args["second"]))
 
     def on_shown(self, handler: Callable[[int], Any]) -> None:
         """Call a handler with the serial number of each picture once it is on the screen."""

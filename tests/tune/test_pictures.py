@@ -12,7 +12,8 @@ import pytest
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
-from mr360uw.tune.pictures import Drawn, Picture, Pictures, Wanted
+from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.wanted import Drawn, Picture, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 

@@ -14,11 +14,11 @@ import pytest
 pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
 
 from mr360uw.errors import ParameterError
+from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
-from mr360uw.tune.composite_run import CompositeRun
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.pictures import Picture, Wanted
 from mr360uw.tune.session import Session
+from mr360uw.tune.wanted import Picture, Wanted
 
 
 @dataclass(frozen=True)

@@ -141,13 +141,14 @@ class Group:
         return tuple(str(m.model_fields[self.tag].default) for m in self.models) if self.tag else ("",)
 
     def fields(self, tag: str | None = None) -> tuple[Field, ...]:
-        """Return the fields of a kind of the table; None: of the default kind."""
+        """Return the fields of a kind of the table that users set; None: of the default kind."""
         model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        found = []
-        for name, field in model.model_fields.items():
-            key = field.alias or name
-            found.append(_field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes))
-        return tuple(found)
+        fields = [(name, field.alias or name, field) for name, field in model.model_fields.items()]
+        return tuple(
+            _field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes)
+            for name, key, field in fields
+            if not stated(field, "internal")
+        )
 
 
 def groups() -> tuple[Group, ...]:
