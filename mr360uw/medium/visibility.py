@@ -54,7 +54,7 @@ def water_of_visibility(sight_m: float) -> Water:
     low, high = 0.0, _FARTHEST
     for _ in range(50):
         middle = 0.5 * (low + high)
-        attenuation = sum(float(np.interp(SIGHT_NM, nm, _mixed(*both, middle))) for nm, *both in parts)
+        attenuation = sum(float(np.interp(SIGHT_NM, nm, _mixed(a, b, middle))) for nm, a, b in parts)
         low, high = (middle, high) if CONTRAST_LENGTHS / attenuation > sight_m else (low, middle)
     return _between(clear, murky, low)
 
@@ -81,8 +81,8 @@ def _between(clear: Water, murky: Water, share: float) -> Water:
     name = f"water between {clear.name} and {murky.name}"
 
     def mixed(label: str, one: Spectrum, other: Spectrum) -> Spectrum:
-        nm, *both = _nodes(one, other)
-        return Spectrum(f"{name}, {label}", nm, _mixed(*both, share))
+        nm, first, second = _nodes(one, other)
+        return Spectrum(f"{name}, {label}", nm, _mixed(first, second, share))
 
     a, b = mixed("absorption", clear.a, murky.a), mixed("scattering", clear.b, murky.b)
     source = f"between the types: {clear.source}"

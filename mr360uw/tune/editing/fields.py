@@ -143,11 +143,10 @@ class Group:
     def fields(self, tag: str | None = None) -> tuple[Field, ...]:
         """Return the fields of a kind of the table that users set; None: of the default kind."""
         model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        fields = [(name, field.alias or name, field) for name, field in model.model_fields.items()]
+        fields = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
         return tuple(
             _field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes)
             for name, key, field in fields
-            if not stated(field, "internal")
         )
 
 
