@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from fractions import Fraction
 from typing import Self
 
 from mr360uw.preview.drafts import coarse
 from mr360uw.preview.facts_kept import KeptFacts
 from mr360uw.preview.frames_kept import KeptFrames
+from mr360uw.preview.plate_clip import PlateClip
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.backends import make_backend
@@ -24,19 +23,6 @@ from mr360uw.video.read.scaled import scaled
 
 _KINDS = 2
 """Kinds of frames that take turns, whole ones and drafts: what each needs is kept."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlateClip:
-    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
-    many frames as are asked for. frame_rate: [1/s].
-    """
-
-    frame_count: int | None
-    frame_rate: Fraction
-    width: int
-    height: int
-    duration_s: float | None
 
 
 class LivePreview:
@@ -120,9 +106,7 @@ class LivePreview:
 
     def clip(self, scene: Scene) -> PlateClip:
         """Return the length and size of a scene's plate; raise `VideoError`."""
-        reader = self._plates.reader(scene)
-        count, rate = reader.frame_count, reader.frame_rate
-        return PlateClip(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
+        return PlateClip.of(self._plates.reader(scene))
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""

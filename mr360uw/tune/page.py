@@ -32,7 +32,7 @@ class TunePage:
     """One tab."""
 
     def __init__(self, session: Session) -> None:
-        self.session, self.document = session, session.document
+        self.session, self.document, self._begun = session, session.document, False
         self.client = ui.context.client
         with ui.element("div").classes("page") as self.root:
             self.header = Header(session, self.guarded, self.save)
@@ -88,6 +88,10 @@ class TunePage:
             self.place.refresh()
         elif event == "picture":
             self.stage.show()
+            if not self._begun and self.session.picture is not None:
+                self._begun = True
+                self.place.refresh()
+                self.time.begin()
         elif event == "time":
             self.stage.expect()
             self.time.follow()

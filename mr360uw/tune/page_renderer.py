@@ -7,10 +7,9 @@ import numpy as np
 
 from mr360uw.errors import Mr360uwError
 from mr360uw.preview.drafts import COARSE_WIDTH
-from mr360uw.preview.live import LivePreview, PlateClip
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.render.first_pass import ClipFacts
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
@@ -70,10 +69,3 @@ class PageRenderer:
     def close(self) -> None:
         """Let go of everything."""
         self.preview.close()
-
-
-def clip_of(scene: Scene) -> PlateClip:
-    """Return the length and size of a scene's plate; raise `VideoError`."""
-    with open_plate(scene) as video:
-        count, rate = video.frame_count, video.frame_rate
-        return PlateClip(count, rate, video.width, video.height, None if count is None else float(count / rate))

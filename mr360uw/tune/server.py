@@ -20,14 +20,14 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.preview.plate_clip import clip_of
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard, is_loopback
 from mr360uw.tune.page import build_page
-from mr360uw.tune.page_renderer import PageRenderer, clip_of
 from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
-from mr360uw.tune.wanted import Picture
+from mr360uw.tune.wanted import Picture, Renderer
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""
@@ -112,9 +112,8 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         def publish(picture: Picture) -> None:
             loop.call_soon_threadsafe(lambda: held[0].take(picture))
 
-        pictures = Pictures(lambda: PageRenderer(backend), publish)
+        pictures = Pictures(lambda: _renderer(backend), publish)
         held.append(Session(document, pictures, clip, _WIDTH, backend))
-        held[0].show()
         watch = loop.create_task(_watch(document))
         loop.call_soon(ready)
         try:
@@ -150,12 +149,20 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
     @ui.page("/", response_timeout=20.0)
     def page() -> None:
         build_page(held[0])
+        if held[0].picture is None:
+            ui.context.client.on_connect(held[0].show)  # only then: what draws takes a second to load
 
     ui.run_with(
         app, title=f"{document.path.name} - mr360uw", dark=None, language="en-US", tailwind=False,
         show_welcome_message=False, reconnect_timeout=10.0, binding_refresh_interval=None,
     )  # fmt: skip
     return app
+
+
+def _renderer(backend: str) -> Renderer:
+    from mr360uw.tune.page_renderer import PageRenderer
+
+    return PageRenderer(backend)
 
 
 async def _watch(document: Document) -> None:

@@ -15,8 +15,7 @@ from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.pictures import Pictures
-from mr360uw.tune.views import VIEWS
-from mr360uw.tune.wanted import Picture, Wanted
+from mr360uw.tune.wanted import VIEW_NAMES, Picture, Wanted
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
@@ -55,7 +54,7 @@ class Session:
         self.run: CompositeRun | None = None
         self.index, self.view, self.dark = 0, "composite", True
         self.range = (0, self.frame_count)
-        self.views = {name: view.name for name, view in VIEWS.items()}
+        self.views = dict(VIEW_NAMES)
         self.thumbnails: dict[int, int] = {}
         self._asked_thumbnails = False
         self.kept_pictures: dict[str, int] = {}

@@ -4,18 +4,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.preview.drafts import COARSE_WIDTH, coarse
-from mr360uw.preview.live import LivePreview
 from mr360uw.scene.model import Scene
 from mr360uw.tune import placing
 from mr360uw.tune.marks import Marker, markers, receiver_edge
 from mr360uw.tune.placing import Point
 from mr360uw.types import Floats, View
+
+if TYPE_CHECKING:
+    from mr360uw.composite.shot import Receiver
+    from mr360uw.preview.live import LivePreview
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,13 +9,26 @@ from typing import Protocol
 from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.scene.model import Scene
 
+VIEW_NAMES = {
+    "composite": "Composite",
+    "plate": "Plate",
+    "caustics": "Caustics",
+    "surface": "Sea surface",
+    "lights": "Lights",
+    "difference": "Shadows and caustics",
+    "water": "Water alone",
+    "depth": "Distances",
+    "plan": "Plan",
+}
+"""Views of a frame, see `views.VIEWS`, with their names for people."""
+
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """A picture to be made.
 
-    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`. dark: its charts. width:
-    [pixels] of the full picture. full: whether to make that once nothing else is asked for.
+    revision: of the document whose scene it is. index: of the frame. view: a key of `VIEW_NAMES`. dark: its charts.
+    width: [pixels] of the full picture. full: whether to make that once nothing else is asked for.
     """
 
     scene: Scene
