@@ -24,7 +24,8 @@ import av
 import cv2
 import numpy as np
 
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview
+from mr360uw.preview.drafts import COARSE_WIDTH
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.sample import sample_dive
 from mr360uw.scene.inputs import open_plate
@@ -36,6 +37,7 @@ MOVES: dict[str, Move] = {
     "object.position_m": lambda r: (f"object.0.position_m=[{r.uniform(0, 1)}, {r.uniform(-1, -0.3)}, -3.6]",),
     "object.rotation_deg": lambda r: (f"object.0.rotation_deg=[{r.uniform(-90, -30)}, 4, 0]",),
     "object.scale": lambda r: (f"object.0.scale={r.uniform(0.7, 1.3)}",),
+    "object.roughness": lambda r: (f"object.0.roughness={r.uniform(0.2, 0.9)}",),
     "camera.depth_m": lambda r: (f"camera.depth_m={r.uniform(3, 6)}",),
     "water.type": lambda r: (f"water.type={r.choice(['I', 'IA', 'IB', 'II', 'III', '1C', '3C'])}",),
     "water.visibility_m": lambda r: (f"water.visibility_m={r.uniform(8, 30)}",),

@@ -33,7 +33,7 @@ TIMED = """([selector, act]) => new Promise((done) => {
   const look = () => {
     const badge = document.querySelector(".uw-badge")?.textContent || "";
     if (badge.includes("older")) old = true;
-    else if (old && draft === null) draft = performance.now() - began;
+    else if (old && draft === null && !badge.includes("keyframe")) draft = performance.now() - began;
     if (!old || badge) return;
     observer.disconnect();
     clearTimeout(late);

@@ -57,6 +57,10 @@ class Cache:
             values.pop(next(iter(values)))
         return value
 
+    def holds(self, name: str, key: Hashable) -> bool:
+        """Return whether a value of a name is there for a key."""
+        return key in self._kept.get(name, {})
+
     def drop(self, name: str, *keys: Hashable) -> None:
         """Remove the values of a name, or of some of its keys."""
         for key in keys:

@@ -67,18 +67,21 @@ def parameter(
     high: float | None = None,
     above: float | None = None,
     fixed: str = "",
+    internal: str = "",
     **extra: Any,
 ) -> Any:
     """Return a pydantic field with a default, an inclusive range [low, high] (or > above), a unit and a help line.
 
-    fixed: advice to who wants the number to change within a clip, which it cannot; "" where it can.
+    fixed: advice to who wants the number to change within a clip, which it cannot; "" where it can. internal: what sets
+    it, where users need no control for it.
     """
-    shown: dict[str, Any] = {"unit": unit} | ({"fixed": fixed} if fixed else {})
+    notes = {"unit": unit, "fixed": fixed, "internal": internal}
+    shown: dict[str, Any] = {name: text for name, text in notes.items() if text or name == "unit"}
     return Field(default, description=help_text, ge=low, le=high, gt=above, json_schema_extra=shown, **extra)
 
 
-def stated(field: FieldInfo, name: Literal["unit", "fixed"]) -> str:
-    """Return the unit of a field, or why it is fixed; "" where nothing is stated."""
+def stated(field: FieldInfo, name: Literal["unit", "fixed", "internal"]) -> str:
+    """Return the unit of a field, why it is fixed, or what sets it; "" where nothing is stated."""
     shown = field.json_schema_extra
     return str(shown.get(name, "")) if isinstance(shown, dict) else ""
 

@@ -12,11 +12,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.jerlov import JerlovType, molecular_part
 from mr360uw.medium.tables import Spectrum
 from mr360uw.medium.water import Water
+
+Array = NDArray[np.float64]
 
 CONTRAST_LENGTHS = 4.8
 """Beam attenuation lengths at which a black target is lost."""
@@ -47,15 +50,28 @@ def water_of_visibility(sight_m: float) -> Water:
     types = [Water.jerlov(name) for name in _CLEAR_TO_MURKY]
     place = int(np.searchsorted([-visibility_m(water) for water in types], -sight_m))
     clear, murky = types[min(max(place, 1), len(types) - 1) - 1 :][:2]
+    parts = [_nodes(clear.a, murky.a), _nodes(clear.b, murky.b)]
     low, high = 0.0, _FARTHEST
     for _ in range(50):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if visibility_m(_between(clear, murky, middle)) > sight_m else (low, middle)
+        attenuation = sum(float(np.interp(SIGHT_NM, nm, _mixed(a, b, middle))) for nm, a, b in parts)
+        low, high = (middle, high) if CONTRAST_LENGTHS / attenuation > sight_m else (low, middle)
     return _between(clear, murky, low)
 
 
 _FARTHEST = 8.0
 """How many times the step from 7C to 9C is taken at most: to 0.2 m, beyond the range."""
+
+
+def _nodes(one: Spectrum, other: Spectrum) -> tuple[Array, Array, Array]:
+    """Return the visible wavelengths (w,) [nm] of a spectrum, and its values and another's there."""
+    nm = one.wavelength_nm[(one.wavelength_nm >= 400.0) & (one.wavelength_nm <= 700.0)]
+    return nm, one(nm), other(nm)
+
+
+def _mixed(one: Array, other: Array, share: float) -> Array:
+    """Return values with mixed logarithms; share: of the other."""
+    return np.asarray(one ** (1.0 - share) * other**share)
 
 
 def _between(clear: Water, murky: Water, share: float) -> Water:
@@ -65,8 +81,8 @@ def _between(clear: Water, murky: Water, share: float) -> Water:
     name = f"water between {clear.name} and {murky.name}"
 
     def mixed(label: str, one: Spectrum, other: Spectrum) -> Spectrum:
-        nm = one.wavelength_nm[(one.wavelength_nm >= 400.0) & (one.wavelength_nm <= 700.0)]
-        return Spectrum(f"{name}, {label}", nm, one(nm) ** (1.0 - share) * other(nm) ** share)
+        nm, first, second = _nodes(one, other)
+        return Spectrum(f"{name}, {label}", nm, _mixed(first, second, share))
 
     a, b = mixed("absorption", clear.a, murky.a), mixed("scattering", clear.b, murky.b)
     source = f"between the types: {clear.source}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.cache import Cache, Same
+from mr360uw.preview.drafts import coarse
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import stamp
 from mr360uw.render.calm import CalmPlate
@@ -21,10 +22,12 @@ from mr360uw.video import VideoReader
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Facts, and what they depend on. of_ground: what the calm ground depends on besides."""
+    """Facts, and what they depend on, of the scene and of its draft. of_ground: what the calm ground depends on
+    besides.
+    """
 
-    of_clip: Hashable
-    of_ground: Hashable
+    of_clip: tuple[Hashable, Hashable]
+    of_ground: tuple[Hashable, Hashable]
     facts: ClipFacts
 
 
@@ -38,22 +41,32 @@ class KeptFacts:
     def measure(self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None) -> ClipFacts:
         """Return the facts of a scene's clip, and keep them. plate: at full size. video: at the scene's own."""
         facts = clip_facts(loaded, video, progress)
-        self._last = _Measured(_of_clip(loaded, plate), _of_ground(loaded), facts)
+        self.take(loaded, plate, facts)
         return facts
+
+    def take(self, loaded: Loaded, plate: VideoReader, facts: ClipFacts) -> None:
+        """Keep facts that were measured of a scene's clip. plate: at full size."""
+        draft = replace(loaded, scene=coarse(loaded.scene))
+        of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
+        self._last = _Measured(of_clip, (_of_ground(loaded), _of_ground(draft)), facts)
+
+    def holds(self, loaded: Loaded, plate: VideoReader) -> bool:
+        """Return whether there are facts of a scene's clip."""
+        return self._last is not None and _of_clip(plate, loaded) in self._last.of_clip
 
     def of(self, loaded: Loaded, plate: VideoReader) -> ClipFacts:
         """Return the facts for frames of a scene; those that are not known for its settings are left out."""
         last = self._last
-        if last is None or last.of_clip != _of_clip(loaded, plate):
+        if last is None or not self.holds(loaded, plate):
             return ClipFacts()
         calm = last.facts.calm
-        if calm is None or last.of_ground != _of_ground(loaded):
+        if calm is None or _of_ground(loaded) not in last.of_ground:
             return replace(last.facts, calm=None)
         size = loaded.width, loaded.height
         return replace(last.facts, calm=self._kept.get("calm", (calm, size), lambda: _reduced(calm, *size)))
 
 
-def _of_clip(loaded: Loaded, plate: VideoReader) -> Hashable:
+def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
     scene, plan = loaded.scene, loaded.plan
     files = tuple((path, stamp(path)) for path in loaded.other_files)
     wanted = plan.track_sun.runs, plan.track_gain.runs

@@ -16,6 +16,9 @@ from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.read.reader import Seeker
 from mr360uw.video.read.scaled import scaled_size, smaller
 
+_SOON = 4
+"""Frames to decode before one from which on its keyframe comes sooner: 3840 x 1920 take 15 to 50 ms each on two cores.
+Twice as many, the play head waits for half a second."""
 _KEPT_FRAMES = 8
 """Frames that are kept at the size they were asked for: 6 MB each at 2048 x 1024."""
 
@@ -61,6 +64,15 @@ class KeptFrames:
             return smaller(cache.get("plate", which, lambda: self._decoded(reader, index)), *size)
 
         return cache.get("plate at its size", (which, size), reduced, _KEPT_FRAMES)
+
+    def soonest(self, scene: Scene, index: int, size: tuple[int, int]) -> int:
+        """Return the keyframe before a frame, or the frame itself where that is decoded about as soon."""
+        reader = self.reader(scene)
+        entry, which = reader.entry_before(index), (reader, index, stamp(reader.file_of(index)))
+        kept = self._reads.cache.holds("plate", which) or self._reads.cache.holds("plate at its size", (which, size))
+        following = self._open is not None and self._open.reader is reader
+        start = max(entry, self._open.next_index) if self._open is not None and following else entry
+        return index if kept or index - (start if start <= index else entry) < _SOON else entry
 
     def overview(self, scene: Scene, count: int, width: int) -> list[VideoFrame]:
         """Return up to `count` frames, evenly spread over a clip, that are read without others before them."""

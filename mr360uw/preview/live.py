@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from fractions import Fraction
 from typing import Self
 
+from mr360uw.preview.drafts import coarse
 from mr360uw.preview.facts_kept import KeptFacts
 from mr360uw.preview.frames_kept import KeptFrames
+from mr360uw.preview.plate_clip import PlateClip
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.backends import make_backend
@@ -21,27 +21,8 @@ from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame
 from mr360uw.video.read.scaled import scaled
 
-COARSE_WIDTH = 512
-"""Width [pixels] of drafts."""
-_SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
-"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
-
 _KINDS = 2
 """Kinds of frames that take turns, whole ones and drafts: what each needs is kept."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlateClip:
-    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
-    many frames as are asked for. frame_rate: [1/s].
-    """
-
-    frame_count: int | None
-    frame_rate: Fraction
-    width: int
-    height: int
-    duration_s: float | None
 
 
 class LivePreview:
@@ -78,32 +59,26 @@ class LivePreview:
             plate, facts = self.plate(scene, index, width), self._facts.of(loaded, self._plates.reader(scene))
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
 
-    @staticmethod
-    def coarse(scene: Scene) -> Scene:
-        """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
-
-        Edges, soft shadows and caustics are drawn with fewer samples; light and water stay what they are.
-        """
-        draw, caustics = scene.draw, scene.caustics
-        fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
-        coarser = {
-            "size": min(caustics.size, _CAUSTIC_SIZE),
-            "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
-            "planes": min(caustics.planes, _PLANES),
-        }
-        drafts = {"draw": draw.model_copy(update=fewer), "caustics": caustics.model_copy(update=coarser)}
-        return scene.model_copy(update=drafts)
+    coarse = staticmethod(coarse)
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipFacts:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
 
         The sun's and the gain's tracks over the clip are smoother than what single frames show, and the mean of a clip
-        from a standing camera shows the ground without its caustics. They hold while the plate, `[camera]`, `[water]`
-        and `[light]` stay as they are; the ground also depends on `[receiver]` and `[sea]`. Raises `VideoError`,
-        `SceneError`.
+        from a standing camera shows the ground without its caustics. They hold, for the scene and its draft, while the
+        plate, `[camera]`, `[water]` and `[light]` stay as they are; the ground also depends on `[receiver]` and
+        `[sea]`. Raises `VideoError`, `SceneError`.
         """
         reader, loaded = self._plates.reader(scene), self.loaded(scene)
         return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
+
+    def take_facts(self, scene: Scene, facts: ClipFacts) -> None:
+        """Use facts of a scene's clip that another preview's `measure` returned."""
+        self._facts.take(self.loaded(scene), self._plates.reader(scene), facts)
+
+    def has_measured(self, scene: Scene, width: int | None = None) -> bool:
+        """Return whether frames of a scene use facts of its clip that were measured."""
+        return self._facts.holds(self.loaded(scene, width), self._plates.reader(scene))
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
@@ -115,6 +90,13 @@ class LivePreview:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
         return self._plates.at(scene, index, self._plates.size(scene, width))
 
+    def soonest(self, scene: Scene, index: int, width: int | None = None) -> int:
+        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
+
+        Raises `VideoError`.
+        """
+        return self._plates.soonest(scene, index, self._plates.size(scene, width))
+
     def thumbnails(self, scene: Scene, count: int, width: int = 160) -> list[VideoFrame]:
         """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
 
@@ -124,9 +106,7 @@ class LivePreview:
 
     def clip(self, scene: Scene) -> PlateClip:
         """Return the length and size of a scene's plate; raise `VideoError`."""
-        reader = self._plates.reader(scene)
-        count, rate = reader.frame_count, reader.frame_rate
-        return PlateClip(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
+        return PlateClip.of(self._plates.reader(scene))
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""

@@ -72,7 +72,7 @@ def frame_stages(
     if plan.environment.runs:
         of_light, of_pattern = light_key(now, facts, plate), pattern_key(now, facts.calm, plate)
         light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
-        pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(now, facts.calm, plate))
+        pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(now, facts.calm, plate, kept))
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:

@@ -12,7 +12,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from mr360uw.cache import Same
+from mr360uw.cache import Cache, Same
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -22,6 +22,7 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
+from mr360uw.scene.keyed_water import without_gain
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 
@@ -33,23 +34,30 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def calm_series(loaded: Loaded) -> CalmSeries | None:
-    """Return what collects a clip's calm ground; None where the plan leaves its caustics alone."""
+def calm_series(loaded: Loaded, kept: Cache | None = None) -> CalmSeries | None:
+    """Return what collects a clip's calm ground; None where the plan leaves its caustics alone.
+
+    kept: keeps the contrast of the scene's own caustics, which is the same for all frames.
+    """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
     height_m = _height_above(loaded.receiver.at(0), loaded)
-    return CalmSeries(height_m, _expected_contrast(loaded, loaded.scene.camera.depth_m + height_m))
+    depth_m, kept = loaded.scene.camera.depth_m + height_m, Cache() if kept is None else kept
+    key = waves_key(loaded.scene), depth_m
+    return CalmSeries(height_m, kept.get("contrast", key, lambda: _expected_contrast(loaded, depth_m)))
 
 
-def plate_pattern(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> PlatePattern | None:
+def plate_pattern(
+    loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame, kept: Cache | None = None
+) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    calm: of the clip; None finds it in this frame alone.
+    calm: of the clip; None finds it in this frame alone. kept: see `calm_series`.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
     if calm is None:
-        series = calm_series(loaded)
+        series = calm_series(loaded, kept)
         assert series is not None
         series.add(plate)
         calm = series.result()
@@ -69,7 +77,16 @@ def pattern_key(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> Ha
 
 def waves_key(scene: Scene) -> Hashable:
     """Return the key of the contrast of the caustics that a scene's sea makes on the ground."""
-    return scene.sea, scene.camera.depth_m, scene.water, scene.caustics.water_blur
+    return scene.sea, scene.camera.depth_m, without_gain(scene.water), scene.caustics.water_blur, _resolution(scene)
+
+
+def _resolution(scene: Scene) -> CausticSettings:
+    """Return the settings of the map that the contrast is taken from: the default ones, coarser where the scene's are.
+
+    A map of 256 x 256 from a grid of 96 has a contrast lower by 0.6 % than one of 512 x 512 from 256.
+    """
+    settings = CausticSettings()
+    return settings.model_copy(update={"size": min(settings.size, scene.caustics.size), "grid": scene.caustics.grid})
 
 
 def _height_above(receiver: Receiver, loaded: Loaded) -> float:
@@ -90,7 +107,7 @@ def _expected_contrast(loaded: Loaded, depth_m: float) -> float:
     assert medium is not None
     index, table, at = scene.water.refractive_index, medium.unit_table, np.array([depth_m])
     spread = spread_of(medium) if scene.caustics.water_blur else None
-    stack = caustic_stack(scene.sea, _TYPICAL_SUN, at, 0.0, CausticSettings(), index, spread)
+    stack = caustic_stack(scene.sea, _TYPICAL_SUN, at, 0.0, _resolution(scene), index, spread)
     up = float(stack.sun_direction[1])
     direct = direct_to_diffuse(table) * beam_ratio(table, at, up) / ambient_ratio(table, at)
     sharp = float(luminance(unscattered_share(table, at, up))[0])

@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from mr360uw.composite.receiver.shape import ReceiverShape
-from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
-from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_light import FrameLight
 from mr360uw.sphere import direction_from_frame
 from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
+
+if TYPE_CHECKING:
+    from mr360uw.composite.shot import Receiver
+    from mr360uw.render.loaded import Loaded
+    from mr360uw.render.plate_light import FrameLight
 
 Kind = Literal["object", "sun", "lamp", "spot"]
 Handle = Literal["move", "turn", "scale"]
@@ -70,6 +71,8 @@ def receiver_edge(camera: View, receiver: Receiver) -> list[list[Point]]:
     """Return lines of points along the far edge of a receiver: of a plane, where its extent ends; of another shape, the
     highest direction that meets it, where one does.
     """
+    from mr360uw.composite.receiver.shape import ReceiverShape
+
     longitude = np.linspace(-np.pi, np.pi, _AZIMUTHS + 1)
     if receiver.plane_y is not None:
         height = receiver.plane_y - camera.position[1]

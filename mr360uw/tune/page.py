@@ -13,6 +13,7 @@ from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.controls import ControlPanel
 from mr360uw.tune.panels.header import Header
 from mr360uw.tune.panels.match_dialog import MatchDialog
+from mr360uw.tune.panels.measure_tool import MeasureTool
 from mr360uw.tune.panels.place_tools import PlaceTools
 from mr360uw.tune.panels.render_dialog import RenderDialog
 from mr360uw.tune.panels.stage import Stage
@@ -31,20 +32,21 @@ class TunePage:
     """One tab."""
 
     def __init__(self, session: Session) -> None:
-        self.session, self.document = session, session.document
+        self.session, self.document, self._begun = session, session.document, False
         self.client = ui.context.client
         with ui.element("div").classes("page") as self.root:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
                     session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
-                    key_value=self._key_value, failed=self.failed,
+                    key_value=self._key_value, failed=self.failed, settle=session.settle,
                 )  # fmt: skip
             self.stage = Stage(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
             self.match = MatchDialog(session, self.guarded)
             with self.header.tools:
                 Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
+                MeasureTool(session, self.failed)
                 Button("Render …", self.render.open, title="composite the whole clip")
             self.place = PlaceTools(session, self.stage, self.failed, self.match.water)
             self.time = TimePanel(session, self.guarded)
@@ -86,6 +88,10 @@ class TunePage:
             self.place.refresh()
         elif event == "picture":
             self.stage.show()
+            if not self._begun and self.session.picture is not None:
+                self._begun = True
+                self.place.refresh()
+                self.time.begin()
         elif event == "time":
             self.stage.expect()
             self.time.follow()

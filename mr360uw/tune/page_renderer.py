@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, PlateClip
+from mr360uw.errors import Mr360uwError
+from mr360uw.preview.drafts import COARSE_WIDTH
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import encoded
-from mr360uw.scene.inputs import open_plate
+from mr360uw.render.first_pass import ClipFacts
 from mr360uw.scene.model import Scene
-from mr360uw.tune.pictures import Drawn, Wanted
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
 from mr360uw.tune.views import VIEWS
+from mr360uw.tune.wanted import Drawn, Wanted
 from mr360uw.video.write.image_writer import picture_codes
 
 _SHORT = 300
@@ -34,7 +36,19 @@ class PageRenderer:
         loaded = preview.loaded(scene, width).at(frame.plate.time_s)
         shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
         codes = view.draw(shown)
-        return Drawn(encoded(codes, ".jpg"), codes.shape[1], codes.shape[0], view.panorama)
+        size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
+        return Drawn(encoded(codes, ".jpg"), *size, view.panorama, measured)
+
+    def stand_in(self, wanted: Wanted) -> int:
+        """Return the frame to show while the one that is wanted is decoded, or that one."""
+        try:
+            return self.preview.soonest(wanted.scene, wanted.index, wanted.draft_width)
+        except (Mr360uwError, OSError):  # the picture says it
+            return wanted.index
+
+    def take_facts(self, scene: Scene, facts: ClipFacts) -> None:
+        """Take what was measured of a scene's clip."""
+        self.preview.take_facts(scene, facts)
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
@@ -55,10 +69,3 @@ class PageRenderer:
     def close(self) -> None:
         """Let go of everything."""
         self.preview.close()
-
-
-def clip_of(scene: Scene) -> PlateClip:
-    """Return the length and size of a scene's plate; raise `VideoError`."""
-    with open_plate(scene) as video:
-        count, rate = video.frame_count, video.frame_rate
-        return PlateClip(count, rate, video.width, video.height, None if count is None else float(count / rate))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
 
-After a change a draft is made, and when nothing was asked for a moment, the picture at full size.
+First a draft, then the picture at full size: at once, or within a drag when nothing was asked for a moment.
 """
 
 from __future__ import annotations
@@ -11,77 +11,21 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH
-from mr360uw.scene.model import Scene
+from mr360uw.tune.wanted import Picture, Renderer, Wanted
 
 REST_S = 0.15
-"""Time without another change [s] after which the full picture is made. Twice as long, it comes visibly late; at half
-of it slow drags start full pictures that hold up the next draft."""
+"""Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
+full pictures that hold up the next draft."""
 _QUICK_S = 0.1
-"""Full pictures that take less [s] need no draft before them."""
+"""Full pictures that take less [s] need no draft before them; at the end of a drag those that take twice as long."""
 _KEPT = 48
 """Pictures that browsers may still fetch, of up to 1 MB."""
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """A picture to be made.
-
-    revision: of the document whose scene it is. index: of the frame. view: a name of `VIEWS`. dark: its charts. width:
-    [pixels] of the full picture. full: whether to make that once nothing else is asked for.
-    """
-
-    scene: Scene
-    revision: int
-    index: int
-    view: str
-    width: int
-    full: bool = True
-    dark: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """A picture as JPEG, with its size [pixels]. panorama: whether it is equirectangular."""
-
-    data: bytes
-    width: int
-    height: int
-    panorama: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture that was made, as JPEG; or, where none could be made, the reasons.
-
-    seconds: it took. panorama: whether it is equirectangular.
-    """
-
-    number: int
-    wanted: Wanted
-    width: int
-    height: int
-    draft: bool
-    seconds: float
-    data: bytes
-    problems: tuple[str, ...] = ()
-    panorama: bool = True
-
-
-class Renderer(Protocol):
-    """Makes pictures; belongs to the thread that made it."""
-
-    def picture(self, wanted: Wanted, width: int) -> Drawn:
-        """Return a picture of about a width."""
-
-    def close(self) -> None:
-        """Let go of everything."""
 
 
 class Pictures:
@@ -98,13 +42,20 @@ class Pictures:
         self._stored: dict[int, bytes] = {}
         self._count = 0
         self._full_s = 1.0
+        self._settled = True
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
-    def want(self, wanted: Wanted) -> None:
-        """Ask for a picture, in place of one that was asked for and not begun."""
+    def want(self, wanted: Wanted, *, moving: bool = False) -> None:
+        """Ask for a picture, in place of one that was asked for and not begun. moving: others are likely to follow."""
         with self._changed:
-            self._wanted = wanted
+            self._wanted, self._settled = wanted, not moving
+            self._changed.notify()
+
+    def settle(self) -> None:
+        """Say that no other picture is likely to follow: the full one need not wait."""
+        with self._changed:
+            self._settled = True
             self._changed.notify()
 
     def ask(self, job: Callable[[Any], T], *, urgent: bool = False) -> Future[T]:
@@ -158,7 +109,10 @@ class Pictures:
             try:
                 renderer = renderer or self._make()
             except Mr360uwError as error:
-                self._fail(wanted, job, error)
+                if job is not None:
+                    job[1].set_exception(error)
+                elif wanted is not None:
+                    self._publish(self._numbered(_failed(wanted, error)))
                 continue
             if job is not None:
                 _run_job(job, renderer)
@@ -170,41 +124,46 @@ class Pictures:
             renderer.close()
 
     def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
-        """Make the draft and, after a rest, the full picture, unless another is asked for meanwhile."""
-        if self._full_s > _QUICK_S or not wanted.full:
-            if not self._one(renderer, wanted, draft=True) or not wanted.full:
-                return
-            with self._changed:
-                self._changed.wait_for(lambda: self._wanted or self._urgent or self._closed, timeout=REST_S)
-                if self._urgent and self._wanted is None:
-                    self._wanted = wanted  # again, after that
-                if self._wanted is not None or self._closed:
-                    return
-        self._one(renderer, wanted, draft=False)
+        """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
+        quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
+        if quick or (self._draft(renderer, wanted) and wanted.full and not self._rest(renderer)):
+            self._one(renderer, wanted, draft=False)
 
-    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool) -> bool:
-        """Make and publish one picture; return whether it could be made."""
-        start = time.perf_counter()
+    def _draft(self, renderer: Renderer, wanted: Wanted) -> bool:
+        """Make the draft, after one of the nearest keyframe where that comes sooner; return whether it was made."""
+        index = renderer.stand_in(wanted)
+        if index != wanted.index and (not self._one(renderer, wanted, draft=True, index=index) or self._wanted):
+            return False
+        return self._one(renderer, wanted, draft=True)
+
+    def _rest(self, renderer: Renderer) -> bool:
+        """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(
+                    lambda: self._wanted or self._urgent or self._closed or self._settled, timeout=REST_S
+                )
+                if self._wanted is not None or self._closed or not self._urgent:
+                    return self._wanted is not None or self._closed
+                job = self._urgent.popleft()
+            _run_job(job, renderer)
+
+    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
+        """Make and publish one picture; return whether it could be made. index: of a frame that stands in."""
+        start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
         try:
-            drawn = renderer.picture(wanted, min(wanted.width // 2, COARSE_WIDTH) if draft else wanted.width)
+            drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
         except (Mr360uwError, OSError, MemoryError) as error:
             self._publish(self._numbered(_failed(wanted, error)))
             return False
         seconds = time.perf_counter() - start
-        if not draft:
-            self._full_s = seconds
-        self._publish(
-            self._numbered(
-                Picture(0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama)
-            )
-        )
+        self._full_s = self._full_s if draft else seconds
+        made = Picture(
+            0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama,
+            stand_in=index is not None, measured=drawn.measured,
+        )  # fmt: skip
+        self._publish(self._numbered(made))
         return True
-
-    def _fail(self, wanted: Wanted | None, job: tuple[Any, Future[Any]] | None, error: Exception) -> None:
-        if job is not None:
-            job[1].set_exception(error)
-        elif wanted is not None:
-            self._publish(self._numbered(_failed(wanted, error)))
 
     def _numbered(self, picture: Picture) -> Picture:
         with self._changed:

@@ -9,16 +9,17 @@ camera has its own in the camera's axes (`in_camera`, `in_world`). A view into t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mr360uw.composite.receiver.shape import ReceiverShape
-from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.preview.perspective import Perspective
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import direction_from_angles, direction_from_frame, frame_from_direction, unit
 from mr360uw.types import Floats, View
+
+if TYPE_CHECKING:
+    from mr360uw.composite.shot import Receiver
 
 _WIDEST_RAD = 1.4
 _NARROWEST_RAD = 1e-3
@@ -108,6 +109,8 @@ def in_world(camera: View, position: Floats) -> Floats:
 
 def meets(camera: View, point: Point, receiver: Receiver) -> Floats:
     """Return the position (3,) at which a point's ray meets the receiver; raise `ParameterError` where it does not."""
+    from mr360uw.composite.receiver.shape import ReceiverShape
+
     x, y = pixel_of_point(point, camera.width, camera.height)
     column, row, direction = np.array([x]), np.array([y]), ray(camera, point)[None]
     distance, _ = ReceiverShape(receiver, camera.position).meet_along(camera, column, row, direction)
@@ -164,6 +167,8 @@ def _sunk(body: Floats, ground: Floats) -> float:
 
 def _first_height(triangles: Floats, points: Floats, start_y: float) -> Floats:
     """Return the height (n,) at which vertical lines through points first meet triangles from `start_y`, or NaN."""
+    from mr360uw.rays import RayScene, barycentric
+
     origins = points.copy()
     origins[:, 1] = start_y
     down = np.zeros_like(points)

@@ -7,6 +7,7 @@ import asyncio
 import errno
 import secrets
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -19,13 +20,14 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.preview.plate_clip import clip_of
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard, is_loopback
 from mr360uw.tune.page import build_page
-from mr360uw.tune.page_renderer import PageRenderer, clip_of
-from mr360uw.tune.pictures import Picture, Pictures
+from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
+from mr360uw.tune.wanted import Picture, Renderer
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""
@@ -33,6 +35,9 @@ _POLL_S = 1.0
 """Time between two looks at the scene file [s]; a change of it shows up so much later at the most."""
 _WIDTH = 1024
 """Width of full pictures at the start [pixels]; four times as many take four times as long."""
+_SWITCH_S = 0.0005
+"""Time after which the thread that draws lets the one that answers run [s], which waits as long at each answer. A tenth
+of Python's own; a hundredth would cost the drawing 1 %."""
 _NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -64,6 +69,7 @@ def serve(
         timeout_graceful_shutdown=2,
     )  # fmt: skip
     try:
+        sys.setswitchinterval(_SWITCH_S)
         with one_blas_thread():  # two threads draw and answer: their products would wait for each other's BLAS threads
             asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
     finally:
@@ -106,9 +112,8 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         def publish(picture: Picture) -> None:
             loop.call_soon_threadsafe(lambda: held[0].take(picture))
 
-        pictures = Pictures(lambda: PageRenderer(backend), publish)
+        pictures = Pictures(lambda: _renderer(backend), publish)
         held.append(Session(document, pictures, clip, _WIDTH, backend))
-        held[0].show()
         watch = loop.create_task(_watch(document))
         loop.call_soon(ready)
         try:
@@ -122,7 +127,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
 
     @app.get("/picture/{number}")
-    def picture(number: int) -> Response:
+    async def picture(number: int) -> Response:  # not in a thread of its own, which would have to be woken
         found = held[0].pictures.get(number)
         if found is None:
             return Response(status_code=404, headers=_NO_STORE)
@@ -144,12 +149,20 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
     @ui.page("/", response_timeout=20.0)
     def page() -> None:
         build_page(held[0])
+        if held[0].picture is None:
+            ui.context.client.on_connect(held[0].show)  # only then: what draws takes a second to load
 
     ui.run_with(
         app, title=f"{document.path.name} - mr360uw", dark=None, language="en-US", tailwind=False,
         show_welcome_message=False, reconnect_timeout=10.0, binding_refresh_interval=None,
     )  # fmt: skip
     return app
+
+
+def _renderer(backend: str) -> Renderer:
+    from mr360uw.tune.page_renderer import PageRenderer
+
+    return PageRenderer(backend)
 
 
 async def _watch(document: Document) -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.progress import Progress
+from mr360uw.runs.composite_run import CompositeRun
+from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.pictures import Picture, Pictures, Wanted
-from mr360uw.tune.views import VIEWS
+from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.wanted import VIEW_NAMES, Picture, Wanted
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
@@ -51,7 +54,7 @@ class Session:
         self.run: CompositeRun | None = None
         self.index, self.view, self.dark = 0, "composite", True
         self.range = (0, self.frame_count)
-        self.views = {name: view.name for name, view in VIEWS.items()}
+        self.views = dict(VIEW_NAMES)
         self.thumbnails: dict[int, int] = {}
         self._asked_thumbnails = False
         self.kept_pictures: dict[str, int] = {}
@@ -89,9 +92,13 @@ class Session:
 
         return end
 
-    def show(self, *, full: bool = True) -> None:
-        """Ask for a picture of the present state; full: at full size, once nothing changes."""
-        self.pictures.want(self._wanted(full=full))
+    def show(self, *, full: bool = True, moving: bool = False) -> None:
+        """Ask for a picture of the present state. full: at full size. moving: that can wait until nothing changes."""
+        self.pictures.want(self._wanted(full=full), moving=moving)
+
+    def settle(self) -> None:
+        """Say that a drag has ended: the picture at full size need not wait for other changes."""
+        self.pictures.settle()
 
     def seek(self, index: int, *, scrubbing: bool = False) -> None:
         """Show another frame of the clip, the nearest there is. scrubbing: more will follow, and a draft will do."""
@@ -137,6 +144,16 @@ class Session:
         self.kept_pictures[name] = self.pictures.store(data)
         return self.kept_pictures[name]
 
+    async def measure_clip(self, progress: Progress) -> None:
+        """Measure the clip's light as a composite does; pictures use it from then on. Raises what loading raises.
+
+        progress: called by another thread; an exception of it ends the pass.
+        """
+        scene = self.document.scene
+        facts = await asyncio.to_thread(_measured, scene, progress)
+        await asyncio.wrap_future(self.pictures.ask(partial(_take_facts, scene, facts), urgent=True))
+        self.show()
+
     async def make_thumbnails(self) -> None:
         """Make the small pictures of the plate, unless they are there; tell when they are."""
         if self._asked_thumbnails:
@@ -165,9 +182,20 @@ class Session:
 
     def _document_changed(self) -> None:
         if self.picture is None or self.picture.wanted.revision != self.document.revision:
-            self.show()
+            self.show(moving=self.document.dragging)
         self._tell("document")
 
     def _tell(self, event: Event) -> None:
         for callback in tuple(self._observers):
             callback(event)
+
+
+def _measured(scene: Scene, progress: Progress) -> Any:
+    from mr360uw.preview.live import LivePreview
+
+    with LivePreview("reference") as own:  # which draws nothing; the one that draws belongs to its thread
+        return own.measure(scene, progress)
+
+
+def _take_facts(scene: Scene, facts: Any, renderer: Any) -> None:
+    renderer.take_facts(scene, facts)

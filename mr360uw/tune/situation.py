@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.drafts import COARSE_WIDTH, coarse
 from mr360uw.scene.model import Scene
 from mr360uw.tune import placing
 from mr360uw.tune.marks import Marker, markers, receiver_edge
 from mr360uw.tune.placing import Point
 from mr360uw.types import Floats, View
 
-_WIDTH = 512
-"""Width of the frames that are resolved for placing [pixels]; results do not depend on it."""
+if TYPE_CHECKING:
+    from mr360uw.composite.shot import Receiver
+    from mr360uw.preview.live import LivePreview
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +96,7 @@ class Situation:
 
 def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> Situation:
     """Return the situation of a frame; raises what loading the scene raises."""
-    loaded = preview.loaded(scene, _WIDTH).at(time_s)
+    loaded = preview.loaded(coarse(scene), COARSE_WIDTH).at(time_s)  # as the draft is: loaded already
     view = loaded.view(time_s)
     bodies = []
     for one in loaded.objects:

@@ -26,7 +26,7 @@ const startView = (look) => ({ look, yaw: 0, pitch: 0, fov: FOV.start, u: 0.5, v
 export default {
   template,
   props: {
-    picture: Object, // { url, serial, stale, coarse, panorama, name } or null
+    picture: Object, // { url, serial, stale, coarse, stand_in, panorama, name } or null
     other: Object, // { url, serial, name } or null
     expected: Number, // serial of the first picture that shows the settings as they are
     markers: { type: Array, default: () => [] }, // { name, label, kind, longitude, latitude, radius }
@@ -103,6 +103,7 @@ export default {
       if (this.shown.serial < this.expected || this.shown.stale) {
         return "rendering \u2013 the picture is older than the settings";
       }
+      if (this.shown.standIn) return "rendering \u2013 nearest keyframe";
       return this.shown.coarse ? "rendering \u2013 draft" : "";
     },
     placed() {
@@ -167,7 +168,7 @@ export default {
         const bitmap = await this.fetched(picture.url);
         if (picture.serial < this.shown.serial) return bitmap.close(); // a newer one came first
         this.show(0, bitmap, picture.panorama);
-        this.shown = { serial: picture.serial, stale: picture.stale, coarse: picture.coarse, name: picture.name };
+        this.shown = { serial: picture.serial, stale: picture.stale, coarse: picture.coarse, name: picture.name, standIn: picture.stand_in };
         this.wrong = "";
         this.$emit("shown", { serial: picture.serial });
       } catch (error) {
@@ -196,6 +197,7 @@ export default {
       this.asked = {}; // a second picture that is under way comes too late
       this.show(1, await createImageBitmap(bitmap, { colorSpaceConversion: "none", premultiplyAlpha: "none" }), this.wraps);
       this.second = name;
+      if (this.comparison !== "none") this.$emit("compare", { compare: this.comparison, second: name });
     },
     show(unit, bitmap, wraps) {
       const before = this.painter.bitmaps[unit];
@@ -264,7 +266,7 @@ export default {
     setCompare(comparison) {
       if (comparison === this.comparison) return;
       this.comparison = comparison;
-      this.$emit("compare", { compare: comparison });
+      this.$emit("compare", { compare: comparison, second: this.second });
     },
     reset() {
       this.view = startView(this.view.look);

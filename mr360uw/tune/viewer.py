@@ -19,6 +19,8 @@ from mr360uw.tune.placing import Point
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]
+SNAPSHOT = "snapshot"
+"""Name of a second picture that the viewer's own button keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,18 +100,20 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self.update()
 
     def show(
-        self, url: str, *, stale: bool = False, coarse: bool = False, panorama: bool = True, name: str = "composite"
-    ) -> int:
+        self, url: str, *, stale: bool = False, coarse: bool = False, stand_in: bool = False, panorama: bool = True,
+        name: str = "composite",
+    ) -> int:  # fmt: skip
         """Show the picture at a URL of this server; return its serial number, which `on_shown` tells.
 
         It is shown once it is loaded, unless a newer one is there by then; the view stays. stale: the settings have
-        changed since it was rendered. coarse: a draft of the picture that will follow. Either is marked. panorama:
-        whether it is equirectangular and can be looked around in. name: for the chip beside a second picture. The URL
-        must be another for another picture.
+        changed since it was rendered. coarse: a draft of the picture that will follow. stand_in: a draft of the nearest
+        keyframe. Each is marked. panorama: whether it is equirectangular and can be looked around in. name: for the
+        chip beside a second picture. The URL must be another for another picture.
         """
         self._serial += 1
         self._props["picture"] = {
-            "url": url, "serial": self._serial, "stale": stale, "coarse": coarse, "panorama": panorama, "name": name,
+            "url": url, "serial": self._serial, "stale": stale, "coarse": coarse, "stand_in": stand_in,
+            "panorama": panorama, "name": name,
         }  # fmt: skip
         if stale:
             self._props["expected"] = self._serial + 1
@@ -179,6 +183,13 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
     def on_select(self, handler: Callable[[str], Any]) -> None:
         """Call a handler with the name of a marker that is clicked on."""
         self.on("select", lambda event: handler(event.args["name"]))
+
+    def on_compare(self, handler: Callable[[Compare, str], Any]) -> None:
+        """Call a handler with how pictures are compared, and the second one's name, when its own buttons change that.
+
+        The name is `SNAPSHOT` where the second picture is one that was kept in the viewer alone.
+        """
+        self.on("compare", lambda event: handler(event.args["compare"], event.args["second"]))
 
     def on_shown(self, handler: Callable[[int], Any]) -> None:
         """Call a handler with the serial number of each picture once it is on the screen."""

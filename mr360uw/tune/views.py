@@ -38,9 +38,8 @@ _NEAREST_M, _FARTHEST_M = 0.5, 50.0
 
 @dataclass(frozen=True, slots=True)
 class PictureView:
-    """A view of a frame. name: for people. panorama: whether it can be looked around in. draw: makes its picture."""
+    """A view of a frame. panorama: whether it can be looked around in. draw: makes its picture."""
 
-    name: str
     help: str
     panorama: bool
     draw: Callable[[ShownFrame], Codes]
@@ -119,22 +118,22 @@ def depth_picture(shown: ShownFrame) -> Codes:
 
 
 VIEWS: dict[str, PictureView] = {
-    "composite": PictureView("Composite", "the plate with the objects, their shadows and caustics", True,
+    "composite": PictureView("the plate with the objects, their shadows and caustics", True,
                              composite_picture),
-    "plate": PictureView("Plate", "the plate as it is", True, plate_picture),
-    "caustics": PictureView("Caustics", "a tile of the caustics at the receiver's depth, 1 is a flat sea", False,
+    "plate": PictureView("the plate as it is", True, plate_picture),
+    "caustics": PictureView("a tile of the caustics at the receiver's depth, 1 is a flat sea", False,
                             caustic_chart),
-    "surface": PictureView("Sea surface", "height and slope of a tile of the sea", False, surface_chart),
-    "lights": PictureView("Lights", "the light that reaches the camera, with the sun and the lamps", True,
+    "surface": PictureView("height and slope of a tile of the sea", False, surface_chart),
+    "lights": PictureView("the light that reaches the camera, with the sun and the lamps", True,
                           lights_picture),
-    "difference": PictureView("Shadows and caustics", "what they change of the plate, 4 times amplified; grey: nothing",
+    "difference": PictureView("what they change of the plate, 4 times amplified; grey: nothing",
                               True, difference_picture),
-    "water": PictureView("Water alone", "what is seen where there is nothing but water", True, water_picture),
-    "depth": PictureView("Distances", "of the objects and the receiver from the camera", True, depth_picture),
-    "plan": PictureView("Plan", "from above: camera, objects and their paths, lamps, receiver and sun", False,
+    "water": PictureView("what is seen where there is nothing but water", True, water_picture),
+    "depth": PictureView("of the objects and the receiver from the camera", True, depth_picture),
+    "plan": PictureView("from above: camera, objects and their paths, lamps, receiver and sun", False,
                         plan_chart),
 }  # fmt: skip
-"""The views by their names in URLs and settings."""
+"""The views by their names in URLs and settings, in the order of `VIEW_NAMES`."""
 
 
 def _codes(frame: VideoFrame) -> Codes:

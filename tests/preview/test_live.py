@@ -73,6 +73,7 @@ def same(one: VideoFrame, other: VideoFrame) -> bool:
         ("caustics.sun_half_angle_rad=0.02", {"caustics", "layer", "picture"}),
         ("light.peak=9", {"light", "water", "layer", "picture"}),
         ("light.sun_azimuth_deg=20", {"light", "water", "caustics", "layer", "picture"}),
+        ("water.gain=[0.4, 0.5, 0.5]", {"light", "water", "caustics", "layer", "picture"}),
         ("camera.depth_m=5", ALL_LIGHT),
         ('water.type="II"', ALL_LIGHT),
     ],
@@ -86,6 +87,15 @@ def test_a_change_runs_the_stages_that_it_touches(
     run = kept.made - before
     assert {name for name in COUNTED if run[name]} == made
     assert all(count == 1 for count in run.values())
+
+
+def test_a_change_of_material_shoots_no_rays_again(kept: LivePreview, small_dive: Path) -> None:
+    kept.frame(load_scene(small_dive, FEW), 0)
+    before = kept.backend.cache.made.copy()
+    kept.frame(load_scene(small_dive, (*FEW, "object.0.roughness=0.3")), 0)
+    run = kept.backend.cache.made - before
+    assert run["ambient transfer"] == 1
+    assert {name for name in ("ambient shape", "ambient own", "height field", "ambient down") if run[name]} == set()
 
 
 def test_another_frame_is_decoded_and_measured(kept: LivePreview, small_dive: Path) -> None:
@@ -135,6 +145,9 @@ def test_it_shows_what_frames_are_made_of(kept: LivePreview, small_dive: Path) -
     assert facts.gain is not None
     kept.measure(scene)
     assert same(kept.frame(scene, 2).picture, composed)
+    draft = kept.frame(LivePreview.coarse(scene), 2).light
+    assert draft is not None
+    assert np.array_equal(draft.gain, facts.gain_at(2)), "drafts use them"
     assert not same(alone, composed)
     other = load_scene(small_dive, (*FEW, "light.peak=9"))
     with LivePreview("reference") as fresh:
@@ -209,6 +222,8 @@ def test_plate_and_thumbnails(kept: LivePreview, small_dive: Path) -> None:
     small = kept.plate(scene, 2, 64)
     assert small.shape == (32, 64)
     assert small.index == 2
+    with LivePreview("reference") as live:
+        assert [live.soonest(scene, index) for index in (0, 3)] == [0, 3], "near ones are decoded at once"
     shown = kept.thumbnails(scene, 3, 64)
     assert [frame.index for frame in shown] == sorted({frame.index for frame in shown})
     assert shown[0].index == 0

@@ -241,6 +241,28 @@ def test_looking_around_stays_while_pictures_change(page: Page) -> None:
     tab.page.get_by_role("button", name="Flat").click()
 
 
+def test_the_list_of_comparisons_follows_the_viewer(page: Page) -> None:
+    tab = page.first
+    chosen = tab.page.get_by_label("Compare with", exact=True)
+    bar = tab.page.get_by_label("Compare with a second picture")
+    for button, expected in (("Snapshot", ""), ("Wipe", "snapshot"), ("One", "")):
+        bar.get_by_role("button", name=button, exact=True).click()
+        tab.page.wait_for_function("([e, v]) => e.value === v", arg=[chosen.element_handle(), expected])
+    chosen.select_option("plate")
+    bar.get_by_role("button", name="Wipe", exact=True, pressed=True).wait_for()
+    assert chosen.input_value() == "plate"
+    bar.get_by_role("button", name="One", exact=True).click()
+    tab.page.wait_for_function("e => e.value === ''", arg=chosen.element_handle())
+
+
+def test_the_clip_is_measured_on_request(page: Page) -> None:
+    tab = page.first
+    assert "light of the clip" not in tab.page.locator(".stage-bar > .status").inner_text()
+    tab.page.get_by_role("button", name="Measure clip").click()
+    tab.page.locator(".stage-bar > .status", has_text="light of the clip").wait_for()
+    tab.page.get_by_role("button", name="Measure clip", pressed=False).wait_for()
+
+
 def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     tab = page.first
     tab.page.get_by_label("What a click in the picture does").select_option("stand")

@@ -12,7 +12,8 @@ import pytest
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
-from mr360uw.tune.pictures import Drawn, Picture, Pictures, Wanted
+from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.wanted import Drawn, Picture, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 
@@ -26,6 +27,7 @@ class Studio:
         self.made: queue.Queue[Picture] = queue.Queue()
         self.fails: Exception | None = None
         self.closed = False
+        self.nearest: int | None = None
         self.pictures = Pictures(lambda: self, self.made.put)
 
     def picture(self, wanted: Wanted, width: int) -> Drawn:
@@ -35,11 +37,14 @@ class Studio:
             raise self.fails
         return Drawn(f"{wanted.revision}".encode(), width, width // 2)
 
+    def stand_in(self, wanted: Wanted) -> int:
+        return self.nearest if self.nearest is not None else wanted.index
+
     def close(self) -> None:
         self.closed = True
 
-    def want(self, revision: int, *, full: bool = True) -> None:
-        self.pictures.want(Wanted(Scene(plate="plate.png"), revision, 0, "composite", 512, full))
+    def want(self, revision: int, *, full: bool = True, moving: bool = False) -> None:
+        self.pictures.want(Wanted(Scene(plate="plate.png"), revision, 0, "composite", 512, full), moving=moving)
 
     def next(self) -> tuple[int, bool]:
         picture = self.made.get(timeout=WAIT_S)
@@ -69,6 +74,20 @@ def test_a_draft_comes_first_and_the_full_picture_after_a_rest(studio: Studio) -
     assert studio.pictures.get(99) is None
 
 
+def test_in_a_drag_the_full_picture_waits_until_it_ends(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "REST_S", WAIT_S)
+    studio.gate.release(9)
+    studio.want(1, moving=True)
+    assert studio.next() == (1, True)
+    assert studio.pictures.ask(lambda _: studio.made.qsize(), urgent=True).result(WAIT_S) == 0
+    studio.want(2, moving=True)
+    assert studio.next() == (2, True)
+    studio.pictures.settle()
+    assert studio.next() == (2, False)
+    studio.want(3)
+    assert [studio.next() for _ in range(2)] == [(3, True), (3, False)]
+
+
 def test_of_many_changes_only_the_newest_is_drawn(studio: Studio) -> None:
     studio.want(1)
     assert studio.begun.get(timeout=WAIT_S) == 1
@@ -77,6 +96,24 @@ def test_of_many_changes_only_the_newest_is_drawn(studio: Studio) -> None:
     studio.gate.release(3)
     assert [studio.next() for _ in range(3)] == [(1, True), (49, True), (49, False)]
     assert studio.made.empty()
+
+
+def test_the_nearest_keyframe_stands_in_for_a_frame_that_comes_late(studio: Studio) -> None:
+    studio.nearest = 7
+    studio.want(1)
+    studio.gate.release(3)
+    made = [studio.made.get(timeout=WAIT_S) for _ in range(3)]
+    assert [(p.stand_in, p.draft, p.wanted.index) for p in made] == [
+        (True, True, 0), (False, True, 0), (False, False, 0)
+    ]  # fmt: skip
+    studio.want(2)
+    assert studio.begun.get(timeout=WAIT_S) == 1
+    while studio.begun.get(timeout=WAIT_S) != 2:
+        pass
+    studio.nearest = None
+    studio.want(3)
+    studio.gate.release(3)
+    assert [studio.next() for _ in range(3)] == [(2, True), (3, True), (3, False)]
 
 
 def test_playing_makes_drafts_only(studio: Studio) -> None:

@@ -14,11 +14,11 @@ import pytest
 pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
 
 from mr360uw.errors import ParameterError
+from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
-from mr360uw.tune.composite_run import CompositeRun
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.pictures import Picture, Wanted
 from mr360uw.tune.session import Session
+from mr360uw.tune.wanted import Picture, Wanted
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,14 @@ class Studio:
     def __init__(self) -> None:
         self.wanted: list[Wanted] = []
         self.stored: dict[int, bytes] = {}
+        self.moving = False
 
-    def want(self, wanted: Wanted) -> None:
+    def want(self, wanted: Wanted, *, moving: bool = False) -> None:
         self.wanted.append(wanted)
+        self.moving = moving
+
+    def settle(self) -> None:
+        self.moving = False
 
     def get(self, number: int) -> bytes | None:
         return b"picture %d" % number
@@ -112,6 +117,19 @@ def test_seeking_stays_in_the_clip_and_asks_for_full_pictures_at_rest(session: S
     end()
     session.seek(5)
     assert heard == ["time"] * 3
+
+
+def test_full_pictures_wait_while_a_value_is_dragged_alone(session: Session) -> None:
+    studio: Any = session.pictures
+    session.document.set("camera.depth_m", 7.0)
+    assert not studio.moving
+    session.document.set("camera.depth_m", 8.0, group="a drag")
+    assert studio.moving
+    session.settle()
+    assert not studio.moving
+    session.document.set("camera.depth_m", 9.0, group="a drag")
+    session.document.undo()
+    assert not studio.moving
 
 
 def test_pictures_are_kept_under_names(session: Session) -> None:

@@ -23,6 +23,7 @@ from mr360uw.tune.marks import markers, receiver_edge
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.views import VIEWS
+from mr360uw.tune.wanted import VIEW_NAMES
 from mr360uw.types import View
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
@@ -56,6 +57,10 @@ def shown_frame(folder: Path, **tables: object) -> ShownFrame:
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> ShownFrame:
     return shown_frame(tmp_path_factory.mktemp("views"))
+
+
+def test_every_view_has_a_name_for_people() -> None:
+    assert list(VIEWS) == list(VIEW_NAMES)
 
 
 @pytest.mark.parametrize("name", VIEWS)

@@ -37,11 +37,11 @@ class SeaParameters(Parameters):
     wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
     waves_of_wind_speed: float | None = parameter(
         None, "wind whose longest waves the sea keeps room for, as keys of wind_speed set it; none: wind_speed",
-        unit="m/s", low=0.0, high=40.0, fixed=WAVES_STAY,
+        unit="m/s", low=0.0, high=40.0, fixed=WAVES_STAY, internal="keys of sea.wind_speed",
     )  # fmt: skip
     waves_of_wind_deg: tuple[float, float] | None = parameter(
         None, "azimuths between which the wind turns, as keys of wind_direction_deg set them; none: it does not",
-        unit="deg", fixed=WAVES_STAY,
+        unit="deg", fixed=WAVES_STAY, internal="keys of sea.wind_direction_deg",
     )  # fmt: skip
     tile_m: float = parameter(
         8.0, "side of the square after which the sea repeats", unit="m", low=0.05, high=2000.0, fixed=WAVES_STAY

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_view import Body, BodyView, outlook
 from mr360uw.composite.ambient.lobe_occlusion import met_by
-from mr360uw.composite.ambient.mesh_transfer import Transfer, make_transfer
+from mr360uw.composite.ambient.mesh_transfer import Transfer, make_transfer, shape_key
 from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, Ground
 from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
@@ -118,7 +118,7 @@ class Layout:
                 continue
             local, ray = body.inside(points[near]), rounded(direction @ body.rotation)
             make = functools.partial(_occluded, body, local, ray)
-            key = (body.transfer.mesh, local.tobytes(), ray.tobytes())
+            key = (body.transfer.lattice, local.tobytes(), ray.tobytes())
             shaded[near] |= cache.get("ambient sun", key, make, keep=_kept(len(self.bodies)))
         return shaded
 
@@ -158,11 +158,13 @@ def _nodes(body: Body, side: int) -> Floats:
 def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache) -> Body:
     # poses share what is found at rest: rays for each of them would cost seconds a frame
     mesh, linear, shadow = placed.mesh.still, placed.world_from_object[:3, :3], placed.casts_shadow
-    transfer = cache.get("ambient transfer", mesh, lambda: make_transfer(mesh), keep=_KEPT_TRANSFERS)
-    own = cache.get("ambient own", (mesh, shadow), lambda: transfer.own_view(shadow), keep=_KEPT_TRANSFERS)
+    bare = cache.get("ambient shape", shape_key(mesh), lambda: make_transfer(mesh), keep=_KEPT_TRANSFERS)
+    transfer = cache.get("ambient transfer", (mesh, bare), lambda: bare.painted(mesh), keep=_KEPT_TRANSFERS)
+    shape = transfer.lattice
+    own = cache.get("ambient own", (shape, shadow), lambda: transfer.own_view(shadow), keep=_KEPT_TRANSFERS)
     field, ground = None, None
     if seen_by_ground and shadow and len(transfer.solid):
-        key = (mesh, linear.tobytes())
+        key = (shape, linear.tobytes())
         field = cache.get("height field", key, lambda: make_height_field(transfer, linear), keep=_KEPT_FIELDS)
     rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
     if ground_y is not None:
@@ -180,8 +182,9 @@ def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], cache
         if k != number and other.placed.casts_shadow
     ]
     shown = [(begin, other, pose) for begin, other, pose in others if share_shown(body.transfer, other, pose) > 0.0]
-    of = tuple((begin, other.mesh, pose.key) for begin, other, pose in shown)
-    key = (body.transfer.mesh, body.placed.casts_shadow, body.on_ground, body.ground_key, of, total, first[number])
+    of = tuple((begin, other.lattice, pose.key) for begin, other, pose in shown)
+    what = body.transfer.lattice, body.transfer.mesh.glossy, body.placed.casts_shadow
+    key = (*what, body.on_ground, body.ground_key, of, total, first[number])
     make = functools.partial(_look, body, int(first[number]), shown, total, functools.partial(cache.get, keep=keep))
     return cache.get("ambient view", key, make, keep=keep)
 
@@ -196,28 +199,28 @@ def _look(body: Body, begin: int, others: list[tuple[int, Transfer, RelativePose
     """Return what a body sees. begin: where its lookouts begin among all, `total`; others: the same of each other, and
     its pose. kept: gets a value from the cache.
     """
-    transfer, mesh = body.transfer, body.transfer.mesh
+    transfer, shape, glossy = body.transfer, body.transfer.lattice, body.transfer.mesh.glossy
     part = np.zeros(len(transfer.cosine))
     for _, other, pose in others:
         part = np.maximum(part, near_sites(transfer, other, pose))
-    if mesh.glossy:
+    if glossy:
         part[:] = 1.0  # every site has a lobe of its own
     near, looks = np.flatnonzero(part), []
     near_cosine = np.where(body.own.open[near], transfer.cosine[near], np.float32(0.0))
     for site, cosine in ((transfer.lookouts.site, body.own.direct), (near, near_cosine)):
         place, pairs, node = body.places(site), [], None
         for first, other, pose in others if len(site) else ():
-            key = (mesh, other.mesh, pose.key, body.placed.casts_shadow, site.tobytes(), body.sunk_key)
+            key = (shape, other.lattice, pose.key, body.placed.casts_shadow, site.tobytes(), body.sunk_key)
             make = functools.partial(pair_view, transfer, place, cosine > 0.0, other, pose)
             pairs.append((kept("ambient pair", key, make), first))
         if body.ground is not None and body.on_ground:
             make_seen = functools.partial(body.ground.node_seen, transfer, place)
-            node = kept("ambient nodes seen", (mesh, body.ground_key, site.tobytes()), make_seen)
+            node = kept("ambient nodes seen", (shape, body.ground_key, site.tobytes()), make_seen)
         looks.append(outlook(cosine, node, pairs, total))
     down = np.zeros((0, len(transfer.lookouts.site)), np.float32)
     if body.ground is not None and body.on_ground:
-        down = kept("ambient down", (mesh, body.ground_key), functools.partial(body.ground.mean_sent, transfer))
+        down = kept("ambient down", (shape, body.ground_key), functools.partial(body.ground.mean_sent, transfer))
     lost = body.own.plain - body.own.direct + looks[0].lost
     openness = 1.0 - lost.sum(axis=1, keepdims=True) / transfer.whole[transfer.lookouts.site, None]
-    met = met_by(body, looks[1], near_cosine, node, begin) if mesh.glossy else None
+    met = met_by(body, looks[1], near_cosine, node, begin) if glossy else None
     return BodyView(looks[0], looks[1], near, part[near, None].astype(np.float32), down, openness, met)

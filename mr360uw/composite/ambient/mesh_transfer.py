@@ -6,12 +6,14 @@ after the lights are known).
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Same
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice, stand_ins
 from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
@@ -64,7 +66,8 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
     lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. tree: k-d tree of the sites.
+    triangles for rays, and their numbers. tree: k-d tree of the sites. Meshes of one `shape_key` share the lattice,
+    which is the key of all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -81,6 +84,13 @@ class Transfer:
     solid: NDArray[np.int64]
     mesh: Mesh
     tree: Any
+
+    def painted(self, mesh: Mesh) -> Transfer:
+        """Return the transfer of a mesh of the same `shape_key`."""
+        base, emission, metallic, roughness, index = _colors(mesh, self.lattice)
+        return replace(
+            self, mesh=mesh, base=base, emission=emission, metallic=metallic, roughness=roughness, index=index
+        )
 
     def own_view(self, shadow: bool) -> OwnView:
         """Return what the mesh does to its own light if it casts a `shadow`."""
@@ -108,6 +118,12 @@ class Transfer:
         coat = reflectance(f0, split)
         base = np.minimum(self.base, 1.0)
         return np.where(self.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
+
+
+def shape_key(mesh: Mesh) -> Hashable:
+    """Return the key of a mesh's shape: its arrays, and which of its materials are opaque and seen from both sides."""
+    sides = tuple((material.alpha_mode == "OPAQUE", material.double_sided) for material in mesh.materials)
+    return Same(mesh.positions), Same(mesh.normals), Same(mesh.material), Same(mesh.hull), sides
 
 
 def make_transfer(mesh: Mesh) -> Transfer:

@@ -42,7 +42,8 @@ class Document:
     """A scene file as text, and the scene that the text gives.
 
     scene: of the text, or of the last text that gave one. revision: counts the changes. outside: text of the file if it
-    was changed by another program while there are unsaved changes, or is no TOML any more.
+    was changed by another program while there are unsaved changes, or is no TOML any more. dragging: whether the last
+    change was one of a group, others of which may follow.
     """
 
     def __init__(self, path: Path) -> None:
@@ -52,11 +53,10 @@ class Document:
         self.scene, self.tree = self._file.scene_of(self.text), self._file.tree_of(self.text)
         self._wrong: tuple[str, ...] = ()
         self._file_wrong: tuple[str, ...] = ()
-        self.revision = 0
+        self.revision, self.dragging = 0, False
         self.outside: str | None = None
         self.snapshots: list[Snapshot] = []
-        self._past: list[_Step] = []
-        self._future: list[_Step] = []
+        self._past, self._future = list[_Step](), list[_Step]()
         self._observers: list[Callable[[], None]] = []
         self._together: str | None = None
 
@@ -227,11 +227,11 @@ class Document:
     def _push(self, step: _Step) -> None:
         if step.group is None or self._future or not self._past or self._past[-1].group != step.group:
             self._past = [*self._past[-_LONGEST_HISTORY:], step]
-        self._future = []
+        self._future, self.dragging = [], step.group is not None
 
     def _travel(self, source: list[_Step], target: list[_Step]) -> None:
         if source:
-            step = source.pop()
+            step, self.dragging = source.pop(), False
             target.append(_Step(step.label, self.text, None))
             self._take(step.before)
             self._tell()

@@ -141,13 +141,13 @@ class Group:
         return tuple(str(m.model_fields[self.tag].default) for m in self.models) if self.tag else ("",)
 
     def fields(self, tag: str | None = None) -> tuple[Field, ...]:
-        """Return the fields of a kind of the table; None: of the default kind."""
+        """Return the fields of a kind of the table that users set; None: of the default kind."""
         model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        found = []
-        for name, field in model.model_fields.items():
-            key = field.alias or name
-            found.append(_field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes))
-        return tuple(found)
+        fields = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
+        return tuple(
+            _field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes)
+            for name, key, field in fields
+        )
 
 
 def groups() -> tuple[Group, ...]:

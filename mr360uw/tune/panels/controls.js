@@ -2,7 +2,7 @@
 //
 // spec: the tables and fields. begin, and `take` from then on: tree, the values that the scene file sets; errors and
 // texts, by dotted key; keyed, the values now of the parameters that have keys. Emits: change {key, value, group}, reset {key, default}, add {key,
-// table}, remove {key}, mark {key}.
+// table}, remove {key}, mark {key}, settle {} at the end of a drag.
 
 const PAUSE_MS = 25; // between two changes of one drag that are sent
 
@@ -16,7 +16,7 @@ const settled = (old, now) => {
 
 const Control = {
   props: ["field", "path", "value", "error", "text", "key_state"],
-  emits: ["change", "reset", "mark"],
+  emits: ["change", "reset", "mark", "settle"],
   data: () => ({ held: null, group: 0, timer: null, next: null }),
   watch: {
     value() {
@@ -89,6 +89,7 @@ const Control = {
     release() {
       this.send();
       this.group = 0;
+      this.$emit("settle", {});
     },
     put(value) {
       this.held = value;
@@ -164,7 +165,7 @@ const Control = {
 export default {
   components: { Control },
   props: ["spec", "first", "begin"],
-  emits: ["change", "reset", "add", "remove", "mark", "choose"],
+  emits: ["change", "reset", "add", "remove", "mark", "choose", "settle"],
   data() {
     return { search: "", all: false, open: {}, entry: {}, adding: {}, now: this.begin };
   },
@@ -263,7 +264,7 @@ export default {
           <template v-for="{group, field} in firsts" :key="path(group, field)">
             <Control :field="field" :path="path(group, field)" :value="value(group, field)" :error="errors[path(group, field)]"
               :text="texts[path(group, field)]" :key_state="path(group, field) in keyed"
-              @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)"></Control>
+              @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
           </template>
         </template>
         <template v-else>
@@ -289,7 +290,7 @@ export default {
               <template v-if="!group.repeated || count(group)">
                 <Control v-for="field in fields" :key="path(group, field)" :field="field" :path="path(group, field)" :value="value(group, field)"
                   :error="errors[path(group, field)]" :text="texts[path(group, field)]" :key_state="path(group, field) in keyed"
-                  @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)"></Control>
+                  @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
               </template>
             </template>
           </details>

@@ -57,6 +57,7 @@ class ControlPanel(Element, component="controls.js"):
         keyed: Callable[[], dict[str, Any]],
         key_value: Callable[[str, Any, str | None], None],
         failed: Callable[[Exception], None],
+        settle: Callable[[], None],
     ) -> None:
         super().__init__()
         self._document, self._keyed, self._key_value, self._failed = document, keyed, key_value, failed
@@ -72,6 +73,7 @@ class ControlPanel(Element, component="controls.js"):
         self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
         self.on("mark", lambda event: self._try(lambda: mark(event.args["key"])))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
+        self.on("settle", lambda _: settle())
         self._props["begin"] = self._state()
 
     def refresh(self) -> None:

@@ -71,7 +71,9 @@ class PlaceTools:
             self.select(int(number))
 
     def refresh(self) -> None:
-        """Show where the objects are now."""
+        """Show where the objects are now; before the first picture this would hold it up."""
+        if self._session.picture is None:
+            return
         self._asked += 1
         background_tasks.create(self._refresh(self._asked), name="situation")
 
@@ -155,6 +157,7 @@ class PlaceTools:
                 self._put(f"lamp.{number}.position_m", _vector(here.lamp_at(number, point)), group)
             if drag.phase in ("end", "cancel"):
                 self._drag = None
+                self._session.settle()
         except (ParameterError, OSError, ValueError) as error:
             self._failed(error)
 

@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mr360uw.files import write_whole
-from mr360uw.tune.composite_run import CompositeRun
+from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.session import Session
 

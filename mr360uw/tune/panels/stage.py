@@ -12,7 +12,7 @@ from nicegui import background_tasks, ui
 
 from mr360uw.tune.panels.widgets import Choice, Text
 from mr360uw.tune.session import Session
-from mr360uw.tune.viewer import Viewer
+from mr360uw.tune.viewer import SNAPSHOT, Compare, Viewer
 
 _WIDTHS = (512, 1024, 2048, 4096, 8192)
 _COMPARISONS = {"": "compare with …", "plate": "compare with the plate"}
@@ -41,13 +41,13 @@ class Stage:
             self._problems = ui.element("div")
             with ui.element("div").classes("stage-picture"):
                 self.viewer = Viewer()
+        self.viewer.on_compare(self._follow_viewer)
 
     def expect(self) -> None:
         """Mark the picture as older than the document."""
         if self._session.behind:
             self.viewer.expect()
-        names = [kept.name for kept in self._session.document.snapshots if kept.name in self._session.kept_pictures]
-        self._comparison.offer(_COMPARISONS | {name: f"compare with {name}" for name in names}, self._compared)
+        self._offer()
         self.follow()
 
     def show(self) -> None:
@@ -59,7 +59,7 @@ class Stage:
                 self.viewer.set_compare("wipe" if picture.panorama else "none")
             self.viewer.show(
                 f"/picture/{picture.number}", stale=not session.is_present(picture), coarse=picture.draft,
-                panorama=picture.panorama, name=session.views[picture.wanted.view],
+                stand_in=picture.stand_in, panorama=picture.panorama, name=session.views[picture.wanted.view],
             )  # fmt: skip
         self._problems.clear()
         with self._problems:
@@ -76,12 +76,28 @@ class Stage:
         session, picture = self._session, self._session.picture
         words = []
         if picture is not None:
+            words += ["light of the clip"] if picture.measured else []
             words.append(f"{picture.width} x {picture.height}, {1000.0 * picture.seconds:.0f} ms")
         if session.behind:
             words.append("rendering")
         self._status.text = " · ".join(words)
         self._width.choose(str(session.width))
         self._views.choose(session.view)
+
+    def _offer(self) -> None:
+        """Offer the pictures that there are to compare with; choose the one that is compared with."""
+        session = self._session
+        names = [kept.name for kept in session.document.snapshots if kept.name in session.kept_pictures]
+        names += [SNAPSHOT] if self._compared == SNAPSHOT else []
+        if self._compared not in (*names, *_COMPARISONS):  # it was forgotten
+            self._compared = ""
+            self.viewer.set_compare("none")
+        self._comparison.offer(_COMPARISONS | {name: f"compare with {name}" for name in names}, self._compared)
+
+    def _follow_viewer(self, comparison: Compare, second: str) -> None:
+        """Choose in the list what the viewer's own buttons compare with."""
+        self._compared = "" if comparison == "none" else second
+        self._offer()
 
     def _compare(self, name: str) -> None:
         """Set the second picture, and show it beside a divider if it is chosen for the first time."""

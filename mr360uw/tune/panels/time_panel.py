@@ -36,7 +36,10 @@ class TimePanel:
         self._line.on_play(self._played)
         self._line.on_range(session.set_range)
         self._line.on_keys(self._edited)
-        background_tasks.create(session.make_thumbnails(), name="thumbnails")
+
+    def begin(self) -> None:
+        """Ask for the thumbnails, which would hold up the first picture."""
+        background_tasks.create(self._session.make_thumbnails(), name="thumbnails")
 
     @property
     def playing(self) -> bool:
