@@ -29,9 +29,10 @@ _LEAST_TOLD = 0.5
 """Least fraction of a parameter's variance that the pattern must tell for it to be changed."""
 _LEAST_SENSE = 0.15
 """Least length of the mean direction of travel for the wind's direction to be changed; made seas have 0.4 to 0.7."""
-_FINEST = 2.0
-"""Shortest wavelength that is measured, over the median footprint of a pixel."""
-_STATED_DOUBT, _SKY_DOUBT = 0.06, 0.15
+_FINEST = 2.83
+"""Shortest wavelength that is measured, over the median footprint of a pixel. At 2, what a codec takes of dark floors
+moves the wind by 10 % more, and what is gained is a tenth of its uncertainty."""
+_STATED_DOUBT, _SKY_DOUBT = 0.01, 0.15
 """Standard deviation of the logarithm of the beam's fraction on the floor, where `water.sun_share` states that of the
 surface, and where it is taken for that of a clear sky: haze and thin cloud."""
 _CLOSE = 0.15
