@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 _LEAST_CONTRAST = 0.03
 """Standard deviation over mean of the floor's light below which nothing is fitted: codecs and drifting particles."""
+_MOST_CONTRAST = 2.0
+"""The same above which the floor is lost in the water's own light, whose noise is divided by what is left: focused
+light has 0.1 to 1."""
 _WAVES = (0.6, 1.7)
 """Frequencies over those of waves of the same length that count as caustics; caustics have 0.9 to 1.3."""
 _LEAST_TOLD = 0.5
@@ -158,7 +161,7 @@ def _of_sea(sea: Sea, floor: ModelledFloor, series: FloorSeries, edges: Array) -
 def _no_caustics(series: FloorSeries, measures: PatternMeasures) -> str:
     """Return why a floor has no caustics that could be matched, "" where it has."""
     contrast = math.sqrt(float(measures.power.sum()))
-    if float(np.median(series.light)) <= 0.0:
+    if float(np.median(series.light)) <= 0.0 or measures.contrast > _MOST_CONTRAST:
         return "The floor is no brighter than the water in front of it: too far, too murky, or not in view."
     if contrast < _LEAST_CONTRAST:
         return (

@@ -180,6 +180,15 @@ def test_a_codec_takes_detail_and_most_of_it_from_few_code_values() -> None:
     np.testing.assert_allclose(many - 1.0, whole - 1.0, atol=1e-3 * float(np.abs(whole - 1.0).max()))
 
 
+def test_a_floor_lost_in_the_veil_is_refused(still_floor: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left of it without the water's light is noise about nothing."""
+    random = np.random.default_rng(4)
+    monkeypatch.setattr(FloorGrid, "light", lambda *_: 0.01 + 0.1 * random.standard_normal((128, 128, 3)))
+    match = match_caustics(load_scene(still_floor))
+    assert "no brighter than the water" in match.sentence
+    assert not match.fitted
+
+
 def test_a_moving_camera_sees_the_same_floor() -> None:
     """Through other pixels, each an average over its own footprint: nearly the same pattern."""
     grid = FloorGrid(FloorRegion(0.0, 0.0, 6.0), 0.0, 48)
