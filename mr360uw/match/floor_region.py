@@ -12,22 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
-from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
-from mr360uw.sphere import frame_from_direction
+from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats, MediumTable
-from mr360uw.video import VideoFrame
 
 Array = NDArray[np.float64]
 
 _SIDE_PER_HEIGHT = 4.0
 """Side of the region by default, over the camera's height above it: rays fall at 20 degrees and steeper. Half as large,
 it holds a quarter of the waves; twice as large, pixels at its edges show no detail of caustics."""
-_FINER = 2
-"""Points across a pixel of the region, whose mean it is: the plate's pixels below the camera are finer."""
-_LEAST_CLEAR = 0.05
-"""Least transmittance of the water that is divided by: beyond, the floor is veil alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +64,7 @@ class FloorGrid:
         return x, z
 
     def footprint_m(self, position: Array, pixel_rad: float) -> Array:
-        """Return the width (n, n) [m] of the square that `seen` averages over at each pixel.
+        """Return the width (n, n) [m] of the square that `FloorView.read` averages over at each pixel.
 
         A pixel of the plate is a square w wide, of the same area; it has the variance w^2/12, the linear interpolation
         between pixels w^2/6, and a pixel of the grid p^2/12: together those of a square of the width sqrt(3 w^2 + p^2).
@@ -82,32 +75,12 @@ class FloorGrid:
         distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
         return np.sqrt(3.0 * (distance * pixel_rad) ** 2 * distance / down + self.pixel_m**2)
 
-    def seen(self, frame: VideoFrame, position: Floats, rotation: Floats) -> NDArray[np.float32]:
-        """Return the linear light (n, n, 3) that a frame shows on the region.
-
-        position (3,), rotation (3, 3): of the camera, world_from_camera.
-        """
-        import cv2
-
-        x, z = self.places(_FINER)
-        ray = np.stack([x - position[0], np.full_like(x, self.floor_y - position[1]), z - position[2]], axis=-1)
-        picture = frame.image_linear
-        height, width = picture.shape[:2]
-        column, row = frame_from_direction(ray @ rotation, width, height)
-        around = cv2.copyMakeBorder(picture, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-        around[1:-1, 0], around[1:-1, -1] = picture[:, -1], picture[:, 0]
-        at = (column + 0.5).astype(np.float32), (row + 0.5).astype(np.float32)
-        fine = cv2.remap(around, *at, cv2.INTER_LINEAR)
-        n = self.count
-        return np.asarray(fine.reshape(n, _FINER, n, _FINER, 3).mean(axis=(1, 3)))
-
     def light(self, seen: Floats, position: Array, table: MediumTable) -> NDArray[np.float32]:
-        """Return the luminance (n, n) of the floor without the water between it and the camera.
+        """Return the light (n, n, 3) of the floor as it arrives at the camera, without the veil.
 
         seen: (n, n, 3) of the plate. table: of the water, its veil matched to the plate.
         """
         x, z = self.places()
         down = position[1] - self.floor_y
         distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
-        clear = np.maximum(transmittance_lookup(table, distance, -down / distance), _LEAST_CLEAR)
-        return luminance((seen - veil_lookup(table, distance, -down / distance)) / clear).astype(np.float32)
+        return np.asarray(seen - veil_lookup(table, distance, -down / distance), np.float32)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import encode, luminance
 from mr360uw.match.floor_region import FloorGrid, FloorRegion
+from mr360uw.match.floor_view import FloorView
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import fit_level
 from mr360uw.optics import refract_to_air
@@ -43,14 +45,19 @@ class NoMatchError(Exception):
 class FloorSeries:
     """The floor of a plate over time.
 
-    light: (T, n, n) luminance of the floor. time_s: (T,) of the frames, evenly spaced. footprint_m: (n, n) of a pixel.
-    sun_in_air: (3,) towards the sun. medium: the water. floor_depth_m: below the mean surface.
+    light: (T, n, n) luminance of the floor as it arrives at the camera. color: (3,) its mean, RGB. codes: its standard
+    deviation over time in 8-bit code values of the plate. time_s: (T,) of the frames, evenly spaced. footprint_m:
+    (n, n) of a pixel. views: (T,) where each frame shows the region. sun_in_air: (3,) towards the sun. medium: the
+    water. floor_depth_m: below the mean surface.
     """
 
     grid: FloorGrid
     light: Floats
+    color: Array
+    codes: float
     time_s: Array
     footprint_m: Array
+    views: tuple[FloorView, ...]
     sun_in_air: Array
     medium: Medium
     floor_depth_m: float
@@ -91,18 +98,20 @@ def floor_series(
         if len(times) < _LEAST_FRAMES:
             need = _LEAST_FRAMES * step / rate
             raise NoMatchError(f"The frames {start}:{stop} are too short a time; waves need {need:.1f} s at least.")
-        positions = np.array([surroundings.camera.at(float(t))[0] for t in times])
+        places = [surroundings.camera.at(float(t)) for t in times]
+        positions = np.array([position for position, _ in places])
         if positions[:, 1].min() - floor_y < _LEAST_HEIGHT_M:
             raise NoMatchError("The floor is not below the camera; set receiver.height_m.")
         grid = FloorGrid(region or FloorRegion.below(positions, floor_y), floor_y, _COUNT)
+        views = _views(grid, places, video.width, video.height)
         seen, suns, gains = [], [], []
         for frame in video.frames(start, stop):
             number, left = divmod(frame.index - start, step)
             if left:
                 continue
-            position, rotation = surroundings.camera.at(float(times[number]))
-            seen.append(grid.seen(frame, position, rotation))
-            gains.append(fit_level(surroundings.medium, level_view(frame.pixels, rotation[1]))[0])
+            view, up = views[number], places[number][1][1]
+            seen.append(view.read(frame.image_linear[slice(*view.rows)]))
+            gains.append(fit_level(surroundings.medium, level_view(frame.pixels, up))[0])
             if number % -(-len(times) // _SUNS) == 0:
                 suns.append(surroundings.light.sun(frame.pixels, frame.time_s))
             if progress is not None:
@@ -115,7 +124,25 @@ def floor_series(
     # one gain for all frames: that of each moves with the waves, and its floor with it
     table = surroundings.medium.scaled(np.median(gains, axis=0)).table
     light = np.array([grid.light(one, position, table) for one, position in zip(seen, positions, strict=True)])
-    return FloorSeries(grid, light, times, footprint, sun, surroundings.medium, scene.camera.depth_m - floor_y)
+    return FloorSeries(
+        grid, luminance(light), np.maximum(light.mean(axis=(0, 1, 2)), 0.0), _codes(np.array(seen)), times, footprint,
+        views, sun, surroundings.medium, scene.camera.depth_m - floor_y,
+    )  # fmt: skip
+
+
+def _views(grid: FloorGrid, places: list[tuple[Floats, Floats]], width: int, height: int) -> tuple[FloorView, ...]:
+    """Return where each frame shows a region, one view for frames between which the camera does not move."""
+    views: list[FloorView] = []
+    for k, place in enumerate(places):
+        still = k > 0 and all(map(np.array_equal, places[k - 1], place))
+        views.append(views[-1] if still else FloorView.of(grid, *place, width, height))
+    return tuple(views)
+
+
+def _codes(seen: Floats) -> float:
+    """Return the standard deviation over time of linear light (T, n, n, 3), in 8-bit code values of its luminance."""
+    shown = 255.0 * encode(np.clip(luminance(seen), 0.0, 1.0), "srgb")
+    return float(np.sqrt(np.mean(shown.var(axis=0))))
 
 
 def _floor_of(scene: Scene) -> float:

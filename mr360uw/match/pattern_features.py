@@ -16,7 +16,7 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
-_WIDTHS = (0.15, 0.3, 0.6, 1.2)
+_WIDTHS = (0.21, 0.42, 0.85)
 """Standard deviations of the blurs, over the shortest wavelength that is seen."""
 _RANKS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _TINY = 1e-12

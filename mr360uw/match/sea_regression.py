@@ -4,15 +4,15 @@
     ln p = mean + w.(features - their mean)/their standard deviation        w: ridge regression over N made seas
 
 The made seas have random waves of their own, and differ in what a plate does not tell: how much of the light is the
-sun's beam, and how wide a pixel's footprint is. What depends on these, or on chance, gets little weight. A first round
-covers the whole range of every parameter, a second one the neighbourhood of what the first finds. The error of each
-made sea when it is left out of its own regression, times `_STRAY`, is the uncertainty of the result.
+sun's beam, and how much a codec took of the pattern. What depends on these, or on chance, gets little weight. A first
+round covers the whole range of every parameter, a second one the neighbourhood of what the first finds. The error of
+each made sea when it is left out of its own regression, times `_STRAY`, is the uncertainty of the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +25,13 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
-SEAS = (52, 64)
-"""Seas of the first and of the second round. With half as many the errors are a fifth larger."""
+SEAS = (36, 108)
+"""Seas of the first and of the second round. With half as many the errors of the wind are a quarter larger."""
 _REACH, _LEAST_REACH = 2.0, 0.5
 """Half width of the second round in standard deviations of the first, and at least in the logarithm."""
-_FOOTPRINT_MEAN, _FOOTPRINT_SIGMA = -0.05, 0.2
-"""Mean and standard deviation of the logarithm of the footprint over the made seas, against that of a pixel: codecs
-blur, and the maps are averaged a little more than the plate is."""
-_STRAY = np.array([1.8, 1.0])
-"""Errors of wind and wave in dives read back from video over those of made seas: what a codec does to the sharpest
-lines, on which the wind rests."""
+_STRAY = np.array([1.3, 1.0])
+"""Errors of wind and wave in dives read back from video over those of made seas, at most: of the wind 0.2 to 1.4 in
+four dives."""
 _RIDGE = 3.0
 """Weight of the ridge, in seas. Between 1 and 10 errors differ by a tenth."""
 _FARTHEST = 3.0
@@ -158,9 +155,8 @@ def _made_seas(
         one = sea.model_copy(
             update={**values, "wind_direction_deg": azimuth_deg, "seed": _FIRST_SEED + before + k, "loop_s": None}
         )
-        chance = random.standard_normal(2)
-        beam, footprint = np.exp(doubt * chance[0]), np.exp(_FOOTPRINT_MEAN + _FOOTPRINT_SIGMA * chance[1])
-        here = replace(floor, beam=min(floor.beam * beam, 1.0), footprint_m=floor.footprint_m * footprint)
+        beam, codec = float(np.exp(doubt * random.standard_normal())), random.random()
+        here = floor.as_coded(beam, codec)
         found, features = measure(here.light(one))
         rows.append(features)
         turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))

@@ -16,6 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_distance
 from mr360uw.match import sea_regression as regression
 from mr360uw.match.floor_region import FloorGrid
+from mr360uw.match.floor_view import FloorView
 from mr360uw.match.modelled_floor import ModelledFloor
 from mr360uw.match.pattern_measures import FloorPattern, bands, pattern_measures, relative_light
 from mr360uw.preview.thumbnail import encoded
@@ -46,12 +47,16 @@ def test_a_floor_is_seen_from_above_wherever_the_camera_is_and_looks(
     pitch = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     position, rotation = np.array([place[0], HEIGHT_M, place[1]]), yaw_matrix(np.radians(yaw_deg)) @ pitch
     grid = FloorGrid(FloorRegion(0.0, 0.0, 3.2), 0.0, 64)
-    seen = grid.seen(checkerboard(position, rotation, 0.4), position, rotation)
+    view = FloorView.of(grid, position, rotation, 1024, 512)
+    seen = view.read(checkerboard(position, rotation, 0.4).image_linear[slice(*view.rows)])
     x, z = grid.places()
     dark = (np.floor(x / 0.4) + np.floor(z / 0.4)) % 2.0
     # squares of eight pixels; those at an edge mix, which a bilinear read of 1.2 cm to 3 cm footprints widens
     inside = (np.abs(np.remainder(x, 0.4) - 0.2) < 0.12) & (np.abs(np.remainder(z, 0.4) - 0.2) < 0.12)
     np.testing.assert_allclose(seen[inside, 2], dark[inside], atol=0.02)
+    # pixels of the plate lie where the world has them: each at the place of its own, x over its column
+    picture = np.stack([view.x_m, view.z_m], axis=-1)
+    np.testing.assert_allclose(view.read(picture)[8:-8, 8:-8], np.stack([x, z], -1)[8:-8, 8:-8], atol=0.03)
     assert seen[5, 32, 0] == pytest.approx(0.8, abs=0.01)  # north is the top
     assert seen[32, 58, 1] == pytest.approx(0.8, abs=0.01)  # east is the right
 
@@ -118,9 +123,8 @@ def floor(depth_m: float = 5.0) -> ModelledFloor:
     """Return a small floor under a high sun."""
     grid = FloorGrid(FloorRegion(0.0, 0.0, 6.0), 0.0, 48)
     times = np.arange(6) / 6.0
-    return ModelledFloor(
-        *grid.places(), np.full((48, 48), 0.125), times, depth_m, direction_from_angles(0.5, 1.1), 0.6, 1.0
-    )
+    view = FloorView.of(grid, np.array([0.0, 1.5, 0.0]), np.eye(3), 128, 64)
+    return ModelledFloor((view,) * 6, grid.pixel_m, times, depth_m, direction_from_angles(0.5, 1.1), 0.6, 1.0)
 
 
 def test_a_made_sea_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,6 +167,40 @@ def test_more_of_a_beam_makes_more_contrast() -> None:
     sea = GerstnerSea(tile_m=8.0, detail_slope=0.02, shortest_wavelength_m=0.5)
     thin, thick = (replace(floor(), beam=beam).light(sea).std() for beam in (0.2, 0.4))
     assert thick == pytest.approx(2.0 * thin, rel=1e-4)  # float32
+
+
+def test_a_codec_takes_detail_and_most_of_it_from_few_code_values() -> None:
+    """Of 2 codes no more than the 4 % of amplitude that were measured, of many codes nothing to speak of."""
+    sea = GerstnerSea(tile_m=8.0, detail_slope=0.02, shortest_wavelength_m=0.5)
+    whole = floor().light(sea)
+    few, many = (replace(floor(), codes=codes).as_coded(1.0, 1.0).light(sea) for codes in (2.0, 200.0))
+    assert 0.9 < few.std() / whole.std() < 0.98  # 3.5 % of amplitude, and some by a blur of 0.3 pixels
+    assert np.abs(np.diff(few)).mean() / few.std() < np.abs(np.diff(whole)).mean() / whole.std()
+    # 0.03 % of amplitude; a blur of 0.003 pixels takes 1e-5
+    np.testing.assert_allclose(many - 1.0, whole - 1.0, atol=1e-3 * float(np.abs(whole - 1.0).max()))
+
+
+def test_a_floor_lost_in_the_veil_is_refused(still_floor: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left of it without the water's light is noise about nothing."""
+    random = np.random.default_rng(4)
+    monkeypatch.setattr(FloorGrid, "light", lambda *_: 0.01 + 0.1 * random.standard_normal((128, 128, 3)))
+    match = match_caustics(load_scene(still_floor))
+    assert "no brighter than the water" in match.sentence
+    assert not match.fitted
+
+
+def test_a_moving_camera_sees_the_same_floor() -> None:
+    """Through other pixels, each an average over its own footprint: nearly the same pattern."""
+    grid = FloorGrid(FloorRegion(0.0, 0.0, 6.0), 0.0, 48)
+    here, there = (
+        FloorView.of(grid, np.array([x, 1.5, 0.0]), yaw_matrix(turn), 256, 128) for x, turn in ((0.0, 0.0), (0.3, 1.0))
+    )
+    sea = GerstnerSea(tile_m=8.0, detail_slope=0.02, shortest_wavelength_m=0.8)
+    one, other = (
+        ModelledFloor((view,), 0.125, np.zeros(1), 5.0, direction_from_angles(0.5, 1.1), 0.6, 1.0).light(sea)[0]
+        for view in (here, there)
+    )
+    assert np.corrcoef(one[8:-8, 8:-8].ravel(), other[8:-8, 8:-8].ravel())[0, 1] > 0.98
 
 
 @pytest.fixture(scope="module")

@@ -327,6 +327,54 @@ def test_a_preset_is_one_step(page: Page) -> None:
     tab.page.wait_for_function("e => e.value === '\"III\"'", arg=choice.element_handle())
 
 
+def test_water_is_matched_by_a_click_and_undone(page: Page) -> None:
+    """The plate's water is IB; the scene's is III."""
+    tab, before = page.first, page.first.picture()
+    choice = tab.control("water.type").locator("select")
+    assert choice.input_value() == '"III"'
+    tab.page.get_by_label("What a click in the picture does").select_option("water")
+    canvas = tab.page.locator(".uw-stage canvas")
+    box = canvas.bounding_box()
+    assert box is not None
+    # a little above the horizon, a quarter turn to the left of the whale
+    tab.page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.46 * box["height"])
+    dialog = tab.page.get_by_label("Match", exact=True)
+    dialog.locator(".swatch").nth(2).wait_for()
+    colours = [_rgb(text) for text in dialog.locator("figcaption").all_inner_texts()]
+    plate, was, now = colours
+    assert np.abs(now - plate).max() < np.abs(was - plate).max()
+    assert re.search(r"Deviation from the plate: [\d.]+ codes before, [\d.]+ after", dialog.inner_text())
+    (line,) = [one for one in dialog.inner_text().splitlines() if one.startswith("water.type")]
+    found = line.split(" → ")[1]
+    assert line == f"water.type: III → {found}"
+    assert found in ("IA", "IB", "II")  # a step from the truth: the depth in the scene is another
+    dialog.get_by_role("button", name="Apply").click()
+    tab.page.wait_for_function("([e, v]) => e.value === v", arg=[choice.element_handle(), f'"{found}"'])
+    dialog.get_by_role("button", name="Close").click()
+    tab.changed(before)
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    tab.page.wait_for_function("e => e.value === '\"III\"'", arg=choice.element_handle())
+    tab.page.get_by_label("What a click in the picture does").select_option("")
+    assert tab.picture() == before
+
+
+def _rgb(text: str) -> np.ndarray:
+    """Return the code values of a line like "plate: 1, 2, 3"."""
+    return np.array([int(one) for one in re.findall(r"\d+", text)])
+
+
+def test_caustics_that_cannot_be_matched_say_why(page: Page) -> None:
+    """The clip of eight frames is too short; nothing can be applied."""
+    tab = page.first
+    tab.page.get_by_role("button", name="Match caustics").click()
+    dialog = tab.page.get_by_label("Match", exact=True)
+    dialog.get_by_text("Nothing is matched").wait_for()
+    assert "too short a time" in dialog.locator(".match-text").inner_text()
+    assert dialog.get_by_role("button", name="Apply").is_disabled()
+    dialog.get_by_role("button", name="Close").click()
+
+
 def test_a_scene_broken_by_another_program_shows_why_and_the_last_picture(page: Page) -> None:
     tab, before, good = page.first, page.first.picture(), page.scene.read_text("utf-8")
     page.scene.write_text("plate = [", "utf-8")
