@@ -241,7 +241,7 @@ def scenes() -> dict[str, ShaftScene]:
     return found
 
 
-GRIDS = (FroxelGrid(64, 128, 48, 2), FroxelGrid(128, 256, 96, 2), DEFAULT_GRID)
+GRIDS = (FroxelGrid(64, 256, 48), FroxelGrid(128, 512, 48), DEFAULT_GRID)
 _RAYS, _STEPS = 384, 4096
 
 

@@ -127,8 +127,13 @@ class ShaftScene:
                 light = whole[:, :, kind] * (soft - 1.0) + sharp[:, :, kind] * (crisp - soft)
                 result += turned[:, None, kind, None] * light
             result *= self.pattern.sun.irradiance
+        return result + self.lamp_light(directions, np.broadcast_to(edge_m, (count[0], count[1] + 1)))
+
+    def lamp_light(self, directions: Array, edge_m: Array) -> Array:
+        """Return the light of lamps (m, k, 3) in segments of rays (m, 3) with edges (m, k + 1)."""
+        result = np.zeros((len(directions), edge_m.shape[1] - 1, 3))
         for lamp in self.lamps:
-            result += self._lamp_segments(lamp, directions, np.broadcast_to(edge_m, (count[0], count[1] + 1)))
+            result += self._lamp_segments(lamp, directions, edge_m)
         return result
 
     def _before_bodies(self, directions: Array, edge_m: Array) -> Array:
@@ -156,20 +161,20 @@ class ShaftScene:
             light.reshape(-1)[lit] *= seen
         x = table_coordinate(at.path_m, self.length_m) * (_PATHS - 1)
         i = np.minimum(x.astype(np.int64), _PATHS - 2)
-        log = self._over_path[i] + (self._over_path[i + 1] - self._over_path[i]) * (x - i)[..., None, None]
-        turned = self.water.turned(at.cosine)
-        radiance = np.einsum("sp,spj,spjk->spk", light, turned, np.exp(log))
-        if lamp.attenuation is not None:
-            own = linear(lamp.attenuation, table_coordinate(at.path_m, self.length_m)) * at.path_m[..., None]
-            white = -np.log(
-                np.maximum(np.exp(-self.water.extinction * at.path_m[..., None]) @ self.water.weight, 1e-300)
-            )
-            radiance *= np.exp(np.clip(white - own, -40.0, 40.0))
-        return np.asarray(lamp.intensity * radiance.sum(axis=1)).reshape(rays, slices, 3)
+        table = self.path_light(lamp)
+        log = table[i] + (table[i + 1] - table[i]) * (x - i)[..., None, None]
+        radiance = np.einsum("sp,spj,spjk->sk", light, self.water.turned(at.cosine), np.exp(log))
+        return np.asarray(lamp.intensity * radiance).reshape(rays, slices, 3)
 
-    @functools.cached_property
-    def _over_path(self) -> Array:
-        """Logarithm (_PATHS, 2, 3) of `ShaftWater.over_path`."""
+    def path_light(self, lamp: Lamp) -> Array:
+        """Return logarithms (paths, 2, 3) of `ShaftWater.over_path` for the light of a lamp, for paths S from it to the
+        camera at even steps of S/(S + length_m).
+        """
         t = np.arange(_PATHS) / (_PATHS - 1)
         path = self.length_m * t / np.maximum(1.0 - t, 1e-4)
-        return np.asarray(np.log(np.maximum(self.water.over_path(path), 1e-300)))
+        log = np.log(np.maximum(self.water.over_path(path), 1e-300))
+        if lamp.attenuation is None:
+            return np.asarray(log)
+        white = np.exp(-self.water.extinction * path[:, None]) @ self.water.weight
+        coloured = -np.log(np.maximum(white, 1e-300)) - linear(lamp.attenuation, t) * path[:, None]
+        return np.asarray(log + np.clip(coloured, -40.0, 40.0)[:, None])
