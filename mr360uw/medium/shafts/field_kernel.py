@@ -12,7 +12,7 @@ _compiled = njit(nogil=True, cache=True, error_model="numpy")
 _inlined = njit(nogil=True, error_model="numpy", inline="always")
 
 
-@_inlined
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
 def _wrapped(row: Any, column: Any, rows: Any, columns: Any) -> Any:
     """Return a node's row and column, continued over the poles and about them."""
     if row < 0 or row >= rows:
@@ -21,7 +21,7 @@ def _wrapped(row: Any, column: Any, rows: Any, columns: Any) -> Any:
     return min(max(row, 0), rows - 1), column % columns
 
 
-@_inlined
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
 def _cubic(f: Any, k: Any) -> Any:
     """Return the weight of neighbour k = 0 to 3 at a fraction f between the inner two (Keys 1981)."""
     if k == 0:
@@ -33,7 +33,7 @@ def _cubic(f: Any, k: Any) -> Any:
     return 0.5 * f * f * (f - 1.0)
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def mark_nodes(x: Any, y: Any, node: Any) -> None:
     """Set `node` (rows, columns) to 0 where frame coordinates (n,) of the grid read it."""
     rows, columns = node.shape
@@ -45,7 +45,7 @@ def mark_nodes(x: Any, y: Any, node: Any) -> None:
                 node[row, column] = 0
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def read_field(
     table: Any, node: Any, rate: Any, reach: Any, x: Any, y: Any, own_reach: Any, distance_m: Any, result: Any
 ) -> bool:

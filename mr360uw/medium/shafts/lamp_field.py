@@ -88,7 +88,7 @@ def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> NDArray[np.float32]:
     return hit
 
 
-@njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
 def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the distance of the nearest body towards a point that sees the lamp along (x, y, z)."""
     size = len(hit)
@@ -100,7 +100,7 @@ def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: A
     return hit[j, i]
 
 
-@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _add_lamp(
     origin: Any, rays: Any, edge: Any, step: Any, within: Any, place: Any, frame: Any, cos_core: Any, cos_edge: Any,
     least: Any, hit: Any, over_path: Any, turned: Any, length_m: Any, light: Any,

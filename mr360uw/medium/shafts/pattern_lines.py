@@ -26,6 +26,10 @@ _compiled = njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 _inlined = njit(nogil=True, fastmath=True, error_model="numpy", inline="always")
 
 
+_HALF_WAY = math.sqrt(6.0)
+"""Width of a step [pixels] at which the next level is as near: sqrt(3) sqrt(2), see `caustic_lookup` for the first."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PatternMaps:
     """Mip levels of a stack in one array, as deviations from 1: sharp red, green, blue and soft in the last axis.
@@ -57,7 +61,7 @@ class PatternMaps:
         return cls(values, start[:-1], size, depth, float(stack.tile_m), lean)
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
     """Write maps (planes, size, size, 3) and (planes, size, size, 1), or (1, 1, 1, 1), with all their halves."""
     planes, size = sharp.shape[:2]
@@ -81,14 +85,11 @@ def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
                     values[start[level] + row * (fine // 2) + i, c] = 0.25 * total
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
-    """Return the edges (n,) [m] of the steps of a line: `pixel_m` wide, or `widening` times the distance if wider."""
-    narrow = pixel_m / widening
-    even = math.ceil(min(reach_m, narrow) / pixel_m)
-    wide = 0
-    if reach_m > even * pixel_m:
-        wide = math.ceil(math.log(reach_m / (even * pixel_m)) / math.log1p(widening))
+    """Return the edges (n + 1,) [m] of the steps of a line: `pixel_m` wide, or `widening` times the distance."""
+    even = max(math.ceil(min(reach_m / pixel_m, 1.0 / widening)), 1)
+    wide = max(math.ceil(math.log(max(reach_m / (even * pixel_m), 1.0)) / math.log1p(widening)), 0)
     edge = np.empty(even + wide + 1)
     for i in range(even + 1):
         edge[i] = i * pixel_m
@@ -97,52 +98,43 @@ def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
     return edge
 
 
-@_compiled
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def fill_line(
-    values: Any, start: Any, size: Any, first: Any, last: Any, u: Any, v: Any, du: Any, dv: Any, edge: Any,
-    sums: Any,
-) -> None:  # fmt: skip
-    """Write running sums of the maps along a line to `sums` (planes, n + 1, 4), for planes first to last.
+    values: Any, start: Any, size: Any, used: Any, u: Any, v: Any, du: Any, dv: Any, edge: Any, sums: Any
+) -> None:
+    """Write running sums of the maps along a line to `sums` (planes, n + 1, 4), each plane from its first step used on.
 
-    u, v: where it starts, in pixels of the finest map. du, dv: pixels per metre of r. edge: (n + 1,) of `line_steps`.
+    used: (planes, 2) first and last step. u, v: where the line starts, in pixels of the finest map. du, dv: pixels per
+    metre of r. edge: (n + 1,) of `line_steps`.
     """
     most = len(start) - 1
-    for plane in range(first, last + 1):
-        for c in range(4):
-            sums[plane, 0, c] = 0.0
     speed = math.hypot(du, dv)
-    for n in range(len(edge) - 1):
-        width = edge[n + 1] - edge[n]
-        r = 0.5 * (edge[n] + edge[n + 1])
-        wanted = max(math.log2(max(width * speed / 1.7320508075688772, 1.0)), 0.0)
-        level = min(int(wanted), most)
-        part = min(wanted - level, 1.0) if level < most else 0.0
-        x, y = u + r * du, v + r * dv
-        for plane in range(first, last + 1):
-            a0, a1, a2, a3 = _bilinear(values, start[level], size >> level, plane, x / (1 << level), y / (1 << level))
-            if part > 0.0:
-                k = level + 1
-                b0, b1, b2, b3 = _bilinear(values, start[k], size >> k, plane, x / (1 << k), y / (1 << k))
-                a0 += (b0 - a0) * part
-                a1 += (b1 - a1) * part
-                a2 += (b2 - a2) * part
-                a3 += (b3 - a3) * part
+    for plane in range(len(used)):
+        if used[plane, 1] >= 0:
+            sums[plane, used[plane, 0]] = 0.0
+        level, widest = 0, _HALF_WAY / speed
+        for n in range(used[plane, 0], used[plane, 1] + 1):
+            width = edge[n + 1] - edge[n]
+            r = 0.5 * (edge[n] + edge[n + 1])
+            while width > widest and level < most:
+                level, widest = level + 1, 2.0 * widest
+            x, y = (u + r * du) / (1 << level), (v + r * dv) / (1 << level)
+            a0, a1, a2, a3 = _bilinear(values, start[level], size >> level, plane, x, y)
             sums[plane, n + 1, 0] = sums[plane, n, 0] + a0 * width
             sums[plane, n + 1, 1] = sums[plane, n, 1] + a1 * width
             sums[plane, n + 1, 2] = sums[plane, n, 2] + a2 * width
             sums[plane, n + 1, 3] = sums[plane, n, 3] + a3 * width
 
 
-@_inlined
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
 def _bilinear(values: Any, start: Any, size: Any, plane: Any, x: Any, y: Any) -> Any:
     """Return the four values of a level of a plane, periodic and bilinear, at pixels (x, y) of that level."""
     x -= 0.5
     y -= 0.5
     i, j = math.floor(x), math.floor(y)
     fx, fy = x - i, y - j
-    i0, j0 = i % size, j % size
-    i1 = i0 + 1 if i0 + 1 < size else 0
-    j1 = j0 + 1 if j0 + 1 < size else 0
+    last = size - 1
+    i0, j0, i1, j1 = i & last, j & last, (i + 1) & last, (j + 1) & last
     top, low = start + (plane * size + j0) * size, start + (plane * size + j1) * size
     w00, w10, w01, w11 = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
     p, q, s, t = top + i0, top + i1, low + i0, low + i1

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 _HEIGHTS = 1025
 """Heights of rays at which the light of segments is tabulated."""
+_PARTS = 4
+"""Parts of a segment that are tested by rays, for bodies without bounds."""
 _NO_MAPS = PatternMaps(
     np.zeros((1, 4), np.float32), np.zeros(1, np.int64), 1, np.zeros(0), 1.0, np.zeros(2)
 )  # fmt: skip
@@ -86,14 +88,7 @@ class SunBeam:
         start, end = edge[:, :-1], edge[:, 1:]
         end = np.where((start < hit) & (hit < end), hit, end)
         if self.shadows is None:
-            half = 0.5 * (end - start)
-            point = self.scene.origin + (start + half)[..., None] * rays[:, None]
-            along = (2.0 * half)[..., None] * rays[:, None]
-            both = [
-                self.pattern.bodies.visible(point.reshape(-1, 3), directions, along.reshape(-1, 3))
-                for directions in (self.pattern.disc, self.pattern.halo)
-            ]
-            return np.stack(both, axis=-1).reshape(len(rays), count, 2)
+            return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
         for k, (maps, taps) in enumerate(zip(self.shadows, (DISC_TAPS, len(self.pattern.halo)), strict=True)):
             visible_parts(
@@ -101,3 +96,14 @@ class SunBeam:
                 maps.frame, maps.top, maps.axis, maps.cosine, taps, seen[:, :, k],
             )  # fmt: skip
         return seen
+
+    def _seen_by_rays(self, rays: Array, start: Array, end: Array) -> Array:
+        bodies, pattern = self.pattern.bodies, self.pattern
+        result = np.zeros((*start.shape, 2))
+        for part in range(_PARTS):
+            along = ((end - start) / _PARTS)[..., None] * rays[:, None]
+            point = self.scene.origin + start[..., None] * rays[:, None] + (part + 0.5) * along
+            for k, directions in enumerate((pattern.disc, pattern.halo)):
+                seen = bodies.visible(point.reshape(-1, 3), directions, along.reshape(-1, 3))
+                result[..., k] += seen.reshape(start.shape) / _PARTS
+        return result
