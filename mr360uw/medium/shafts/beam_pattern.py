@@ -31,7 +31,7 @@ class BeamPattern:
     """Bodies and waves between the sun and points in the world.
 
     surface_y_m: height of the mean water surface. samples: directions over the sun's disc. spread_rad: standard
-    deviation of the directions of light that has turned by small angles; four times as many directions sample it.
+    deviation of the directions of light that has turned by small angles; eight times as many directions sample it.
     """
 
     sun: Sun
@@ -91,6 +91,6 @@ class BeamPattern:
 
     @functools.cached_property
     def halo(self) -> Array:
-        """Directions (4 samples, 3) that light which has turned by small angles comes from."""
+        """Directions (8 samples, 3) that light which has turned by small angles comes from."""
         wide = float(effective_half_angle(self.sun.half_angle_rad, self.spread_rad))
-        return disc_directions(unit(self.sun.direction), wide, 4 * self.samples)
+        return disc_directions(unit(self.sun.direction), wide, 8 * self.samples)

@@ -21,10 +21,10 @@ from mr360uw.sphere import basis
 
 Array = NDArray[np.float64]
 
-DISC_PIXELS, HALO_PIXELS = 256, 96
+DISC_PIXELS, HALO_PIXELS = 256, 64
 """Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees."""
-DISC_TAPS = 8
-"""Points of a segment at which the disc is tested, one direction each."""
+DISC_TAPS, HALO_TAPS = 16, 64
+"""Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

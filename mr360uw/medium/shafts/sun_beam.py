@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mr360uw.medium.shafts.beam_kernel import add_beam
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
-from mr360uw.medium.shafts.body_shadows import DISC_PIXELS, DISC_TAPS, HALO_PIXELS, ShadowMaps, visible_parts
+from mr360uw.medium.shafts.body_shadows import DISC_PIXELS, DISC_TAPS, HALO_PIXELS, HALO_TAPS, ShadowMaps, visible_parts
 from mr360uw.medium.shafts.pattern_lines import PatternMaps
 from mr360uw.medium.shafts.ray_segments import radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
@@ -90,7 +90,7 @@ class SunBeam:
         if self.shadows is None:
             return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
-        for k, (maps, taps) in enumerate(zip(self.shadows, (DISC_TAPS, len(self.pattern.halo)), strict=True)):
+        for k, (maps, taps) in enumerate(zip(self.shadows, (DISC_TAPS, HALO_TAPS), strict=True)):
             visible_parts(
                 self.scene.origin, rays, start, end, self.pattern.bodies.centre, self.pattern.bodies.radius,
                 maps.frame, maps.top, maps.axis, maps.cosine, taps, seen[:, :, k],
