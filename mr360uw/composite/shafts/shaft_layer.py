@@ -100,7 +100,12 @@ def _deviation(
     end_m = np.minimum(end_m, settings.range_m)
     found = np.zeros((len(rays), 3))
     if len(rays) and not scene.dark:
-        found += shafts_seen(scene, rays, end_m, light.grid, light.frame)
+        found += shafts_seen(scene, rays, end_m, light.grid(shot.view.width), light.frame)
+        # beside a dark shaft the cubic between the grid's nodes overshoots
+        if scene.pattern is None:
+            found = np.maximum(found, 0.0)
+        elif scene.pattern.caustics is None and not scene.lamps:
+            found = np.minimum(found, 0.0)
     if objects and settings.whole and sun is not None:
         cosine = rays @ unit(sun.direction)
         found += sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))

@@ -19,7 +19,7 @@ from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.froxels import FroxelGrid
-from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import CausticStack, Lamp
 
@@ -45,10 +45,9 @@ class ShaftLight:
         """A value that is equal for the same light in the water of the same shot."""
         return self.settings, Same(self.medium), Same(self.caustics), self.frame
 
-    @property
-    def grid(self) -> FroxelGrid:
-        """The grid's size."""
-        rows = self.settings.resolution // 2
+    def grid(self, width: int) -> FroxelGrid:
+        """Return the size of the grid for a frame that is `width` pixels wide: at most one node for two pixels."""
+        rows = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 2
         return FroxelGrid(rows, 2 * rows, self.settings.slices, _SAMPLES)
 
     def scenes(self, shot: Shot) -> tuple[ShaftScene, ShaftScene]:
