@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.medium import Medium
+from mr360uw.medium.phase import Phase
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.lamp_rays import lamp_segments
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
@@ -31,7 +32,10 @@ from mr360uw.types import CausticStack, Lamp, Sun, View
 Array = NDArray[np.float64]
 
 SPREAD_RAD = float(np.radians(5.0))
-"""Standard deviation of the directions of light that has turned by small angles: that of `draw.sun_spread_deg`."""
+"""Standard deviation of the directions of light that has turned by small angles, where no scene says it
+(`draw.sun_spread_deg`)."""
+_WIDEST_RAD = float(np.radians(30.0)) + 1e-9
+"""Widest spread, the most that `draw.sun_spread_deg` allows."""
 SUN_SAMPLES = 4
 """Directions over the sun's disc: its shadow's edge is 7 cm wide 10 m behind a body, less than a segment."""
 _LAMP_POINTS = 2
@@ -71,19 +75,24 @@ class ShaftScene:
         lamps: Sequence[Lamp] = (),
         spread_rad: float = SPREAD_RAD,
         sun_samples: int = SUN_SAMPLES,
+        phase: Phase | None = None,
     ) -> ShaftScene:
-        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`."""
-        if sun_samples < 1 or not 0.0 <= spread_rad < 0.5:
+        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`.
+
+        phase: of the particles, for the angle by which light turns to the camera alone; None: the water's.
+        """
+        if sun_samples < 1 or not 0.0 <= spread_rad <= _WIDEST_RAD:
             raise ParameterError(
-                f"shafts - sun_samples must be 1 or more, spread_rad in [0, 0.5) (got {sun_samples}, {spread_rad})"
-                " - correct them"
+                f"shafts - sun_samples must be 1 or more, spread_rad in [0, {_WIDEST_RAD:.3f}] (got {sun_samples}, "
+                f"{spread_rad}) - correct them"
             )
+        water = ShaftWater.of(medium) if phase is None else replace(ShaftWater.of(medium), phase=phase)
         solid, pattern = bodies_of(bodies), None
         if sun is not None and sun.direction[1] > 0.0:
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
-            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            water, np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
             tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
         )  # fmt: skip
