@@ -84,7 +84,7 @@ def frame_stages(
         for instant_s, then in instants(loaded, now, time_s, shutter_s):
             bare = shot_at(then, light, pattern, water, instant_s, index, kept)
             shot = with_caustics(then, backend, bare, instant_s, kept)
-            shafts = shafts_of(then, backend, shot, instant_s, index, kept)
+            shafts = shafts_of(then, backend, shot, instant_s, kept)
             drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
             layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
             layers.append(layer)

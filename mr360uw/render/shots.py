@@ -93,12 +93,10 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, k
     return dataclasses.replace(shot, caustics=kept.get("caustics", key, make))
 
 
-def shafts_of(
-    loaded: Loaded, backend: Backend, shot: Shot, time_s: float, index: int, kept: Cache
-) -> ShaftLight | None:
+def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> ShaftLight | None:
     """Return what the shafts of a shot depend on beside it; None where the plan has none, or the camera is not below.
 
-    kept: holds caustics of the same backend. index: of the frame, which places samples where waves move.
+    kept: holds caustics of the same backend.
     """
     settings, camera_m = loaded.scene.shafts, shot.view.depth_of(np.zeros(3))
     if not (loaded.plan.shafts.runs and not settings.why_off) or camera_m < 0.0:
@@ -116,7 +114,7 @@ def shafts_of(
     of_water = depths.of_water
     key = _caustics_key(loaded, of_water, sun_in_air, planes, time_s)
     make = functools.partial(_caustics, loaded, backend, of_water, sun_in_air, planes, time_s)
-    return ShaftLight(settings, medium, kept.get("water caustics", key, lambda: backend.download(make())), index)
+    return ShaftLight(settings, medium, kept.get("water caustics", key, lambda: backend.download(make())))
 
 
 def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:

@@ -22,7 +22,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.shafts.beam_share import beam_share, unoccluded
-from mr360uw.medium.shafts.seen import shafts_seen
+from mr360uw.medium.shafts.froxels import shaft_field
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
@@ -82,10 +82,12 @@ def test_pixels_that_may_change_hold_all_that_do() -> None:
     for place, sun in ((BALL, HIGH), ((0.0, -2.0, 0.5), HIGH), (BALL, replace(HIGH, direction=unit([0.9, 0.44, 0.1])))):
         taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,))
         light = ShaftLight(settings, medium)
-        _, scene = light.scenes(taken_shot)
+        _, scene = light.scenes(taken_shot, Cache())
         marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold)
         rays = directions(SIZE, SIZE // 2).reshape(-1, 3)
-        change = np.abs(shafts_seen(scene, rays, np.full(len(rays), 100.0), light.grid(SIZE))).reshape(-1, SIZE, 3)
+        change = np.abs(shaft_field(scene, light.grid(SIZE), rays).radiance(rays, np.full(len(rays), 100.0))).reshape(
+            -1, SIZE, 3
+        )
         veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, SIZE, 3)
         seen = np.any(change > 2.0 * settings.threshold * veil, axis=-1)  # of a grid that is coarser than the cells
         assert 0 < seen.sum() <= (seen & marked).sum() + 0.02 * seen.sum()
@@ -98,9 +100,9 @@ def test_light_before_an_object_ends_at_it(rng: np.random.Generator) -> None:
     taken_shot = taken(medium)
     wall = drawn_wall(2.5)
     layer, _ = with_shafts(taken_shot, light, wall, None, Cache())
-    before, _ = light.scenes(taken_shot)
+    before, _ = light.scenes(taken_shot, Cache())
     rays = directions(SIZE, SIZE // 2)[10:20, 8:24].reshape(-1, 3)
-    expected = 0.5 + 0.5 * shafts_seen(before, rays, np.full(len(rays), 2.5), light.grid(SIZE))
+    expected = 0.5 + 0.5 * shaft_field(before, light.grid(SIZE), rays).radiance(rays, np.full(len(rays), 2.5))
     np.testing.assert_allclose(layer.tiles[0].radiance.reshape(-1, 3), expected, rtol=FLOAT32)
     assert np.any(layer.tiles[0].radiance > 0.5)
     assert np.any(layer.tiles[0].radiance < 0.5)
@@ -136,8 +138,8 @@ def test_over_the_places_of_a_wave_nothing_is_added() -> None:
         light = ShaftLight(
             ShaftSettings(on_plate=True), medium, CausticStack(ratio, np.array([0.2, 4.0, 20.0]), 6.0, HIGH.direction)
         )
-        scene, _ = light.scenes(taken(medium))
-        total += shafts_seen(scene, rays, np.full(len(rays), 50.0), light.grid(SIZE))
+        scene, _ = light.scenes(taken(medium), Cache())
+        total += shaft_field(scene, light.grid(SIZE), rays).radiance(rays, np.full(len(rays), 50.0))
         beam = HIGH.irradiance * unoccluded(
             scene.water, rays @ HIGH.direction, rays[:, 1], np.full(len(rays), 50.0), scene.depth_m, scene.sun_up
         )
@@ -202,7 +204,7 @@ def test_water_that_does_not_scatter_has_none() -> None:
     clear = Medium(Water.from_arrays(nm, np.full(8, 0.1), np.zeros(8)), camera_depth_m=5.0, band_count=8)
     assert beam_share(clear, 5.0) == 0.0
     light = ShaftLight(ShaftSettings(), clear)
-    assert all(scene.dark for scene in light.scenes(taken(clear, placed(sphere(rows=6), BALL))))
+    assert all(scene.dark for scene in light.scenes(taken(clear, placed(sphere(rows=6), BALL)), Cache()))
 
 
 def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:

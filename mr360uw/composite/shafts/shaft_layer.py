@@ -25,7 +25,7 @@ from mr360uw.composite.shafts.shaft_reach import shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.beam_share import unoccluded
-from mr360uw.medium.shafts.seen import shafts_seen
+from mr360uw.medium.shafts.froxels import shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Layer, Tile
@@ -40,9 +40,9 @@ _SPARE_PX = 4096
 def with_shafts(
     shot: Shot, light: ShaftLight, layer: Layer, variables: Aovs | None, kept: Cache
 ) -> tuple[Layer, Aovs | None]:
-    """Return a shot's layer and output variables with the light in the water. kept: holds the receiver's shape."""
-    before, behind = light.scenes(shot)
-    tiles = _before_objects(shot, light, before, layer.tiles)
+    """Return a shot's layer and output variables with the light in the water. kept: holds what does not change."""
+    before, behind = light.scenes(shot, kept)
+    tiles = _before_objects(shot, light, before, layer.tiles, kept)
     if variables is not None:
         shown = variables.shafts.copy()
         for tile, old in zip(tiles, layer.tiles, strict=True):
@@ -51,10 +51,13 @@ def with_shafts(
     return _before_plate(shot, light, behind, replace(layer, tiles=tiles), kept), variables
 
 
-def _before_objects(shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...]) -> tuple[Tile, ...]:
+def _before_objects(
+    shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], kept: Cache
+) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
     ends = [tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)]
-    added = _split(_deviation(shot, light, scene, _rays(shot, tiles, covered), _joined(ends), objects=True), covered)
+    rays = _rays(shot, tiles, covered)
+    added = _split(_deviation(shot, light, scene, rays, _joined(ends), kept, objects=True), covered)
     drawn = []
     for tile, where, values in zip(tiles, covered, added, strict=True):
         radiance, old = tile.radiance.copy(), tile.radiance[where]
@@ -78,7 +81,7 @@ def _before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer
     tiles = [tile_of(layer, part) for part in even_tiles(parts, view.width, view.height)]
     where = [marked[tile.window] & (tile.alpha < 1.0) for tile in tiles]
     rays = _rays(shot, tiles, where)
-    values = _split(_deviation(shot, light, scene, rays, _receiver_m(shot, tiles, where, rays, kept)), where)
+    values = _split(_deviation(shot, light, scene, rays, _receiver_m(shot, tiles, where, rays, kept), kept), where)
     drawn = []
     for tile, here, change in zip(tiles, where, values, strict=True):
         if not np.any(change):
@@ -93,14 +96,14 @@ def _before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer
 
 
 def _deviation(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, *, objects: bool = False
+    shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, kept: Cache, *, objects: bool = False
 ) -> Floats:
     """Return the deviation (n, 3) times strength along rays (n, 3), float32. objects: whether they end at objects."""
     settings, sun = light.settings, sun_of(shot)
     end_m = np.minimum(end_m, settings.range_m)
     found = np.zeros((len(rays), 3))
     if len(rays) and not scene.dark:
-        found += shafts_seen(scene, rays, end_m, light.grid(shot.view.width), light.frame)
+        found += shaft_field(scene, light.grid(shot.view.width), rays, kept).radiance(rays, end_m)
         # beside a dark shaft the cubic between the grid's nodes overshoots
         if scene.pattern is None:
             found = np.maximum(found, 0.0)

@@ -13,18 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.cache import Same
+from mr360uw.cache import Cache, Same
 from mr360uw.composite.lighting.sun import spread_rad, sun_of
 from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.froxels import FroxelGrid
+from mr360uw.medium.shafts.occluders import bodies_of
 from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import CausticStack, Lamp
-
-_SAMPLES = 2
-"""Points in each slice of the grid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,28 +30,29 @@ class ShaftLight:
     """Water, waves and settings of shafts.
 
     medium: of the shot's depth. caustics: of its sun, from the camera's depth to the objects'; None without waves.
-    frame: index that places the grid's samples.
     """
 
     settings: ShaftSettings
     medium: Medium
     caustics: CausticStack | None = None
-    frame: int = 0
 
     @property
     def key(self) -> Hashable:
         """A value that is equal for the same light in the water of the same shot."""
-        return self.settings, Same(self.medium), Same(self.caustics), self.frame
+        return self.settings, Same(self.medium), Same(self.caustics)
 
     def grid(self, width: int) -> FroxelGrid:
         """Return the size of the grid for a frame that is `width` pixels wide: at most one node for two pixels."""
-        rows = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 2
-        return FroxelGrid(rows, 2 * rows, self.settings.slices, _SAMPLES)
+        columns = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 8 * 8
+        return FroxelGrid(3 * columns // 8, columns, self.settings.slices)
 
-    def scenes(self, shot: Shot) -> tuple[ShaftScene, ShaftScene]:
-        """Return the scenes of the water before the objects, and of that before the plate."""
+    def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
+        """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
         settings, nowhere = self.settings, np.zeros(3)
-        bodies = [triangles for placed in shot.casters if len(triangles := occluding([placed], nowhere))]
+        standing = tuple((placed.key, placed.casts_shadow) for placed in shot.casters)
+        bodies = kept.get(
+            "shaft bodies", standing, lambda: bodies_of([occluding([placed], nowhere) for placed in shot.casters])
+        )
         lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
         phase = None if settings.phase == "water" else ("hg", settings.phase)
         before = ShaftScene.of(

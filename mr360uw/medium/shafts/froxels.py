@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
 from mr360uw.medium.shafts.field_kernel import mark_nodes, read_field
 from mr360uw.medium.shafts.lamp_field import LampField
@@ -85,8 +86,16 @@ class ShaftField:
         return result
 
 
-def shaft_field(scene: ShaftScene, grid: FroxelGrid = DEFAULT_GRID, directions: Array | None = None) -> ShaftField:
-    """Return the shafts about a scene's camera on a grid, for rays (m, 3); None: for all."""
+def shaft_field(
+    scene: ShaftScene,
+    grid: FroxelGrid = DEFAULT_GRID,
+    directions: Array | None = None,
+    kept: Cache | None = None,
+) -> ShaftField:
+    """Return the shafts about a scene's camera on a grid, for rays (m, 3); None: for all.
+
+    kept: holds what does not change from frame to frame.
+    """
     pole = _pole(scene)
     node = np.full((grid.rows, grid.columns), -1, np.int32)
     if directions is None:
@@ -98,7 +107,11 @@ def shaft_field(scene: ShaftScene, grid: FroxelGrid = DEFAULT_GRID, directions: 
     rays = direction_from_frame(column + 0.5, row + 0.5, grid.columns, grid.rows) @ pole
     rate, reach = scene.layout(rays[:, 1])
     table = np.zeros((len(rays), grid.slices + 1, 3), np.float32)
-    beam = None if scene.pattern is None else SunBeam.of(scene, scene.pattern, grid.slices)
+    beam = (
+        None
+        if scene.pattern is None
+        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if kept is None else kept)
+    )
     lamps = [LampField.of(scene, lamp) for lamp in scene.lamps]
     for start in range(0, len(rays), _TOGETHER):
         part = slice(start, start + _TOGETHER)

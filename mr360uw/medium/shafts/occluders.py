@@ -108,12 +108,14 @@ def _meets_cone(to_centre: Array, axis: Array, cosine: float, radius: Floats | f
     return np.asarray((along > -radius) & (across <= radius / cosine + np.maximum(along, 0.0) * tangent))
 
 
-def bodies_of(bodies: Sequence[Any] | Any) -> Bodies:
+def bodies_of(bodies: Sequence[Any] | Bodies) -> Bodies:
     """Return bodies that are given as triangles (T, 3, 3) [m] in the world, objects with such `triangles`, or
     `Occluder`s.
 
     Raises `ParameterError` for anything else.
     """
+    if isinstance(bodies, Bodies):
+        return bodies
     occluders: list[Occluder] = []
     centres, radii = [np.zeros((0, 3))], []
     for body in bodies:

@@ -32,7 +32,9 @@ _HALF_WAY = math.sqrt(6.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatternMaps:
-    """Mip levels of a stack in one array, as deviations from 1: sharp red, green, blue and soft in the last axis.
+    """Mip levels of a stack in one array, down to the first of odd size, as deviations from 1.
+
+    The last axis has sharp red, green, blue, and soft.
 
     values: (pixels of all levels, 4) float32, level after level, each (planes, rows, columns). start: (levels,) first
     pixel of each. size: of the finest. depth_m: (planes,). tile_m: side of a map. lean: (2,) x and z of the sun's
@@ -50,7 +52,8 @@ class PatternMaps:
     def of(cls, stack: CausticStack) -> PatternMaps:
         """Return the maps of a stack."""
         planes, size = stack.ratio.shape[:2]
-        pixels = [planes * (size >> k) ** 2 for k in range(size.bit_length())]
+        halvings = (size & -size).bit_length()
+        pixels = [planes * (size >> k) ** 2 for k in range(halvings)]
         start = np.concatenate([[0], np.cumsum(pixels)])
         values = np.zeros((start[-1], 4), np.float32)
         soft = np.ones((1, 1, 1, 1)) if stack.soft is None else stack.soft
@@ -133,8 +136,7 @@ def _bilinear(values: Any, start: Any, size: Any, plane: Any, x: Any, y: Any) ->
     y -= 0.5
     i, j = math.floor(x), math.floor(y)
     fx, fy = x - i, y - j
-    last = size - 1
-    i0, j0, i1, j1 = i & last, j & last, (i + 1) & last, (j + 1) & last
+    i0, j0, i1, j1 = i % size, j % size, (i + 1) % size, (j + 1) % size
     top, low = start + (plane * size + j0) * size, start + (plane * size + j1) * size
     w00, w10, w01, w11 = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
     p, q, s, t = top + i0, top + i1, low + i0, low + i1

@@ -14,7 +14,7 @@ MeanCosine = Annotated[float, Field(ge=-0.95, le=0.99)]
 CLOSED_FORMS = ("kd", "kd+", "rgb")
 """Modes of the water whose veil scatters isotropically and counts all scattered light as lost."""
 LEAST_NODES = 16
-"""Least nodes around the horizon."""
+"""Least nodes around the sun."""
 LONGEST_M = 500.0
 """Farthest [m] that shafts are followed: even the clearest water has dimmed them to nothing before."""
 
@@ -42,12 +42,12 @@ class ShaftSettings(Parameters):
         0.005, "fraction of the veil below which they are left out", unit="1", low=0.0, high=1.0
     )
     resolution: int = parameter(
-        256,
-        "nodes around the horizon, half as many from pole to pole; less in small frames",
+        1024,
+        "nodes around the sun, 3/8 as many from it to its antipode; fewer in small frames",
         low=LEAST_NODES,
         high=2048,
     )
-    slices: int = parameter(48, "slices of the grid over distance", low=4, high=512)
+    slices: int = parameter(32, "slices of the grid over distance", low=4, high=512)
 
     @property
     def why_off(self) -> str:

@@ -70,7 +70,7 @@ class ShaftScene:
         view: View,
         medium: Medium,
         sun: Sun | None,
-        bodies: Sequence[Any] = (),
+        bodies: Sequence[Any] | Bodies = (),
         caustics: CausticStack | None = None,
         lamps: Sequence[Lamp] = (),
         spread_rad: float = SPREAD_RAD,

@@ -14,6 +14,7 @@ whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. T
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,6 +55,12 @@ class ShaftWater:
         if medium.mode in CLOSED_FORMS:
             return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
         return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
+
+    @property
+    def key(self) -> Hashable:
+        """A value that is equal for equal water."""
+        values = (self.extinction, self.attenuation, self.molecules, self.particles, self.weight)
+        return self.phase, self.wide, *(value.tobytes() for value in values)
 
     def averaged(self) -> ShaftWater:
         """Return three bands instead: albedo and mean free path weighted by each channel's sensitivity (Monzon 2022).

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache, Same
 from mr360uw.medium.shafts.beam_kernel import add_beam
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.body_shadows import DISC_PIXELS, DISC_TAPS, HALO_PIXELS, HALO_TAPS, ShadowMaps, visible_parts
@@ -40,20 +41,17 @@ class SunBeam:
     shadows: tuple[ShadowMaps, ShadowMaps] | None
 
     @classmethod
-    def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int) -> SunBeam:
-        """Return the beam of a scene for rays of `count` segments."""
-        up = np.linspace(-1.0, 1.0, _HEIGHTS)
-        rate, reach = (x[:, None] for x in scene.layout(up))
-        edge = radius_at(np.arange(count + 1) / count, rate, reach)
-        light = scene.water.beam_segments(up, edge, scene.depth_m, scene.sun_up)
-        both = np.concatenate([part.reshape(_HEIGHTS, count, 6) for part in light], axis=-1)
-        bodies, shadows = pattern.bodies, None
+    def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, kept: Cache) -> SunBeam:
+        """Return the beam of a scene for rays of `count` segments. kept: holds weights, and the shadows of bodies."""
+        key = scene.water.key, scene.depth_m, scene.sun_up, count
+        weights = kept.get("shaft light", key, lambda: _weights(scene, count))
+        bodies = pattern.bodies
+        shadows = None
         if bodies.occluders and np.all(np.isfinite(bodies.radius)):
-            shadows = (
-                ShadowMaps.of(bodies, pattern.disc, DISC_PIXELS), ShadowMaps.of(bodies, pattern.halo, HALO_PIXELS)
-            )  # fmt: skip
+            of_shadows = Same(bodies), pattern.disc.tobytes(), pattern.halo.tobytes()
+            shadows = kept.get("shaft shadows", of_shadows, lambda: _shadows(pattern))
         maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
-        return cls(scene, pattern, both.astype(np.float32), maps, shadows)
+        return cls(scene, pattern, weights, maps, shadows)
 
     def add(
         self, rays: Array, rate: Array, reach: Array, column: NDArray[np.int64], widening_rad: float, light: Array
@@ -107,3 +105,16 @@ class SunBeam:
                 seen = bodies.visible(point.reshape(-1, 3), directions, along.reshape(-1, 3))
                 result[..., k] += seen.reshape(start.shape) / _PARTS
         return result
+
+
+def _weights(scene: ShaftScene, count: int) -> NDArray[np.float32]:
+    up = np.linspace(-1.0, 1.0, _HEIGHTS)
+    rate, reach = (x[:, None] for x in scene.layout(up))
+    edge = radius_at(np.arange(count + 1) / count, rate, reach)
+    light = scene.water.beam_segments(up, edge, scene.depth_m, scene.sun_up)
+    return np.concatenate([part.reshape(_HEIGHTS, count, 6) for part in light], axis=-1).astype(np.float32)
+
+
+def _shadows(pattern: BeamPattern) -> tuple[ShadowMaps, ShadowMaps]:
+    disc = ShadowMaps.of(pattern.bodies, pattern.disc, DISC_PIXELS)
+    return disc, ShadowMaps.of(pattern.bodies, pattern.halo, HALO_PIXELS)
