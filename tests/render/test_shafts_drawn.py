@@ -83,7 +83,7 @@ def test_pixels_that_may_change_hold_all_that_do() -> None:
         taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,))
         light = ShaftLight(settings, medium)
         _, scene = light.scenes(taken_shot, Cache())
-        marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold)
+        marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold, Cache())
         rays = directions(SIZE, SIZE // 2).reshape(-1, 3)
         change = np.abs(shaft_field(scene, light.grid(SIZE), rays).radiance(rays, np.full(len(rays), 100.0))).reshape(
             -1, SIZE, 3

@@ -73,7 +73,7 @@ def _before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer
     everywhere = settings.on_plate and light.caustics is not None
     marked = (
         np.ones((view.height, view.width), np.bool_) if everywhere
-        else shaft_pixels(shot, scene, settings.range_m, settings.threshold)
+        else shaft_pixels(shot, scene, settings.range_m, settings.threshold, kept)
     )  # fmt: skip
     if not np.any(marked):
         return layer

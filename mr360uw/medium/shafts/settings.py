@@ -39,7 +39,7 @@ class ShaftSettings(Parameters):
     range_m: float = parameter(100.0, "distance from the camera up to which they are seen", unit="m", low=0.0,
                                high=LONGEST_M)  # fmt: skip
     threshold: float = parameter(
-        0.005, "fraction of the veil below which they are left out", unit="1", low=0.0, high=1.0
+        0.01, "fraction of the veil below which they are left out", unit="1", low=0.0, high=1.0
     )
     resolution: int = parameter(
         1024,

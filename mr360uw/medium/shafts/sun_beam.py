@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.medium.shafts.beam_kernel import add_beam
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
-from mr360uw.medium.shafts.body_shadows import DISC_PIXELS, DISC_TAPS, HALO_PIXELS, HALO_TAPS, ShadowMaps, visible_parts
+from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, Shadows, shadows_of, visible_parts
 from mr360uw.medium.shafts.pattern_lines import PatternMaps
 from mr360uw.medium.shafts.ray_segments import radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
@@ -19,7 +19,7 @@ from mr360uw.sphere import unit
 
 Array = NDArray[np.float64]
 
-_HEIGHTS = 1025
+_HEIGHTS = 257
 """Heights of rays at which the light of segments is tabulated."""
 _PARTS = 4
 """Parts of a segment that are tested by rays, for bodies without bounds."""
@@ -38,18 +38,14 @@ class SunBeam:
     pattern: BeamPattern
     weights: NDArray[np.float32]
     maps: PatternMaps
-    shadows: tuple[ShadowMaps, ShadowMaps] | None
+    shadows: Shadows | None
 
     @classmethod
     def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, kept: Cache) -> SunBeam:
         """Return the beam of a scene for rays of `count` segments. kept: holds weights, and the shadows of bodies."""
         key = scene.water.key, scene.depth_m, scene.sun_up, count
-        weights = kept.get("shaft light", key, lambda: _weights(scene, count))
-        bodies = pattern.bodies
-        shadows = None
-        if bodies.occluders and np.all(np.isfinite(bodies.radius)):
-            of_shadows = Same(bodies), pattern.disc.tobytes(), pattern.halo.tobytes()
-            shadows = kept.get("shaft shadows", of_shadows, lambda: _shadows(pattern))
+        weights = kept.get("shaft light", key, lambda: _weights(scene, count), keep=2)
+        shadows = shadows_of(pattern, kept)
         maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
         return cls(scene, pattern, weights, maps, shadows)
 
@@ -88,10 +84,11 @@ class SunBeam:
         if self.shadows is None:
             return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
-        for k, (maps, taps) in enumerate(zip(self.shadows, (DISC_TAPS, HALO_TAPS), strict=True)):
+        of = self.shadows.outlines
+        for k, (maps, taps) in enumerate(((self.shadows.disc, DISC_TAPS), (self.shadows.halo, HALO_TAPS))):
             visible_parts(
-                self.scene.origin, rays, start, end, self.pattern.bodies.centre, self.pattern.bodies.radius,
-                maps.frame, maps.top, maps.axis, maps.cosine, taps, seen[:, :, k],
+                self.scene.origin, rays, start, end, of.centre, of.radius, of.frame, of.apart, maps.frame, maps.top,
+                maps.spread, taps, seen[:, :, k],
             )  # fmt: skip
         return seen
 
@@ -113,8 +110,3 @@ def _weights(scene: ShaftScene, count: int) -> NDArray[np.float32]:
     edge = radius_at(np.arange(count + 1) / count, rate, reach)
     light = scene.water.beam_segments(up, edge, scene.depth_m, scene.sun_up)
     return np.concatenate([part.reshape(_HEIGHTS, count, 6) for part in light], axis=-1).astype(np.float32)
-
-
-def _shadows(pattern: BeamPattern) -> tuple[ShadowMaps, ShadowMaps]:
-    disc = ShadowMaps.of(pattern.bodies, pattern.disc, DISC_PIXELS)
-    return disc, ShadowMaps.of(pattern.bodies, pattern.halo, HALO_PIXELS)
