@@ -48,9 +48,8 @@ def waves(rng: np.random.Generator) -> CausticStack:
     return CausticStack(np.broadcast_to(ratio, (4, 16, 16, 3)), np.array([0.2, 2.0, 5.0, 9.0]), 4.0, HIGH.direction)
 
 
-def taken(medium: Medium, *bodies: Any, lights: tuple[Any, ...] = (HIGH,), **given: Any) -> Shot:
-    table = medium.table
-    return replace(shot(*bodies, width=SIZE, medium=table, **given), lights=lights)
+def taken(medium: Medium, *bodies: Any, lights: tuple[Any, ...] = (HIGH,), width: int = SIZE) -> Shot:
+    return replace(shot(*bodies, width=width, medium=medium.table), lights=lights)
 
 
 def drawn(shot: Shot, settings: ShaftSettings, medium: Medium, caustics: CausticStack | None = None) -> Layer:
@@ -78,15 +77,16 @@ def test_a_body_darkens_the_water_below_it_and_nothing_turns_negative() -> None:
 
 
 def test_pixels_that_may_change_hold_all_that_do() -> None:
-    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.01)
+    size = 128
+    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.02)
     for place, sun in ((BALL, HIGH), ((0.0, -2.0, 0.5), HIGH), (BALL, replace(HIGH, direction=unit([0.9, 0.44, 0.1])))):
-        taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,))
+        taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,), width=size)
         light = ShaftLight(settings, medium)
         _, scene = light.scenes(taken_shot)
-        marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold)
-        rays = directions(SIZE, SIZE // 2).reshape(-1, 3)
-        change = np.abs(shafts_seen(scene, rays, np.full(len(rays), 100.0), light.grid(SIZE))).reshape(-1, SIZE, 3)
-        veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, SIZE, 3)
+        marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold, Cache())
+        rays = directions(size, size // 2).reshape(-1, 3)
+        change = np.abs(shafts_seen(scene, rays, np.full(len(rays), 100.0), light.grid(size))).reshape(-1, size, 3)
+        veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, size, 3)
         seen = np.any(change > 2.0 * settings.threshold * veil, axis=-1)  # of a grid that is coarser than the cells
         assert 0 < seen.sum() <= (seen & marked).sum() + 0.02 * seen.sum()
         assert marked.sum() < 0.7 * marked.size

@@ -70,7 +70,7 @@ def _before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer
     everywhere = settings.on_plate and light.caustics is not None
     marked = (
         np.ones((view.height, view.width), np.bool_) if everywhere
-        else shaft_pixels(shot, scene, settings.range_m, settings.threshold)
+        else shaft_pixels(shot, scene, settings.range_m, settings.threshold, kept)
     )  # fmt: skip
     if not np.any(marked):
         return layer
@@ -100,12 +100,13 @@ def _deviation(
     end_m = np.minimum(end_m, settings.range_m)
     found = np.zeros((len(rays), 3))
     if len(rays) and not scene.dark:
-        found += shafts_seen(scene, rays, end_m, light.grid(shot.view.width), light.frame)
-        # beside a dark shaft the cubic between the grid's nodes overshoots
-        if scene.pattern is None:
-            found = np.maximum(found, 0.0)
-        elif scene.pattern.caustics is None and not scene.lamps:
-            found = np.minimum(found, 0.0)
+        grid = light.grid(shot.view.width)
+        # beside bright and dark edges the cubic between the grid's nodes overshoots
+        if scene.pattern is not None:
+            of_sun = shafts_seen(replace(scene, lamps=()), rays, end_m, grid, light.frame)
+            found += np.minimum(of_sun, 0.0) if scene.pattern.caustics is None else of_sun
+        if scene.lamps:
+            found += np.maximum(shafts_seen(replace(scene, pattern=None), rays, end_m, grid, light.frame), 0.0)
     if objects and settings.whole and sun is not None:
         cosine = rays @ unit(sun.direction)
         found += sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))
