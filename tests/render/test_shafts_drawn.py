@@ -34,8 +34,9 @@ from tests.tolerances import FLOAT32
 SIZE = 64
 HIGH = Sun(unit([0.2, 0.95, -0.1]), np.array([1.0, 1.2, 1.3]), SUN_HALF_ANGLE_RAD, 1.0)
 BALL = (0.3, 0.8, -3.0)
-RESOLVED = 0.25
-"""A ball of 10 degrees on nodes 5.6 degrees apart, against the same ray on its own: edges lie between nodes."""
+DISTANCE = 1e-3
+"""Light before a body by both renderers over the largest: their distances differ by single precision, and graphics
+hardware rounds in its own way."""
 
 
 def water(kind: str = "II", depth_m: float = 5.0, mode: Any = "table") -> Medium:
@@ -218,8 +219,12 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
         ({"shafts": {"mode": "off"}}, False, "switched off"),
         ({"shafts": {"strength": 0.0}}, False, "strength is 0"),
         ({"shafts": {"range_m": 0.0}}, False, "range_m is 0"),
-        ({"water": {"type": "9C"}}, False, "0.39 % of the veil"),
-        ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "0.39 %"),
+        (
+            {"water": {"type": "9C"}},
+            False,
+            " % of the veil is light of the beam scattered once, below shafts.threshold 0.5 %",
+        ),
+        ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "by waves, bodies; 0."),
         ({"water": {"type": "9C"}, "lamp": [{}]}, True, "lamps"),
         ({"light": {"sun": "none"}}, False, "no sun and no lamps"),
         ({"light": {"sun": "none"}, "lamp": [{}]}, True, "by lamps"),
@@ -227,14 +232,17 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
     ],
 )
 def test_the_plan_says_why(tables: dict[str, Any], runs: bool, why: str, tmp_path: Path, whale: Path) -> None:
-    stage = load(scene_with(tmp_path, whale, **tables), SIZE, SIZE // 2).plan.shafts
+    few = {"water": {"bands": 8, **tables.get("water", {})}}
+    stage = load(scene_with(tmp_path, whale, **{**tables, **few}), SIZE, SIZE // 2).plan.shafts
     assert stage.runs == runs
     assert why in stage.why
 
 
 def test_a_body_that_casts_no_shadow_shades_no_water(tmp_path: Path, whale: Path) -> None:
     ghost = [{"mesh": str(whale), "casts_shadow": False}]
-    plan = load(scene_with(tmp_path, None, object=ghost, caustics={"enabled": False}), SIZE, SIZE // 2).plan
+    plan = load(
+        scene_with(tmp_path, None, object=ghost, caustics={"enabled": False}, water={"bands": 8}), SIZE, SIZE // 2
+    ).plan
     assert plan.shafts.why == "neither waves nor bodies change the beam"
 
 
@@ -255,27 +263,37 @@ def test_settings_that_make_no_sense_are_refused(tables: dict[str, Any], message
         scene_with(tmp_path, None, **tables)
 
 
+@pytest.fixture(scope="module")
+def wedge(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tetrahedron about 2 m wide."""
+    path = tmp_path_factory.mktemp("wedge") / "wedge.obj"
+    path.write_text("v -1 0 1\nv 1 0 1\nv 0 0 -1\nv 0 1 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    return path
+
+
+DRAW = {"samples": 1, "ambient_occlusion": False, "sun_samples": 4}
+
+
 def frame(folder: Path, mesh: Path, backend: str, plate: Floats, **shafts: Any) -> Floats:
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
     scene = scene_with(
-        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw={"samples": 5},
+        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8},
         shafts={"resolution": 32, "slices": 16, **shafts},
     )  # fmt: skip
     return uw.render_frame(plate, scene, 0.4, backend).image_linear
 
 
 @pytest.mark.usefixtures("gl")
-def test_both_renderers_draw_the_same_shafts(tmp_path: Path, whale: Path) -> None:
+def test_both_renderers_draw_the_same_shafts(tmp_path: Path, wedge: Path) -> None:
     plate = gradient_plate(SIZE, SIZE // 2)
     change = {}
     for backend in ("reference", "gl"):
-        bare = frame(tmp_path, whale, backend, plate, mode="off")
-        np.testing.assert_array_equal(frame(tmp_path, whale, backend, plate, strength=0.0), bare)
-        change[backend] = frame(tmp_path, whale, backend, plate, strength=3.0) - bare
+        bare = frame(tmp_path, wedge, backend, plate, mode="off")
+        change[backend] = frame(tmp_path, wedge, backend, plate, strength=3.0) - bare
     scale = np.abs(change["reference"]).max()
+    np.testing.assert_array_equal(frame(tmp_path, wedge, "gl", plate, strength=0.0), bare)
     assert scale > 1e-3
-    np.testing.assert_allclose(change["gl"], change["reference"], atol=RESOLVED * scale)
-    assert np.mean(np.abs(change["gl"] - change["reference"])) < 0.003 * scale
+    np.testing.assert_allclose(change["gl"], change["reference"], atol=DISTANCE * scale)
 
 
 def test_scenes_that_skip_them_import_nothing_of_them() -> None:
@@ -286,7 +304,7 @@ def test_scenes_that_skip_them_import_nothing_of_them() -> None:
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
-def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, whale: Path) -> None:
+def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -> None:
     """Frame 7 with a cache of frame 3, and without."""
     from mr360uw.render.backends import Reference
     from mr360uw.render.first_pass import ClipFacts
@@ -295,7 +313,7 @@ def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, whale: Path) -
 
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
     loaded = load(
-        scene_with(tmp_path, whale, light=given, caustics={"size": 32, "grid": 32}, draw={"samples": 5},
+        scene_with(tmp_path, wedge, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8},
                    shafts={"resolution": 32, "slices": 16}), SIZE, SIZE // 2,
     )  # fmt: skip
     plate = gradient_plate(SIZE, SIZE // 2)
