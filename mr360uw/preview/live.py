@@ -24,7 +24,7 @@ from mr360uw.video.read.scaled import scaled
 COARSE_WIDTH = 512
 """Width [pixels] of drafts."""
 _SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
+_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES, _SLICES = 128, 96, 2, 24
 """Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
 
 _KINDS = 2
@@ -82,7 +82,7 @@ class LivePreview:
     def coarse(scene: Scene) -> Scene:
         """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
 
-        Edges, soft shadows and caustics are drawn with fewer samples; light and water stay what they are.
+        Edges, soft shadows, caustics and shafts are drawn with fewer samples; light and water stay what they are.
         """
         draw, caustics = scene.draw, scene.caustics
         fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
@@ -91,8 +91,9 @@ class LivePreview:
             "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
             "planes": min(caustics.planes, _PLANES),
         }
+        shafts = scene.shafts.model_copy(update={"slices": min(scene.shafts.slices, _SLICES)})
         drafts = {"draw": draw.model_copy(update=fewer), "caustics": caustics.model_copy(update=coarser)}
-        return scene.model_copy(update=drafts)
+        return scene.model_copy(update={**drafts, "shafts": shafts})
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipFacts:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.

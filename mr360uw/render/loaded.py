@@ -189,7 +189,7 @@ class Loader:
             return make_plan(scene, facts, None, clip=self._clip)
         shallowest_m = surroundings.camera.depth_m - surroundings.camera.highest_m
         share = functools.partial(_beam_share, medium, shallowest_m)
-        return make_plan(scene, facts, medium.unit_table, clip=self._clip, beam_share=share)
+        return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
     def _receiver(self, scene: Scene) -> ReceiverClip | None:
         return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size)

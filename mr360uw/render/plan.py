@@ -21,6 +21,7 @@ from mr360uw.types import MediumTable
 
 _NEGLIGIBLE_BEAM = 0.002
 """Fraction of the surface's beam below which caustics and shadows are less than half an 8-bit code value."""
+Share = Callable[[], float] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,30 +81,22 @@ class ObjectFacts:
     moves: bool
 
 
-def make_plan(
-    scene: Scene,
-    objects: tuple[ObjectFacts, ...],
-    medium: MediumTable | None,
-    *,
-    clip: bool = True,
-    beam_share: Callable[[], float] = lambda: 1.0,
-) -> Plan:
-    """Return the plan of a scene.
+Facts = tuple[ObjectFacts, ...]
 
-    medium: None where the plate has no water. clip: the plate is more than one frame. beam_share: gives the fraction of
-    the veil that the beam's first scattering adds (`medium.shafts.beam_share`).
+
+def make_plan(
+    scene: Scene, objects: Facts, medium: MediumTable | None, share: Share = None, *, clip: bool = True
+) -> Plan:
+    """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame.
+
+    share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
     """
     visible, light = bool(objects), scene.light
     beam = _beam_at_objects(objects, medium)
     sun = _sun(light, visible, beam)
     gain = _gain(scene, visible, medium)
     first_pass = clip and light.smooth
-    receiver = scene.receiver
-    shadow = _stage(
-        sun.runs and receiver is not None and receiver.shadow,
-        "the receiver catches shadows",
-        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
-    )
+    receiver, shadow = scene.receiver, _shadow(scene, lit=sun.runs)
     caustics = _stage(
         sun.runs and medium is not None and scene.caustics.enabled,
         f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
@@ -127,7 +120,7 @@ def make_plan(
             "a material is smoother than diffuse",
             "every material is diffuse" if visible else "nothing to light",
         ),
-        shafts=_shafts(scene, visible, medium, beam_share, lit=sun.runs, waves=caustics.runs),
+        shafts=_shafts(scene, visible, medium, share, lit=sun.runs, waves=caustics.runs),
         shadow=shadow,
         pattern=_stage(
             shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
@@ -186,21 +179,28 @@ def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
     )  # fmt: skip
 
 
-def _shafts(
-    scene: Scene, visible: bool, medium: MediumTable | None, beam_share: Callable[[], float], *, lit: bool, waves: bool
-) -> Stage:
+def _shadow(scene: Scene, *, lit: bool) -> Stage:
+    receiver = scene.receiver
+    return _stage(
+        lit and receiver is not None and receiver.shadow,
+        "the receiver catches shadows",
+        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+    )
+
+
+def _shafts(scene: Scene, visible: bool, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool) -> Stage:
     settings, lamps = scene.shafts, len(scene.lamps)
     shading = any(placed.casts_shadow for placed in scene.objects)
     if not visible or medium is None or settings.why_off:
         return Stage(False, "no objects" if not visible else settings.why_off or 'water is "none"')
     if not lamps and not (lit and (waves or shading)):
         return Stage(False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam")
-    share = beam_share()
-    if share == 0.0 and not lamps:
+    of_beam = 1.0 if share is None else share()
+    if of_beam == 0.0 and not lamps:
         return Stage(False, "the water does not scatter")
     by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
-    number = f"{100 * share:.2g} % of the veil is light of the beam scattered once"
-    if settings.mode == "auto" and share < settings.threshold and not lamps:
+    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
+    if settings.mode == "auto" and of_beam < settings.threshold and not lamps:
         return Stage(False, f"{number}, below shafts.threshold {100 * settings.threshold:g} %")
     return Stage(True, f"by {', '.join(by)}; {number}")
 

@@ -28,7 +28,7 @@ from mr360uw.composite.settings import (
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.medium.shafts.settings import CLOSED_FORMS, ShaftSettings
+from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.key_problems import check_keys
@@ -130,16 +130,8 @@ class Scene(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _whole_shafts(self) -> Scene:
-        if self.shafts.whole and self.water.mode not in CLOSED_FORMS:
-            raise ValueError(
-                f"shafts.whole - the veil has the beam's light already (got water.mode {self.water.mode!r}) - take one "
-                f"of {', '.join(CLOSED_FORMS)}, or remove it"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _keys_fit(self) -> Scene:
+    def _tables_fit(self) -> Scene:
+        self.shafts.check(self.water.mode)
         check_keys(self, self.keys)
         return self
 

@@ -22,7 +22,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.shafts.beam_share import beam_share, unoccluded
-from mr360uw.medium.shafts.froxels import shaft_field
+from mr360uw.medium.shafts.froxels import DEFAULT_GRID, shaft_field
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
@@ -34,8 +34,9 @@ from tests.tolerances import FLOAT32
 SIZE = 64
 HIGH = Sun(unit([0.2, 0.95, -0.1]), np.array([1.0, 1.2, 1.3]), SUN_HALF_ANGLE_RAD, 1.0)
 BALL = (0.3, 0.8, -3.0)
-RESOLVED = 0.25
-"""A ball of 10 degrees on nodes 5.6 degrees apart, against the same ray on its own: edges lie between nodes."""
+DISTANCE = 1e-3
+"""Light before a body by both renderers over the largest: their distances differ by single precision, and graphics
+hardware rounds in its own way."""
 
 
 def water(kind: str = "II", depth_m: float = 5.0, mode: Any = "table") -> Medium:
@@ -48,9 +49,8 @@ def waves(rng: np.random.Generator) -> CausticStack:
     return CausticStack(np.broadcast_to(ratio, (4, 16, 16, 3)), np.array([0.2, 2.0, 5.0, 9.0]), 4.0, HIGH.direction)
 
 
-def taken(medium: Medium, *bodies: Any, lights: tuple[Any, ...] = (HIGH,), **given: Any) -> Shot:
-    table = medium.table
-    return replace(shot(*bodies, width=SIZE, medium=table, **given), lights=lights)
+def taken(medium: Medium, *bodies: Any, lights: tuple[Any, ...] = (HIGH,), width: int = SIZE) -> Shot:
+    return replace(shot(*bodies, width=width, medium=medium.table), lights=lights)
 
 
 def drawn(shot: Shot, settings: ShaftSettings, medium: Medium, caustics: CausticStack | None = None) -> Layer:
@@ -78,19 +78,19 @@ def test_a_body_darkens_the_water_below_it_and_nothing_turns_negative() -> None:
 
 
 def test_pixels_that_may_change_hold_all_that_do() -> None:
-    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.01)
+    size = 128
+    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.02)
     for place, sun in ((BALL, HIGH), ((0.0, -2.0, 0.5), HIGH), (BALL, replace(HIGH, direction=unit([0.9, 0.44, 0.1])))):
-        taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,))
+        taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,), width=size)
         light = ShaftLight(settings, medium)
         _, scene = light.scenes(taken_shot, Cache())
         marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold, Cache())
-        rays = directions(SIZE, SIZE // 2).reshape(-1, 3)
-        change = np.abs(shaft_field(scene, light.grid(SIZE), rays).radiance(rays, np.full(len(rays), 100.0))).reshape(
-            -1, SIZE, 3
-        )
-        veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, SIZE, 3)
-        seen = np.any(change > 2.0 * settings.threshold * veil, axis=-1)  # of a grid that is coarser than the cells
-        assert 0 < seen.sum() <= (seen & marked).sum() + 0.02 * seen.sum()
+        rays = directions(size, size // 2).reshape(-1, 3)
+        found = shaft_field(scene, DEFAULT_GRID, rays).radiance(rays, np.full(len(rays), 100.0))
+        change = np.abs(found).reshape(-1, size, 3)
+        veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, size, 3)
+        seen = np.any(change > settings.threshold * veil, axis=-1)
+        assert 0 < seen.sum() <= (seen & marked).sum() + 0.02 * seen.sum()  # slack: of cells that are partly above it
         assert marked.sum() < 0.7 * marked.size
 
 
@@ -220,8 +220,12 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
         ({"shafts": {"mode": "off"}}, False, "switched off"),
         ({"shafts": {"strength": 0.0}}, False, "strength is 0"),
         ({"shafts": {"range_m": 0.0}}, False, "range_m is 0"),
-        ({"water": {"type": "9C"}}, False, "0.39 % of the veil"),
-        ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "0.39 %"),
+        (
+            {"water": {"type": "9C"}},
+            False,
+            " % of the veil is light of the beam scattered once, below shafts.threshold 0.5 %",
+        ),
+        ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "by waves, bodies; 0."),
         ({"water": {"type": "9C"}, "lamp": [{}]}, True, "lamps"),
         ({"light": {"sun": "none"}}, False, "no sun and no lamps"),
         ({"light": {"sun": "none"}, "lamp": [{}]}, True, "by lamps"),
@@ -229,14 +233,17 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
     ],
 )
 def test_the_plan_says_why(tables: dict[str, Any], runs: bool, why: str, tmp_path: Path, whale: Path) -> None:
-    stage = load(scene_with(tmp_path, whale, **tables), SIZE, SIZE // 2).plan.shafts
+    few = {"water": {"bands": 8, **tables.get("water", {})}}
+    stage = load(scene_with(tmp_path, whale, **{**tables, **few}), SIZE, SIZE // 2).plan.shafts
     assert stage.runs == runs
     assert why in stage.why
 
 
 def test_a_body_that_casts_no_shadow_shades_no_water(tmp_path: Path, whale: Path) -> None:
     ghost = [{"mesh": str(whale), "casts_shadow": False}]
-    plan = load(scene_with(tmp_path, None, object=ghost, caustics={"enabled": False}), SIZE, SIZE // 2).plan
+    plan = load(
+        scene_with(tmp_path, None, object=ghost, caustics={"enabled": False}, water={"bands": 8}), SIZE, SIZE // 2
+    ).plan
     assert plan.shafts.why == "neither waves nor bodies change the beam"
 
 
@@ -257,27 +264,37 @@ def test_settings_that_make_no_sense_are_refused(tables: dict[str, Any], message
         scene_with(tmp_path, None, **tables)
 
 
+@pytest.fixture(scope="module")
+def wedge(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tetrahedron about 2 m wide."""
+    path = tmp_path_factory.mktemp("wedge") / "wedge.obj"
+    path.write_text("v -1 0 1\nv 1 0 1\nv 0 0 -1\nv 0 1 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    return path
+
+
+DRAW = {"samples": 1, "ambient_occlusion": False, "sun_samples": 4}
+
+
 def frame(folder: Path, mesh: Path, backend: str, plate: Floats, **shafts: Any) -> Floats:
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
     scene = scene_with(
-        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw={"samples": 5},
+        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8},
         shafts={"resolution": 32, "slices": 16, **shafts},
     )  # fmt: skip
     return uw.render_frame(plate, scene, 0.4, backend).image_linear
 
 
 @pytest.mark.usefixtures("gl")
-def test_both_renderers_draw_the_same_shafts(tmp_path: Path, whale: Path) -> None:
+def test_both_renderers_draw_the_same_shafts(tmp_path: Path, wedge: Path) -> None:
     plate = gradient_plate(SIZE, SIZE // 2)
     change = {}
     for backend in ("reference", "gl"):
-        bare = frame(tmp_path, whale, backend, plate, mode="off")
-        np.testing.assert_array_equal(frame(tmp_path, whale, backend, plate, strength=0.0), bare)
-        change[backend] = frame(tmp_path, whale, backend, plate, strength=3.0) - bare
+        bare = frame(tmp_path, wedge, backend, plate, mode="off")
+        change[backend] = frame(tmp_path, wedge, backend, plate, strength=3.0) - bare
     scale = np.abs(change["reference"]).max()
+    np.testing.assert_array_equal(frame(tmp_path, wedge, "gl", plate, strength=0.0), bare)
     assert scale > 1e-3
-    np.testing.assert_allclose(change["gl"], change["reference"], atol=RESOLVED * scale)
-    assert np.mean(np.abs(change["gl"] - change["reference"])) < 0.003 * scale
+    np.testing.assert_allclose(change["gl"], change["reference"], atol=DISTANCE * scale)
 
 
 def test_scenes_that_skip_them_import_nothing_of_them() -> None:
@@ -288,7 +305,7 @@ def test_scenes_that_skip_them_import_nothing_of_them() -> None:
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
-def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, whale: Path) -> None:
+def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -> None:
     """Frame 7 with a cache of frame 3, and without."""
     from mr360uw.render.backends import Reference
     from mr360uw.render.first_pass import ClipFacts
@@ -297,7 +314,7 @@ def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, whale: Path) -
 
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
     loaded = load(
-        scene_with(tmp_path, whale, light=given, caustics={"size": 32, "grid": 32}, draw={"samples": 5},
+        scene_with(tmp_path, wedge, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8},
                    shafts={"resolution": 32, "slices": 16}), SIZE, SIZE // 2,
     )  # fmt: skip
     plate = gradient_plate(SIZE, SIZE // 2)

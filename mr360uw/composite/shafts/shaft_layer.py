@@ -103,12 +103,14 @@ def _deviation(
     end_m = np.minimum(end_m, settings.range_m)
     found = np.zeros((len(rays), 3))
     if len(rays) and not scene.dark:
-        found += shaft_field(scene, light.grid(shot.view.width), rays, kept).radiance(rays, end_m)
-        # beside a dark shaft the cubic between the grid's nodes overshoots
-        if scene.pattern is None:
-            found = np.maximum(found, 0.0)
-        elif scene.pattern.caustics is None and not scene.lamps:
-            found = np.minimum(found, 0.0)
+        grid = light.grid(shot.view.width)
+        # beside bright and dark edges the cubic between the grid's nodes overshoots
+        if scene.pattern is not None:
+            of_sun = shaft_field(replace(scene, lamps=()), grid, rays, kept).radiance(rays, end_m)
+            found += np.minimum(of_sun, 0.0) if scene.pattern.caustics is None else of_sun
+        if scene.lamps:
+            lit = shaft_field(replace(scene, pattern=None), grid, rays, kept).radiance(rays, end_m)
+            found += np.maximum(lit, 0.0)
     if objects and settings.whole and sun is not None:
         cosine = rays @ unit(sun.direction)
         found += sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))

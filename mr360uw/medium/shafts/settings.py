@@ -49,6 +49,14 @@ class ShaftSettings(Parameters):
     )
     slices: int = parameter(32, "slices of the grid over distance", low=4, high=512)
 
+    def check(self, water_mode: str) -> None:
+        """Raise `ValueError` where the water's mode has all of the beam's light in its veil already."""
+        if self.whole and water_mode not in CLOSED_FORMS:
+            raise ValueError(
+                f"shafts.whole - the veil has the beam's light already (got water.mode {water_mode!r}) - take one of "
+                f"{', '.join(CLOSED_FORMS)}, or remove it"
+            )
+
     @property
     def why_off(self) -> str:
         """The reason why there is nothing to draw; "" where there may be."""
