@@ -223,7 +223,7 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
         (
             {"water": {"type": "9C"}},
             False,
-            " % of the veil is light of the beam scattered once, below shafts.threshold 0.5 %",
+            " % of the veil is light of the beam scattered once, below shafts.threshold 1 %",
         ),
         ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "by waves, bodies; 0."),
         ({"water": {"type": "9C"}, "lamp": [{}]}, True, "lamps"),
