@@ -62,7 +62,7 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
     height, width = layers[0].height, layers[0].width
     tiles = []
     for rectangle in merge([t.rectangle for layer in layers for t in layer.tiles]):
-        stack = [_crop(layer, rectangle) for layer in layers]
+        stack = [tile_of(layer, rectangle) for layer in layers]
         changed = np.stack([np.any(t.ratio != 1.0, axis=-1) for t in stack])[..., None]
         veil = np.stack([t.veil for t in stack])
         tiles.append(
@@ -100,8 +100,8 @@ def merge(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
     return [Rectangle(c0, r0, c1 - c0, r1 - r0) for c0, r0, c1, r1 in sorted(merged)]
 
 
-def _crop(layer: Layer, part: Rectangle) -> Tile:
-    """Return the part of a layer inside a rectangle as one tile."""
+def tile_of(layer: Layer, part: Rectangle) -> Tile:
+    """Return the part of a layer inside a rectangle as one tile, a copy; what no tile covers changes nothing."""
     column, row = part.column, part.row
     tile = empty_tile(part)
     if any(t.shafts is not None for t in layer.tiles):

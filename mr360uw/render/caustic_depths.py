@@ -15,6 +15,13 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 
+_WATER_LADDER = PlaneLadder(first=0.5, step=2.0)
+"""Planes of the water itself, every second one of those around objects: rays cross several and average over them. The
+first is 0.13 m deep."""
+_WATER_SIZE = 256
+"""Most pixels across the maps of these planes. Twice as many: no visible difference, in twice the time."""
+_SHALLOWEST_M = 0.15
+"""Depth [m] above which waves have not focused light yet: contrast grows linearly from the surface."""
 _OVERHEAD = np.array([0.0, 1.0, 0.0])
 """Direction of the sun under which short waves blur least."""
 
@@ -68,6 +75,24 @@ class CausticDepths:
         )  # fmt: skip
         ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
         return cls(ladder, ground, settings.model_copy(update={"size": size}))
+
+    def water_planes(self, shot: Shot, deepest_m: float) -> Floats:
+        """Return the depths (n,) [m] of the planes of the water between the camera and a shot's objects, ascending.
+
+        deepest_m: depth that they reach at least, then from the surface; 0: none.
+        """
+        camera = shot.view.surface_y_m - float(shot.view.position[1])
+        depths = [camera, *((_SHALLOWEST_M, deepest_m) if deepest_m > 0.0 else ())]
+        for placed in shot.objects:
+            levels = shot.view.surface_y_m - placed.to_world(placed.mesh.hull)[..., 1]
+            depths += [float(levels.min()), float(levels.max())]
+        span = tuple(max(depth, _SHALLOWEST_M) for depth in (min(depths), max(depths)))
+        return _WATER_LADDER.around([(span[0], span[1])])
+
+    @property
+    def of_water(self) -> CausticSettings:
+        """The settings of the caustics in the water itself: rays average over more than a pixel of their maps."""
+        return self.settings.model_copy(update={"size": min(self.settings.size, _WATER_SIZE)})
 
     def planes(self, shot: Shot) -> Floats:
         """Return the depths (n,) [m] of the planes that a shot needs, ascending."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,9 +21,12 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
-from mr360uw.render.shots import instants, layer_key, shot_at, with_caustics
+from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
+
+if TYPE_CHECKING:
+    from mr360uw.composite.shafts.shaft_light import ShaftLight
 
 T = TypeVar("T")
 
@@ -81,8 +84,9 @@ def frame_stages(
         for instant_s, then in instants(loaded, now, time_s, shutter_s):
             bare = shot_at(then, light, pattern, water, instant_s, index, kept)
             shot = with_caustics(then, backend, bare, instant_s, kept)
-            drawn = partial(_drawn, backend, shot, index, variables)
-            layer, found = kept.get("layer", layer_key(shot, variables), drawn)
+            shafts = shafts_of(then, backend, shot, instant_s, kept)
+            drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
+            layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
             layers.append(layer)
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame
@@ -92,8 +96,14 @@ def frame_stages(
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
 
 
-def _drawn(backend: Backend, shot: Shot, index: int, variables: bool) -> tuple[Layer, Aovs | None]:
+def _drawn(
+    backend: Backend, shot: Shot, shafts: ShaftLight | None, index: int, variables: bool, kept: Cache
+) -> tuple[Layer, Aovs | None]:
     layer, found = backend.layer(shot, variables=variables)
+    if shafts is not None:
+        from mr360uw.composite.shafts.shaft_layer import with_shafts
+
+        layer, found = with_shafts(shot, shafts, layer, found, kept)
     return finite("layer", index, layer), found
 
 

@@ -7,6 +7,7 @@ scene with keys, from one instant to the next.
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from typing import TypeVar
 from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
+from mr360uw.medium import Medium
 from mr360uw.reading.files_read import files_read
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
@@ -183,7 +185,11 @@ class Loader:
             for number, placed in enumerate(objects)
         )
         medium = surroundings.medium
-        return make_plan(scene, facts, None if medium is None else medium.unit_table, clip=self._clip)
+        if medium is None:
+            return make_plan(scene, facts, None, clip=self._clip)
+        shallowest_m = surroundings.camera.depth_m - surroundings.camera.highest_m
+        share = functools.partial(_beam_share, medium, shallowest_m)
+        return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
     def _receiver(self, scene: Scene) -> ReceiverClip | None:
         return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size)
@@ -192,6 +198,12 @@ class Loader:
 def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     """Return one scene loaded by a `Loader`."""
     return Loader(width, height, clip=clip).load(scene)
+
+
+def _beam_share(medium: Medium, depth_m: float) -> float:
+    from mr360uw.medium.shafts.beam_share import beam_share
+
+    return beam_share(medium, depth_m)
 
 
 def _notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ visible) are found frame by frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,6 +21,7 @@ from mr360uw.types import MediumTable
 
 _NEGLIGIBLE_BEAM = 0.002
 """Fraction of the surface's beam below which caustics and shadows are less than half an 8-bit code value."""
+Share = Callable[[], float] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,7 @@ class Plan:
     lamps: Stage
     caustics: Stage
     glossy: Stage
+    shafts: Stage
     shadow: Stage
     pattern: Stage
     occlusion: Stage
@@ -79,18 +81,26 @@ class ObjectFacts:
     moves: bool
 
 
-def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTable | None, *, clip: bool = True) -> Plan:
-    """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame."""
+Facts = tuple[ObjectFacts, ...]
+
+
+def make_plan(
+    scene: Scene, objects: Facts, medium: MediumTable | None, share: Share = None, *, clip: bool = True
+) -> Plan:
+    """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame.
+
+    share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
+    """
     visible, light = bool(objects), scene.light
     beam = _beam_at_objects(objects, medium)
     sun = _sun(light, visible, beam)
     gain = _gain(scene, visible, medium)
     first_pass = clip and light.smooth
-    receiver = scene.receiver
-    shadow = _stage(
-        sun.runs and receiver is not None and receiver.shadow,
-        "the receiver catches shadows",
-        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+    receiver, shadow = scene.receiver, _shadow(scene, lit=sun.runs)
+    caustics = _stage(
+        sun.runs and medium is not None and scene.caustics.enabled,
+        f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
+        "switched off" if not scene.caustics.enabled else "needs a sun and water",
     )
     return Plan(
         environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
@@ -104,16 +114,13 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
             "nothing to fit" if not gain.runs else "frame by frame: light.smooth is off" if clip else "one picture",
         ),
         lamps=_stage(visible and len(scene.lamps) > 0, f"{len(scene.lamps)} of the scene", "the scene has none"),
-        caustics=_stage(
-            sun.runs and medium is not None and scene.caustics.enabled,
-            f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
-            "switched off" if not scene.caustics.enabled else "needs a sun and water",
-        ),
+        caustics=caustics,
         glossy=_stage(
             visible and any(facts.glossy for facts in objects),
             "a material is smoother than diffuse",
             "every material is diffuse" if visible else "nothing to light",
         ),
+        shafts=_shafts(scene, visible, medium, share, lit=sun.runs, waves=caustics.runs),
         shadow=shadow,
         pattern=_stage(
             shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
@@ -170,6 +177,32 @@ def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
         else 'light.sun = "none"' if light.sun == "none"
         else f"{100 * beam:.2f} % of the beam reaches the objects",
     )  # fmt: skip
+
+
+def _shadow(scene: Scene, *, lit: bool) -> Stage:
+    receiver = scene.receiver
+    return _stage(
+        lit and receiver is not None and receiver.shadow,
+        "the receiver catches shadows",
+        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
+    )
+
+
+def _shafts(scene: Scene, visible: bool, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool) -> Stage:
+    settings, lamps = scene.shafts, len(scene.lamps)
+    shading = any(placed.casts_shadow for placed in scene.objects)
+    if not visible or medium is None or settings.why_off:
+        return Stage(False, "no objects" if not visible else settings.why_off or 'water is "none"')
+    if not lamps and not (lit and (waves or shading)):
+        return Stage(False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam")
+    of_beam = 1.0 if share is None else share()
+    if of_beam == 0.0 and not lamps:
+        return Stage(False, "the water does not scatter")
+    by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
+    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
+    if settings.mode == "auto" and of_beam < settings.threshold and not lamps:
+        return Stage(False, f"{number}, below shafts.threshold {100 * settings.threshold:g} %")
+    return Stage(True, f"by {', '.join(by)}; {number}")
 
 
 def _occlusion(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:

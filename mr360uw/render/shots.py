@@ -6,11 +6,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Hashable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mr360uw.cache import Cache, Same
 from mr360uw.caustics import refract_to_air
+from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import PlacedObject, Shot
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -22,8 +24,13 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.types import Floats, Light, MediumTable, Sun
 
+if TYPE_CHECKING:
+    from mr360uw.composite.shafts.shaft_light import ShaftLight
+
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
+_DEEPER = 3.0
+"""How far below the camera waves are followed for the whole plate, in lengths over which daylight falls to 1/e."""
 _NOT_OF_LAYERS = {name: DrawSettings.model_fields[name].default for name in ("grain", "motion_samples", "shutter")}
 """Settings of drawing that the layer of one instant does not depend on."""
 
@@ -76,37 +83,75 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, k
 
     kept: holds caustics of the same backend.
     """
-    sun = sun_of(shot) if loaded.plan.caustics.runs else None
-    if sun is None:
-        return shot
-    index = loaded.scene.water.refractive_index
-    sun_in_air = refract_to_air(sun.direction, index)
-    if sun_in_air[1] < _LOWEST_SUN:
+    sun_in_air = _caustic_sun(loaded, shot)
+    if sun_in_air is None:
         return shot
     depths = loaded.caustic_depths
-    medium = loaded.surroundings.medium
-    spread = spread_of(medium) if medium is not None and depths.settings.water_blur else None
-    sea, planes = loaded.scene.sea, depths.planes(shot)
-    key = _caustics_key(loaded, sun_in_air, planes, time_s)
-    make = functools.partial(backend.caustics, sea, sun_in_air, planes, time_s, depths.settings, index, spread)
+    planes, settings = depths.planes(shot), depths.settings
+    key = _caustics_key(loaded, settings, sun_in_air, planes, time_s)
+    make = functools.partial(_caustics, loaded, backend, settings, sun_in_air, planes, time_s)
     return dataclasses.replace(shot, caustics=kept.get("caustics", key, make))
 
 
-def _caustics_key(loaded: Loaded, sun_in_air: Floats, depths_m: Floats, time_s: float) -> Hashable:
+def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> ShaftLight | None:
+    """Return what the shafts of a shot depend on beside it; None where the plan has none, or the camera is not below.
+
+    kept: holds caustics of the same backend.
+    """
+    settings, camera_m = loaded.scene.shafts, shot.view.depth_of(np.zeros(3))
+    if not (loaded.plan.shafts.runs and not settings.why_off) or camera_m < 0.0:
+        return None
+    medium = loaded.surroundings.medium_at(time_s)
+    if medium is None:
+        return None
+    from mr360uw.composite.shafts.shaft_light import ShaftLight
+
+    sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths
+    if sun_in_air is None:
+        return ShaftLight(settings, medium)
+    deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
+    planes = depths.water_planes(shot, deepest_m)
+    of_water = depths.of_water
+    key = _caustics_key(loaded, of_water, sun_in_air, planes, time_s)
+    make = functools.partial(_caustics, loaded, backend, of_water, sun_in_air, planes, time_s)
+    return ShaftLight(settings, medium, kept.get("water caustics", key, lambda: backend.download(make())))
+
+
+def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
+    """Return the direction (3,) towards a shot's sun in air; None where it makes no caustics."""
+    sun = sun_of(shot) if loaded.plan.caustics.runs else None
+    if sun is None:
+        return None
+    sun_in_air = refract_to_air(sun.direction, loaded.scene.water.refractive_index)
+    return sun_in_air if sun_in_air[1] >= _LOWEST_SUN else None
+
+
+def _caustics(
+    loaded: Loaded, backend: Backend, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
+) -> Any:
+    medium, scene = loaded.surroundings.medium, loaded.scene
+    spread = spread_of(medium) if medium is not None and settings.water_blur else None
+    return backend.caustics(scene.sea, sun_in_air, depths_m, time_s, settings, scene.water.refractive_index, spread)
+
+
+def _caustics_key(
+    loaded: Loaded, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
+) -> Hashable:
     """Return the key of a backend's caustics of a scene. sun_in_air: (3,). depths_m: (n,)."""
-    scene, settings = loaded.scene, loaded.caustic_depths.settings
+    scene = loaded.scene
     spread = loaded.surroundings.medium if settings.water_blur else None
     where = sun_in_air.tobytes(), depths_m.tobytes(), time_s
     return scene.sea, settings, scene.water.refractive_index, spread, where
 
 
-def layer_key(shot: Shot, variables: bool) -> Hashable:
-    """Return the key of a shot's layer: all that it depends on."""
+def layer_key(shot: Shot, shafts: ShaftLight | None, variables: bool) -> Hashable:
+    """Return the key of a shot's layer, with its shafts: all that it depends on."""
     mattes = Same(shot.holdout), Same(shot.holdout_distance_m)
     return (
         shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(_content, shot.lights)),
         shot.medium, Same(shot.caustics), shot.receiver, mattes, shot.pattern,
-        shot.draw.model_copy(update=_NOT_OF_LAYERS), variables,
+        shot.draw.model_copy(update=_NOT_OF_LAYERS),
+        None if shafts is None else shafts.key, variables,
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ from mr360uw.composite.settings import (
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
+from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.key_problems import check_keys
@@ -111,6 +112,7 @@ class Scene(Parameters):
     light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     sea: Sea = parameter(GerstnerSea(), "the water surface")
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
+    shafts: ShaftSettings = parameter(ShaftSettings(), "light in the water, and bodies' shadows in it")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"
@@ -128,7 +130,8 @@ class Scene(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _keys_fit(self) -> Scene:
+    def _tables_fit(self) -> Scene:
+        self.shafts.check(self.water.mode)
         check_keys(self, self.keys)
         return self
 

@@ -20,8 +20,8 @@ from tests.composite import tolerances as tol
 from tests.composite.scenes import medium, placed, plate, shot, sphere
 
 COLOURS = (
-    "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "shadow_ratio", "shafts",
-    "receiver_difference",
+    "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "shafts", "transmittance",
+    "shadow_ratio", "plate_shafts", "receiver_difference",
 )  # fmt: skip
 EXPECTED = {
     "rgba": ("half", "A B G R"),

@@ -86,7 +86,7 @@ RETURNS: Returns = {
         lambda b: medium.single_scattering(VIEW, filled(*b[:1]), 0.1, "petzold", SUN), lambda b: (2, 4, *b[:1]),
     ),
     "shaft_deviation": (lambda _: medium.shaft_deviation(VIEW, MEDIUM, SUN, grid=GRID), lambda _: (2, 4, 3)),
-    "shaft_field": (lambda _: medium.shaft_field(SCENE, GRID).table, lambda _: (6, 4, 4, 3)),
+    "shaft_field": (lambda _: medium.shaft_field(SCENE, GRID).table, lambda _: (8, 4, 3)),
     "ShaftField.radiance": (
         lambda _: medium.shaft_field(SCENE, GRID).radiance(towards((5,)), filled(5)), lambda _: (5, 3),
     ),

@@ -31,7 +31,7 @@ class BeamPattern:
     """Bodies and waves between the sun and points in the world.
 
     surface_y_m: height of the mean water surface. samples: directions over the sun's disc. spread_rad: standard
-    deviation of the directions of light that has turned by small angles; four times as many directions sample it.
+    deviation of the directions of light that has turned by small angles; eight times as many directions sample it.
     """
 
     sun: Sun
@@ -58,11 +58,11 @@ class BeamPattern:
 
         V is a mean over the segments `along` (n, 3) [m] about the points, C over footprints (n,) [m].
         """
-        return self._ratio(self._levels, point, footprint_m) * self._seen(point, self._disc, along)[:, None]
+        return self._ratio(self._levels, point, footprint_m) * self._seen(point, self.disc, along)[:, None]
 
     def soft(self, point: Array, along: Array, footprint_m: Floats | float = 0.0) -> Array:
         """Return B V_halo (n, 3) at points (n, 3) in the world; arguments as for `sharp`."""
-        return self._ratio(self._soft_levels, point, footprint_m) * self._seen(point, self._halo, along)[:, None]
+        return self._ratio(self._soft_levels, point, footprint_m) * self._seen(point, self.halo, along)[:, None]
 
     def _ratio(self, levels: list[Floats], point: Array, footprint_m: Floats | float) -> Array:
         if self.caustics is None or not levels:
@@ -85,10 +85,12 @@ class BeamPattern:
         return [] if self.caustics is None or self.caustics.soft is None else mip_levels(self.caustics.soft)
 
     @functools.cached_property
-    def _disc(self) -> Array:
+    def disc(self) -> Array:
+        """Directions (samples, 3) over the sun's disc."""
         return disc_directions(unit(self.sun.direction), self.sun.half_angle_rad, self.samples)
 
     @functools.cached_property
-    def _halo(self) -> Array:
+    def halo(self) -> Array:
+        """Directions (8 samples, 3) that light which has turned by small angles comes from."""
         wide = float(effective_half_angle(self.sun.half_angle_rad, self.spread_rad))
-        return disc_directions(unit(self.sun.direction), wide, 4 * self.samples)
+        return disc_directions(unit(self.sun.direction), wide, 8 * self.samples)

@@ -57,7 +57,6 @@ def shaft_deviation(
     end_m: ArrayLike | None = None,
     grid: FroxelGrid | None = DEFAULT_GRID,
     steps: int = STEPS,
-    frame: int = 0,
     spread_rad: float = SPREAD_RAD,
     sun_samples: int = SUN_SAMPLES,
 ) -> Floats:
@@ -66,7 +65,7 @@ def shaft_deviation(
     sun: direction in the water, irradiance (3,) at the camera. bodies: as in `single_scattering`. caustics: of the same
     sun; its planes should reach from near the surface to where light fades. lamps: in the world. end_m: (H, W) or
     a number, distance [m] at which rays end besides the surface and the bodies. grid: of froxels; None marches every
-    pixel in `steps` segments. frame: index that places the grid's samples; 0 is the middle. spread_rad: standard
+    pixel in `steps` segments. spread_rad: standard
     deviation of the directions of light that has turned by small angles. sun_samples: directions over the sun's disc.
     Exactly zero without lamps where neither bodies nor caustics are given. Raises `ParameterError`.
     """
@@ -80,7 +79,7 @@ def shaft_deviation(
     elif grid is None:
         radiance = march(scene, directions, ends, steps)
     else:
-        radiance = shaft_field(scene, grid, frame).radiance(directions, ends)
+        radiance = shaft_field(scene, grid, directions).radiance(directions, ends)
     return radiance.reshape(view.height, view.width, 3)
 
 

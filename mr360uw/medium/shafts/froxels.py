@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shafts on a spherical grid about the camera: longitude, latitude and distance (Hillaire 2015, on a sphere).
+"""Shafts on a spherical grid about the camera whose pole is the sun: angle from it, angle about it, distance.
 
-Nodes lie in the middle of the pixels of a coarse equirectangular frame in the world's axes. Along each, distances are
-divided into slices of equal transmittance of the clearest wavelength, up to the surface or to where no light is left,
-and each slice into `samples` segments (`ShaftScene.segments`). The table holds the light from the camera to every
-slice.
+All structure of shafts runs towards the sun. Rays at one angle about it lie in a plane with it and meet the same beams,
+and what bodies shade ends along such planes; with the angle from it light changes slowly. Only nodes that the pixels
+asked for read are computed (`beam_kernel`), each with its distances divided into slices of equal transmittance of the
+clearest wavelength, up to the surface or to where no light is left. The table holds the light from the camera to every
+slice. The light of lamps is added on the same nodes; without sun the pole is up.
 
-A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), periodic in longitude and continued over the
-poles, up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
+A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), periodic about the pole and continued over it,
+up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
 distance is what the pixel's ray sees, so the edges of bodies do not leak and need no search for nodes of like depth.
 Rays of different height reach the surface at different distances: at the fraction x of its own way there a pixel reads
 a node farther by x^2 of the difference, so that both end at the surface.
@@ -20,105 +21,113 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
-from mr360uw.medium.shafts.beam_pattern import MOST_POINTS
-from mr360uw.medium.shafts.ray_segments import fraction_at, radius_at
+from mr360uw.medium.shafts.field_kernel import mark_nodes, read_field
+from mr360uw.medium.shafts.lamp_field import LampField
+from mr360uw.medium.shafts.ray_segments import radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.sphere import direction_from_frame, frame_from_direction
+from mr360uw.medium.shafts.sun_beam import SunBeam
+from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, unit
 
 Array = NDArray[np.float64]
 
-_SHIFTS = np.array([0.7549, 0.5698])
-"""Steps of the samples' places from frame to frame, in columns and segments: the additive sequence in two dimensions
-of least discrepancy (1/g and 1/g^2, g^3 = g + 1)."""
+_TOGETHER = 1 << 13
+"""Nodes computed together, which bounds memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class FroxelGrid:
-    """Size of a grid: rows of latitude, columns of longitude, slices of distance kept, samples in each slice."""
+    """Size of a grid: rows of the angle from the sun, columns about it, slices of distance."""
 
     rows: int
     columns: int
     slices: int
-    samples: int = 1
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.columns, self.slices) < 2 or self.samples < 1 or self.columns % 2:
+        if min(self.rows, self.columns, self.slices) < 2 or self.columns % 2:
             raise ParameterError(
-                f"grid - needs two rows, columns and slices or more, a sample, even columns (got {self}) - enlarge it"
+                f"grid - needs two rows, columns and slices or more, even columns (got {self}) - enlarge it"
             )
 
 
-DEFAULT_GRID = FroxelGrid(256, 512, 96, 2)
-"""Error over the rms of the deviation: see docs/medium.md. Half as many rows and columns: two to three times the
-error, an eighth of the time."""
+DEFAULT_GRID = FroxelGrid(384, 1024, 32)
+"""Error over the rms of the deviation: see docs/medium.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShaftField:
-    """Deviation of the light in the water about a camera. table: (rows + 4, columns, slices + 1, 3), from the camera up
-    to a slice; two rows more at each pole. scene: its camera and water. shift: of the nodes in columns.
+    """Deviation of the light in the water about a camera.
+
+    table: (n, slices + 1, 3) of n nodes, from the camera up to a slice. node: (rows, columns) index of a node in it, -1
+    for those left out. rate, reach: (n,) of nodes, see `ShaftScene.layout`. pole: (3, 3) rows right, pole, back of the
+    grid's own axes. scene: its camera and water.
     """
 
     scene: ShaftScene
-    table: Array
-    shift: float
+    table: NDArray[np.float32]
+    node: NDArray[np.int32]
+    rate: Array
+    reach: Array
+    pole: Array
 
     def radiance(self, directions: Array, distance_m: Array) -> Array:
-        """Return the deviation (m, 3) of rays (m, 3) from the camera up to distances (m,) [m]."""
-        rows, columns, slices = self.table.shape[0] - 4, self.table.shape[1], self.table.shape[2] - 1
-        x, y = frame_from_direction(directions, columns, rows)
-        x, y = x - 0.5 - self.shift, y + 1.5
-        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        """Return the deviation (m, 3) of rays (m, 3) from the camera up to distances (m,) [m].
+
+        Raises `ParameterError` for rays that the field was not made for.
+        """
+        rows, columns = self.node.shape
+        x, y = frame_from_direction(directions @ self.pole.T, columns, rows)
         _, reach = self.scene.layout(directions[:, 1])
-        s = np.minimum(distance_m, reach)
-        part = np.divide(s, reach, out=np.zeros(len(s)), where=reach > 0.0)
         result = np.zeros((len(directions), 3))
-        for row_weight, dj in zip(_cubic(y - j), range(-1, 3), strict=True):
-            row = np.clip(j + dj, 0, rows + 3)
-            rate, own = self.scene.layout(_row_up(row, rows))
-            t = fraction_at(np.clip(s + part * part * (own - reach), 0.0, own), rate, own) * slices
-            k = np.minimum(t.astype(np.int64), slices - 1)
-            f = (t - k)[:, None]
-            for column_weight, di in zip(_cubic(x - i), range(-1, 3), strict=True):
-                column = (i + di) % columns
-                near, far = self.table[row, column, k], self.table[row, column, k + 1]
-                result += (row_weight * column_weight)[:, None] * (near + (far - near) * f)
+        ends = np.minimum(distance_m, reach)
+        if not read_field(self.table, self.node, self.rate, self.reach, x, y, reach, ends, result):
+            raise ParameterError("directions - the field was made for other rays - give all of them to shaft_field")
         return result
 
 
-def _cubic(f: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the weights (n,) of four neighbours at a fraction f between the inner two (Keys 1981)."""
-    return (
-        0.5 * f * (f * (2.0 - f) - 1.0), 0.5 * (f * f * (3.0 * f - 5.0) + 2.0),
-        0.5 * f * (f * (4.0 - 3.0 * f) + 1.0), 0.5 * f * f * (f - 1.0),
-    )  # fmt: skip
+def shaft_field(
+    scene: ShaftScene,
+    grid: FroxelGrid = DEFAULT_GRID,
+    directions: Array | None = None,
+    kept: Cache | None = None,
+) -> ShaftField:
+    """Return the shafts about a scene's camera on a grid, for rays (m, 3); None: for all.
+
+    kept: holds what does not change from frame to frame.
+    """
+    pole = _pole(scene)
+    node = np.full((grid.rows, grid.columns), -1, np.int32)
+    if directions is None:
+        node[:] = 0
+    else:
+        mark_nodes(*frame_from_direction(directions @ pole.T, grid.columns, grid.rows), node)
+    column, row = np.nonzero(node.T >= 0)
+    node[row, column] = np.arange(len(row), dtype=np.int32)
+    rays = direction_from_frame(column + 0.5, row + 0.5, grid.columns, grid.rows) @ pole
+    rate, reach = scene.layout(rays[:, 1])
+    table = np.zeros((len(rays), grid.slices + 1, 3), np.float32)
+    beam = (
+        None
+        if scene.pattern is None
+        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if kept is None else kept)
+    )
+    lamps = [LampField.of(scene, lamp) for lamp in scene.lamps]
+    for start in range(0, len(rays), _TOGETHER):
+        part = slice(start, start + _TOGETHER)
+        light = np.zeros((len(rays[part]), grid.slices, 3))
+        if beam is not None:
+            beam.add(rays[part], rate[part], reach[part], column[part], 2.0 * np.pi / grid.columns, light)
+        if lamps:
+            edge = radius_at(np.arange(grid.slices + 1) / grid.slices, rate[part, None], reach[part, None])
+            for lamp in lamps:
+                lamp.add(scene, rays[part], edge, light)
+        table[part, 1:] = np.cumsum(light, axis=1)
+    return ShaftField(scene, table, node, rate, reach, pole)
 
 
-def _row_up(row: NDArray[np.int64], rows: int) -> Array:
-    """Return the height of the directions of table rows (n,); the rows beyond the poles mirror those before them."""
-    inside = np.minimum(np.abs(row - 1.5), rows - np.abs(row - 1.5 - rows))
-    return np.asarray(np.sin(np.pi * (0.5 - inside / rows)))
-
-
-def shaft_field(scene: ShaftScene, grid: FroxelGrid = DEFAULT_GRID, frame: int = 0) -> ShaftField:
-    """Return the shafts about a scene's camera on a grid. frame: index that places the samples; 0 is the middle."""
-    turn, along = np.remainder(0.5 + frame * _SHIFTS, 1.0) - 0.5
-    count = grid.slices * grid.samples
-    table = np.zeros((grid.rows + 4, grid.columns, grid.slices + 1, 3))
-    t = np.arange(count + 1) / count
-    batch = max(MOST_POINTS // count, 1)
-    for row in range(grid.rows):
-        directions = direction_from_frame(np.arange(grid.columns) + 0.5 + turn, row + 0.5, grid.columns, grid.rows)
-        rate, reach = scene.layout(directions[:1, 1])
-        edge = radius_at(t, rate[:, None], reach[:, None])
-        for start in range(0, grid.columns, batch):
-            part = slice(start, start + batch)
-            light = scene.segments(directions[part], edge, 0.5 + along, np.pi / grid.rows)
-            slices = light.reshape(len(light), grid.slices, grid.samples, 3).sum(axis=2)
-            table[row + 2, part, 1:] = np.cumsum(slices, axis=1)
-    half = grid.columns // 2
-    for beyond in range(2):
-        table[1 - beyond] = np.roll(table[2 + beyond], half, axis=0)
-        table[-2 + beyond] = np.roll(table[-3 - beyond], half, axis=0)
-    return ShaftField(scene, table, float(turn))
+def _pole(scene: ShaftScene) -> Array:
+    """Return the grid's axes; the pole is the sun, or up without one."""
+    towards = np.array([0.0, 1.0, 0.0]) if scene.pattern is None else unit(scene.pattern.sun.direction)
+    right, back, up = basis(towards)
+    return np.stack([right, up, back])

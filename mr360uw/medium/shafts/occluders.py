@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _BEYOND_M = 1e-4
 """How far [m] behind a hit the next one is searched for: above the roundings of rays, below the size of a body."""
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Step from place to place along a segment, as a fraction of it."""
 
 
@@ -74,7 +74,7 @@ class Bodies:
         along: (n, 3) [m] of straight segments about the points, over which the fraction is averaged: each direction is
         tested from its own place.
         """
-        places = np.remainder(np.arange(len(directions)) * _GOLDEN + 0.5, 1.0) - 0.5
+        places = np.remainder(np.arange(len(directions)) * GOLDEN + 0.5, 1.0) - 0.5
         blocked = np.zeros((len(directions), len(point)), np.bool_)
         axis = directions.mean(axis=0)
         axis = axis / np.linalg.norm(axis)
@@ -108,12 +108,14 @@ def _meets_cone(to_centre: Array, axis: Array, cosine: float, radius: Floats | f
     return np.asarray((along > -radius) & (across <= radius / cosine + np.maximum(along, 0.0) * tangent))
 
 
-def bodies_of(bodies: Sequence[Any] | Any) -> Bodies:
+def bodies_of(bodies: Sequence[Any] | Bodies) -> Bodies:
     """Return bodies that are given as triangles (T, 3, 3) [m] in the world, objects with such `triangles`, or
     `Occluder`s.
 
     Raises `ParameterError` for anything else.
     """
+    if isinstance(bodies, Bodies):
+        return bodies
     occluders: list[Occluder] = []
     centres, radii = [np.zeros((0, 3))], []
     for body in bodies:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.medium import Medium
+from mr360uw.medium.phase import Phase
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.lamp_rays import lamp_segments
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
@@ -31,7 +32,10 @@ from mr360uw.types import CausticStack, Lamp, Sun, View
 Array = NDArray[np.float64]
 
 SPREAD_RAD = float(np.radians(5.0))
-"""Standard deviation of the directions of light that has turned by small angles: that of `draw.sun_spread_deg`."""
+"""Standard deviation of the directions of light that has turned by small angles, where no scene says it
+(`draw.sun_spread_deg`)."""
+_WIDEST_RAD = float(np.radians(30.0)) + 1e-9
+"""Widest spread, the most that `draw.sun_spread_deg` allows."""
 SUN_SAMPLES = 4
 """Directions over the sun's disc: its shadow's edge is 7 cm wide 10 m behind a body, less than a segment."""
 _LAMP_POINTS = 2
@@ -66,24 +70,29 @@ class ShaftScene:
         view: View,
         medium: Medium,
         sun: Sun | None,
-        bodies: Sequence[Any] = (),
+        bodies: Sequence[Any] | Bodies = (),
         caustics: CausticStack | None = None,
         lamps: Sequence[Lamp] = (),
         spread_rad: float = SPREAD_RAD,
         sun_samples: int = SUN_SAMPLES,
+        phase: Phase | None = None,
     ) -> ShaftScene:
-        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`."""
-        if sun_samples < 1 or not 0.0 <= spread_rad < 0.5:
+        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`.
+
+        phase: of the particles, for the angle by which light turns to the camera alone; None: the water's.
+        """
+        if sun_samples < 1 or not 0.0 <= spread_rad <= _WIDEST_RAD:
             raise ParameterError(
-                f"shafts - sun_samples must be 1 or more, spread_rad in [0, 0.5) (got {sun_samples}, {spread_rad})"
-                " - correct them"
+                f"shafts - sun_samples must be 1 or more, spread_rad in [0, {_WIDEST_RAD:.3f}] (got {sun_samples}, "
+                f"{spread_rad}) - correct them"
             )
+        water = ShaftWater.of(medium) if phase is None else replace(ShaftWater.of(medium), phase=phase)
         solid, pattern = bodies_of(bodies), None
         if sun is not None and sun.direction[1] > 0.0:
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
-            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            water, np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
             tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
         )  # fmt: skip
@@ -127,8 +136,13 @@ class ShaftScene:
                 light = whole[:, :, kind] * (soft - 1.0) + sharp[:, :, kind] * (crisp - soft)
                 result += turned[:, None, kind, None] * light
             result *= self.pattern.sun.irradiance
+        return result + self.lamp_light(directions, np.broadcast_to(edge_m, (count[0], count[1] + 1)))
+
+    def lamp_light(self, directions: Array, edge_m: Array) -> Array:
+        """Return the light of lamps (m, k, 3) in segments of rays (m, 3) with edges (m, k + 1)."""
+        result = np.zeros((len(directions), edge_m.shape[1] - 1, 3))
         for lamp in self.lamps:
-            result += self._lamp_segments(lamp, directions, np.broadcast_to(edge_m, (count[0], count[1] + 1)))
+            result += self._lamp_segments(lamp, directions, edge_m)
         return result
 
     def _before_bodies(self, directions: Array, edge_m: Array) -> Array:
@@ -156,20 +170,20 @@ class ShaftScene:
             light.reshape(-1)[lit] *= seen
         x = table_coordinate(at.path_m, self.length_m) * (_PATHS - 1)
         i = np.minimum(x.astype(np.int64), _PATHS - 2)
-        log = self._over_path[i] + (self._over_path[i + 1] - self._over_path[i]) * (x - i)[..., None, None]
-        turned = self.water.turned(at.cosine)
-        radiance = np.einsum("sp,spj,spjk->spk", light, turned, np.exp(log))
-        if lamp.attenuation is not None:
-            own = linear(lamp.attenuation, table_coordinate(at.path_m, self.length_m)) * at.path_m[..., None]
-            white = -np.log(
-                np.maximum(np.exp(-self.water.extinction * at.path_m[..., None]) @ self.water.weight, 1e-300)
-            )
-            radiance *= np.exp(np.clip(white - own, -40.0, 40.0))
-        return np.asarray(lamp.intensity * radiance.sum(axis=1)).reshape(rays, slices, 3)
+        table = self.path_light(lamp)
+        log = table[i] + (table[i + 1] - table[i]) * (x - i)[..., None, None]
+        radiance = np.einsum("sp,spj,spjk->sk", light, self.water.turned(at.cosine), np.exp(log))
+        return np.asarray(lamp.intensity * radiance).reshape(rays, slices, 3)
 
-    @functools.cached_property
-    def _over_path(self) -> Array:
-        """Logarithm (_PATHS, 2, 3) of `ShaftWater.over_path`."""
+    def path_light(self, lamp: Lamp) -> Array:
+        """Return logarithms (paths, 2, 3) of `ShaftWater.over_path` for the light of a lamp, for paths S from it to the
+        camera at even steps of S/(S + length_m).
+        """
         t = np.arange(_PATHS) / (_PATHS - 1)
         path = self.length_m * t / np.maximum(1.0 - t, 1e-4)
-        return np.asarray(np.log(np.maximum(self.water.over_path(path), 1e-300)))
+        log = np.log(np.maximum(self.water.over_path(path), 1e-300))
+        if lamp.attenuation is None:
+            return np.asarray(log)
+        white = np.exp(-self.water.extinction * path[:, None]) @ self.water.weight
+        coloured = -np.log(np.maximum(white, 1e-300)) - linear(lamp.attenuation, t) * path[:, None]
+        return np.asarray(log + np.clip(coloured, -40.0, 40.0)[:, None])

@@ -14,6 +14,7 @@ whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. T
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,11 +24,9 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
+from mr360uw.medium.shafts.settings import CLOSED_FORMS
 
 Array = NDArray[np.float64]
-
-_CLOSED_FORMS = ("kd", "kd+", "rgb")
-"""Modes whose veil scatters isotropically and counts all scattered light as lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +52,15 @@ class ShaftWater:
         b = np.asarray(water.scattering(nm), np.float64)
         molecules = np.zeros(len(nm)) if water.molecular is None else np.asarray(water.molecular(nm), np.float64)
         model, weight = medium.model, medium.bands.lobes
-        if medium.mode in _CLOSED_FORMS:
+        if medium.mode in CLOSED_FORMS:
             return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
         return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
+
+    @property
+    def key(self) -> Hashable:
+        """A value that is equal for equal water."""
+        values = (self.extinction, self.attenuation, self.molecules, self.particles, self.weight)
+        return self.phase, self.wide, *(value.tobytes() for value in values)
 
     def averaged(self) -> ShaftWater:
         """Return three bands instead: albedo and mean free path weighted by each channel's sensitivity (Monzon 2022).

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the shafts of a shot depend on beside the shot itself, and their scenes before and behind its objects.
+
+The plate has the shafts of its own waves already: over it only what bodies take away and lamps add is drawn, unless
+`on_plate` asks for all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.cache import Cache, Same
+from mr360uw.composite.lighting.sun import spread_rad, sun_of
+from mr360uw.composite.raycast.geometry import occluding
+from mr360uw.composite.shot import Shot
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.shafts.froxels import FroxelGrid
+from mr360uw.medium.shafts.occluders import bodies_of
+from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
+from mr360uw.medium.shafts.shaft_scene import ShaftScene
+from mr360uw.types import CausticStack, Lamp
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftLight:
+    """Water, waves and settings of shafts.
+
+    medium: of the shot's depth. caustics: of its sun, from the camera's depth to the objects'; None without waves.
+    """
+
+    settings: ShaftSettings
+    medium: Medium
+    caustics: CausticStack | None = None
+
+    @property
+    def key(self) -> Hashable:
+        """A value that is equal for the same light in the water of the same shot."""
+        return self.settings, Same(self.medium), Same(self.caustics)
+
+    def grid(self, width: int) -> FroxelGrid:
+        """Return the size of the grid for a frame that is `width` pixels wide: at most one node for two pixels."""
+        columns = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 8 * 8
+        return FroxelGrid(3 * columns // 8, columns, self.settings.slices)
+
+    def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
+        """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
+        settings, nowhere = self.settings, np.zeros(3)
+        standing = tuple((placed.key, placed.casts_shadow) for placed in shot.casters)
+        bodies = kept.get(
+            "shaft bodies", standing, lambda: bodies_of([occluding([placed], nowhere) for placed in shot.casters])
+        )
+        lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
+        phase = None if settings.phase == "water" else ("hg", settings.phase)
+        before = ShaftScene.of(
+            shot.view, self.medium, sun_of(shot), bodies, self.caustics, lamps, spread_rad(shot), phase=phase
+        )
+        if settings.on_plate or before.pattern is None or self.caustics is None:
+            return before, before
+        still = dataclasses.replace(before.pattern, caustics=None)
+        return before, dataclasses.replace(before, pattern=None if still.even else still)

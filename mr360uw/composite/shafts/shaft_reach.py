@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of the frame in which light in the water before the plate changes enough to be drawn.
+
+The frame is divided into cells, and the light in their middles is read from a coarse grid. A cell is drawn where that
+light, or a neighbour's, reaches a third of the threshold. A shaft too thin for the coarse grid is too thin to be seen:
+what it adds falls with the length of the ray within it, as its width does.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.composite.lighting.surfaces import water_ahead
+from mr360uw.composite.shot import Shot
+from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
+from mr360uw.medium.shafts.shaft_scene import ShaftScene
+
+_ROWS = 64
+"""Cells from pole to pole, 2.8 degrees each."""
+_MARGIN = 0.35
+"""Fraction of the threshold at which a cell is drawn: between the coarse nodes there may be more."""
+_GRID = FroxelGrid(64, 192, 16)
+"""The coarse grid: a sixth of the default one in both directions, half as many slices."""
+
+
+def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, threshold: float, kept: Cache) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of pixels over which the scene's light may deviate by `threshold` times the veil.
+
+    kept: holds what does not change from frame to frame.
+    """
+    view = shot.view
+    side = max(2 * -(-view.height // (2 * _ROWS)), 2)
+    rows, columns = -(-view.height // side), -(-view.width // side)
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
+    directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
+    ends = np.full(len(directions), range_m)
+    change = np.abs(shaft_field(scene, _GRID, directions, kept).radiance(directions, ends))
+    _, veil = water_ahead(shot, ends, directions[:, 1])
+    marked = np.any((change > _MARGIN * threshold * veil) & (change > 0.0), axis=-1).reshape(rows, columns)
+    around = np.pad(np.pad(marked, ((0, 0), (1, 1)), "wrap"), ((1, 1), (0, 0))).astype(np.uint8)
+    marked = cv2.dilate(around, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
+    return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of bodies from every direction of the sun's disc and of its halo: visible fractions without a ray a point.
+
+A map is a square across the bounding sphere of a body and holds, for parallel light of one direction, how far up along
+that direction the body reaches, seen from the sphere's centre. A point is in shadow where it lies below that: exact but
+for the width of a pixel, also between the parts of a body.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache, Same
+from mr360uw.medium.shafts.beam_pattern import BeamPattern
+from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
+from mr360uw.sphere import basis, unit
+
+Array = NDArray[np.float64]
+
+DISC_PIXELS, HALO_PIXELS = 256, 64
+"""Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees."""
+DISC_TAPS, HALO_TAPS = 16, 32
+"""Points of a segment at which disc and halo are tested, one direction each, in turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShadowMaps:
+    """Maps of k bodies in n directions. frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m].
+
+    spread: tangent of the widest angle between a direction and the middle of the disc.
+    """
+
+    frame: Array
+    top: NDArray[np.float32]
+    spread: float
+
+    @classmethod
+    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int) -> ShadowMaps:
+        """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,)."""
+        frame = np.array([basis(d) for d in directions])
+        spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
+        top = [[_top(body, centre, radius, f, size) for f in frame] for body, centre, radius in spheres]
+        cosine = min(float(np.min(directions @ axis)), 1.0)
+        return cls(frame, np.array(top, np.float32), math.sqrt(1.0 - cosine * cosine) / cosine)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlines:
+    """Outlines of k bodies as the sun sees them. frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size)
+    distance [m] of a place across the sun's direction from the nearest that a body covers. centre, radius: of the
+    bodies' spheres, which maps span.
+    """
+
+    frame: Array
+    apart: NDArray[np.float32]
+    centre: Array
+    radius: Array
+
+    @classmethod
+    def of(cls, bodies: Bodies, towards_sun: Array) -> Outlines:
+        """Return the outlines of bodies with bounding spheres."""
+        frame, size = basis(towards_sun), DISC_PIXELS
+        spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
+        covered = [np.isfinite(_top(body, centre, radius, frame, size)) for body, centre, radius in spheres]
+        pixel = 2.0 * bodies.radius / size
+        apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
+        metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
+        return cls(frame, metres, bodies.centre, bodies.radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shadows:
+    """Maps of bodies for the sun's disc and for its halo, and their outlines."""
+
+    disc: ShadowMaps
+    halo: ShadowMaps
+    outlines: Outlines
+
+
+def shadows_of(pattern: BeamPattern, kept: Cache) -> Shadows | None:
+    """Return the shadows of a beam's bodies, None without bodies or where one has no bounds. kept: holds them."""
+    bodies, towards = pattern.bodies, unit(pattern.sun.direction)
+    if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
+        return None
+
+    def made() -> Shadows:
+        disc = ShadowMaps.of(bodies, towards, pattern.disc, DISC_PIXELS)
+        halo = ShadowMaps.of(bodies, towards, pattern.halo, HALO_PIXELS)
+        return Shadows(disc, halo, Outlines.of(bodies, towards))
+
+    return kept.get("shaft shadows", (Same(bodies), pattern.disc.tobytes(), pattern.halo.tobytes()), made)
+
+
+def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:
+    at = radius * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
+    u, v = np.meshgrid(at, at)
+    inside = u * u + v * v <= radius * radius
+    start = centre + u[inside, None] * frame[0] + v[inside, None] * frame[1] + radius * frame[2]
+    top = np.full((size, size), -np.inf)
+    top[inside] = radius - body.distance(start, np.broadcast_to(-frame[2], start.shape))
+    return top
+
+
+@njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def visible_parts(
+    origin: Any, directions: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, apart: Any, frame: Any,
+    top: Any, spread: Any, taps: Any, seen: Any,
+) -> None:  # fmt: skip
+    """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
+
+    directions: (n, 3). start, end: (n, count) [m] of their segments. centre, radius: (k, 3), (k,) bounding spheres of
+    bodies. axes, apart: of `Outlines`. frame to spread: of `ShadowMaps`. taps: points of a segment that are tested,
+    with the directions in turn.
+    """
+    size, last = top.shape[2], apart.shape[1] - 1
+    for n in range(len(directions)):
+        d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
+        for k in range(seen.shape[1]):
+            length = end[n, k] - start[n, k]
+            middle = start[n, k] + 0.5 * length
+            blocked = 0
+            near = False
+            for body in range(len(radius)):
+                x = origin[0] + middle * d0 - centre[body, 0]
+                y = origin[1] + middle * d1 - centre[body, 1]
+                z = origin[2] + middle * d2 - centre[body, 2]
+                below = radius[body] - x * axes[2, 0] - y * axes[2, 1] - z * axes[2, 2] + 0.5 * length
+                if below <= 0.0:
+                    continue
+                u = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+                v = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+                scale, pixel = 0.5 * (last + 1) / radius[body], 2.0 * radius[body] / (last + 1)
+                i = min(max(int(u * scale + 0.5 * (last + 1)), 0), last)
+                j = min(max(int(v * scale + 0.5 * (last + 1)), 0), last)
+                beside = max(apart[body, j, i], math.sqrt(u * u + v * v) - radius[body])
+                near |= beside <= below * spread + 0.5 * length + 2.0 * pixel
+            if not near:
+                seen[n, k] = 1.0
+                continue
+            for tap in range(taps):
+                m = tap % len(frame)
+                s = start[n, k] + (tap * GOLDEN + 0.5) % 1.0 * length
+                for body in range(len(radius)):
+                    x = origin[0] + s * d0 - centre[body, 0]
+                    y = origin[1] + s * d1 - centre[body, 1]
+                    z = origin[2] + s * d2 - centre[body, 2]
+                    f = frame[m]
+                    scale = 0.5 * size / radius[body]
+                    i = math.floor((x * f[0, 0] + y * f[0, 1] + z * f[0, 2]) * scale + 0.5 * size)
+                    j = math.floor((x * f[1, 0] + y * f[1, 1] + z * f[1, 2]) * scale + 0.5 * size)
+                    below = x * f[2, 0] + y * f[2, 1] + z * f[2, 2]
+                    if 0 <= i < size and 0 <= j < size and below < top[body, m, j, i]:
+                        blocked += 1
+                        break
+            seen[n, k] = 1.0 - blocked / taps
