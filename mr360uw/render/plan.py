@@ -51,6 +51,7 @@ class Plan:
     pattern: Stage
     occlusion: Stage
     layer: Stage
+    snow: Stage
     grain: Stage
 
     @property
@@ -81,7 +82,8 @@ class ObjectFacts:
 
 def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTable | None, *, clip: bool = True) -> Plan:
     """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame."""
-    visible, light = bool(objects), scene.light
+    snow = _snow(scene, medium)
+    visible, light = bool(objects) or snow.runs, scene.light
     beam = _beam_at_objects(objects, medium)
     sun = _sun(light, visible, beam)
     gain = _gain(scene, visible, medium)
@@ -93,7 +95,7 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
     )
     return Plan(
-        environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
+        environment=_stage(visible, f"{'objects are' if objects else 'snow is'} lit by the plate", "nothing to light"),
         sun=sun,
         track_sun=_track_sun(sun, light, clip),
         medium=_stage(medium is not None, scene.water.label, 'water is "none"'),
@@ -125,10 +127,12 @@ def make_plan(scene: Scene, objects: tuple[ObjectFacts, ...], medium: MediumTabl
         occlusion=_occlusion(scene, objects),
         layer=_stage(
             visible,
-            "objects move" if any(facts.moves for facts in objects)
+            "no objects, but snow" if not objects
+            else "objects move" if any(facts.moves for facts in objects)
             else "objects stand still: geometry is kept between frames",
             "no objects: the plate goes through untouched",
         ),
+        snow=snow,
         grain=_stage(
             visible and scene.draw.grain > 0.0,
             f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
@@ -170,6 +174,15 @@ def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
         else 'light.sun = "none"' if light.sun == "none"
         else f"{100 * beam:.2f} % of the beam reaches the objects",
     )  # fmt: skip
+
+
+def _snow(scene: Scene, medium: MediumTable | None) -> Stage:
+    if not scene.snow.enabled or medium is None:
+        return Stage(False, 'water is "none"' if scene.snow.enabled else "switched off")
+    from mr360uw.composite.snow.size_spectrum import in_words
+
+    water = scene.water.water()
+    return Stage(*in_words(scene.snow, water)) if water is not None else Stage(False, 'water is "none"')
 
 
 def _occlusion(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:

@@ -45,7 +45,7 @@ INSTEAD = {
 _TITLES = {
     "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps",
     "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface",
-    "caustics": "Caustics", "draw": "Drawing", "output": "Output", "keys": "Keys",
+    "caustics": "Caustics", "snow": "Marine snow", "draw": "Drawing", "output": "Output", "keys": "Keys",
 }  # fmt: skip
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
 _SPANS = {
