@@ -30,7 +30,8 @@ WIDTH = 128
 
 def loaded_with(folder: Path, mesh: Path | None, **snow: Any) -> Loaded:
     scene = scene_with(
-        folder, mesh, snow=SNOW | snow, receiver={"height_m": -1.5}, draw={"samples": 5, "ambient_occlusion": False, "sun_samples": 4},
+        folder, mesh, snow=SNOW | snow, receiver={"height_m": -1.5},
+        draw={"samples": 5, "ambient_occlusion": False, "sun_samples": 4},
         caustics={"size": 64, "grid": 64, "planes": 2},
         **({} if mesh is not None else {"object": []}),
     )  # fmt: skip
@@ -124,3 +125,12 @@ def test_scenes_without_snow_say_why_and_pay_nothing(
     assert why in loaded.plan.snow.why
     monkeypatch.setitem(sys.modules, "mr360uw.composite.snow.draw", None)  # importing it would fail
     assert frame(loaded, make_backend("reference")[0], 0).layer.tiles
+
+
+def test_snow_that_is_not_seen_or_takes_long_is_noted(tmp_path: Path) -> None:
+    def notes(**snow: Any) -> str:
+        return "; ".join(load(scene_with(tmp_path, None, snow={"enabled": True} | snow), 2048, 1024).notes)
+
+    assert "shows none" in notes(amount=1e-6)
+    assert "s a frame" in notes(amount=1000.0)
+    assert "snow" not in notes()

@@ -26,17 +26,13 @@ from mr360uw.composite.snow.merge import merged
 from mr360uw.composite.snow.particle_light import particle_radiance
 from mr360uw.composite.snow.particles import Reach, particles_near
 from mr360uw.composite.snow.settings import SnowSettings
-from mr360uw.composite.snow.size_spectrum import size_classes
+from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
 from mr360uw.composite.snow.splat import Picture, draw_particles
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Layer, View
 
-LEAST_COVER = 1.0 / 48.0
-"""Fraction of a pixel that a particle must cover to be drawn at all; at twice that it is drawn in full. Particles just
-above it are hard to tell from the noise of a video. Half as large: two to three times as many, at as much more time.
-Those that are too small or too far are a part of the veil."""
 _LEAST_CONTRAST = 0.005
 """Transmittance of the water, in its clearest channel, at which the range ends."""
 _FADE_FROM, _FULL_FROM = 0.8, 1.25
@@ -80,7 +76,7 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
     cloud = particles_in_view(snow, shot)
     point = cloud.position - view.position
     distance = np.linalg.norm(point, axis=-1)
-    there = np.flatnonzero((cloud.fade > 0.0) & (distance < _plate_m(shot, point, distance, kept)))
+    there = np.flatnonzero(distance < _plate_m(shot, point, distance, kept))
     there = there[np.argsort(-distance[there], kind="stable")]
     if len(there) == 0:
         return layer
@@ -103,12 +99,11 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     settings, view = snow.settings, shot.view
     classes = size_classes(settings, snow.scattering)
     farthest = min(settings.range_m, contrast_range_m(shot))
-    pixel = (np.pi / view.height) ** 2
-    reach_m = min(farthest, _seen_up_to(LEAST_COVER, pixel) * classes[-1].high_m)
+    reach_m = min(farthest, seen_up_to(view.height) * classes[-1].high_m)
     shallowest = max(view.surface_y_m - float(view.position[1]) - reach_m, 0.0)
     orbits = orbits_of(snow.sea, shallowest) if settings.orbits else None
     margin = 0.0 if orbits is None else orbits.reach_m(shallowest)
-    reach = Reach(settings.nearest_m, farthest, _seen_up_to(LEAST_COVER, pixel), margin)
+    reach = Reach(settings.nearest_m, farthest, seen_up_to(view.height), margin)
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
     found = particles_near(
@@ -117,19 +112,29 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     number = np.searchsorted([size.high_m for size in classes[:-1]], found.diameter_m)
     velocity = np.asarray(speeds)[number]
     position, diameter = found.position, found.diameter_m
-    wet = position[:, 1] < view.surface_y_m
-    position, velocity, diameter = position[wet], velocity[wet], diameter[wet]
+    kept = position[:, 1] < view.surface_y_m
+    mean_m = np.linalg.norm(position - view.position, axis=-1)
+    kept &= _contrast(shot, diameter, np.maximum(mean_m - margin, settings.nearest_m)) > LEAST_COVER
+    position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
         position, velocity = position + offset, velocity + change
     distance = np.linalg.norm(position - view.position, axis=-1)
-    cover = 0.25 * PI * (diameter / np.maximum(distance, 1e-9)) ** 2 / pixel
     fade = (
         smooth(distance / settings.nearest_m, 1.0, _FULL_FROM)
-        * smooth(cover / LEAST_COVER, 1.0, 2.0)
+        * smooth(_contrast(shot, diameter, distance) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smooth(distance / farthest, _FADE_FROM, 1.0))
     )
-    return Cloud(position, velocity, diameter, fade)
+    kept = fade > 0.0
+    return Cloud(position[kept], velocity[kept], diameter[kept], fade[kept])
+
+
+def _contrast(shot: Shot, diameter_m: Floats, distance_m: Floats) -> Floats:
+    """Return the fraction (n,) of a pixel that particles cover, times the transmittance of the water before them."""
+    cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9)) ** 2 / (np.pi / shot.view.height) ** 2
+    if shot.medium is None:
+        return np.asarray(cover)
+    return np.asarray(cover * transmittance_lookup(shot.medium, distance_m, 0.0).max(axis=-1))
 
 
 def contrast_range_m(shot: Shot) -> float:
@@ -146,11 +151,6 @@ def smooth(x: Floats, low: float, high: float) -> Floats:
     """Return the cubic step from 0 at `low` to 1 at `high`."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
-
-
-def _seen_up_to(cover: float, pixel: float) -> float:
-    """Return the distance over the diameter of particles that cover a fraction of a pixel of a solid angle [sr]."""
-    return float(np.sqrt(0.25 * PI / (cover * pixel)))
 
 
 def _disc_radius(settings: SnowSettings, diameter_m: Floats, distance_m: Floats) -> Floats:

@@ -49,7 +49,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     """
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
-    light: Floats = environment_lookup(scattered_ambient(shot.environment, phase), direction)
+    light: Floats = np.asarray(environment_lookup(scattered_ambient(shot.environment, phase), direction))
     depths = _Depths.of(shot, point)
     if shot.medium is not None:
         light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))

@@ -7,15 +7,16 @@
     A       of the spectrum dN/dd = A d^-q              m^(q - 4)
     b_p     scattering by particles                     1/m
 
-One power law holds from 1 um to 1 cm. The exponent is 4 where every octave of size has the same volume (Sheldon et al.
-1972), and 2.96 to 3.00 in a bloom of diatoms off Monterey (Jackson et al. 1997). Particles are taken to scatter twice
-their cross-section, which holds for those much larger than a wavelength (van de Hulst 1980). Then
+One power law holds from 1 um to 1 cm. Measured exponents run from 3 in a bloom off Monterey, where they were 2.96 to
+3.00 (Jackson et al. 1997), to 4, where every octave of size has the same volume (Sheldon et al. 1972). The default is
+that of the particles whose phase function is Petzold's average (Mobley et al. 2002). Particles are taken to scatter
+twice their cross-section, which holds for those much larger than a wavelength (van de Hulst 1980). Then
 
     b_p = 2 (pi/4) A M        M = int d^(2 - q) dd = (d_1^(3 - q) - d_0^(3 - q))/(3 - q), or ln(d_1/d_0) for q = 3
 
-gives A, and A gives the number of those that are large enough to be seen: with q = 4 and b_p = 0.1 1/m, 170 aggregates
-of at least 0.5 mm in a cubic metre. The exponent decides: with q = 3 there are 80 times as many. Aggregates from 0.5 mm
-on are called marine snow (Alldredge & Silver 1988); they sink at 50 (d/mm)^0.26 m/day (Alldredge & Gotschalk 1988).
+gives A, and A the number of those that are large enough to be seen. The exponent decides: for b_p = 0.1 1/m there are
+170, 1600 or 14000 aggregates of at least 0.5 mm in a cubic metre with q = 4, 3.58 or 3. Aggregates from that size on
+are called marine snow; they sink at 50 (d/mm)^0.26 m/day (Alldredge & Gotschalk 1988).
 """
 
 from __future__ import annotations
@@ -35,6 +36,14 @@ EFFICIENCY = 2.0
 """Scattering over geometric cross-section of particles much larger than a wavelength."""
 SCATTERING_NM = 550.0
 """Wavelength at which the water's scattering is read."""
+LEAST_COVER = 1.0 / 48.0
+"""Fraction of a pixel that a particle must cover to be drawn at all, times the transmittance of the water before it; at
+twice that it is drawn in full. Particles just above it are hard to tell from the noise of a video. Half as large: two
+to three times as many, at as much more time. Those that are too small or too far are a part of the veil."""
+_FEWEST, _MOST = 1.0, 5e5
+"""Particles of a frame below and above which there is a note."""
+_PARTICLE_S = 4e-6
+"""Processor time of a particle [s]."""
 _SINKING_M_S, _SINKING_POWER = 50.0 / 86400.0, 0.26
 """Speed of an aggregate of 1 mm, and its exponent over the diameter."""
 
@@ -77,6 +86,34 @@ def size_classes(settings: SnowSettings, scattering: float) -> tuple[SizeClass, 
         middle_mm = 1e3 * math.sqrt(low * high)
         classes.append(SizeClass(low, high, per_m3, settings.settling * _SINKING_M_S * middle_mm**_SINKING_POWER))
     return tuple(classes)
+
+
+def seen_up_to(height: int) -> float:
+    """Return the distance over the diameter of a particle that covers `LEAST_COVER` of a pixel of a frame's height."""
+    return math.sqrt(0.25 * PI / LEAST_COVER) * height / PI
+
+
+def number_drawn(settings: SnowSettings, scattering: float, height: int) -> float:
+    """Return about how many particles a frame of a height [pixels] shows in clear water.
+
+    Those of a class up to where one of its middle size covers `LEAST_COVER` of a pixel. scattering: see `size_classes`.
+    """
+    number = 0.0
+    for size in size_classes(settings, scattering):
+        reach = min(settings.range_m, seen_up_to(height) * math.sqrt(size.low_m * size.high_m))
+        number += size.per_m3 * 4.0 / 3.0 * PI * max(reach**3 - settings.nearest_m**3, 0.0)
+    return number
+
+
+def note_on(settings: SnowSettings, water: Water, height: int) -> str:
+    """Return a line on snow that frames of `height` rows do not show or that takes them seconds, "" for other snow."""
+    number = number_drawn(settings, particle_scattering(water), height)
+    if 0.0 < number < _FEWEST:
+        return f"snow - a frame shows none (got {number:.2g} particles large enough to see) - raise snow.amount"
+    if number > _MOST:
+        took = f"got {number:.2g} particles, up to {number * _PARTICLE_S:.0f} s a frame"
+        return f"snow - is dense ({took}) - lower snow.amount or snow.range_m, or raise snow.smallest_mm"
+    return ""
 
 
 def in_words(settings: SnowSettings, water: Water) -> tuple[bool, str]:
