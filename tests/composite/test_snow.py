@@ -42,7 +42,7 @@ SEA = GerstnerSea()
 
 def about(centre: Floats, radius: float = 1.5, per_m3: float = CLASS.per_m3, seed: int = 3) -> Particles:
     reach = Reach(0.0, radius, np.inf)
-    return particles_near([replace(CLASS, per_m3=per_m3)], 3.0, seed, centre, [np.zeros(3)], reach)
+    return particles_near([replace(CLASS, per_m3=per_m3)], 3.0, seed, centre, [np.zeros(3)], [reach])
 
 
 # --- numbers and sizes ---------------------------------------------------------------------------------------------
@@ -90,7 +90,7 @@ def test_particles_stay_where_the_camera_goes_and_where_the_water_thickens() -> 
     assert rows(here) < rows(about(np.zeros(3), per_m3=500.0))
     assert not rows(here) & rows(about(np.zeros(3), seed=4))
     moved = particles_near(
-        [CLASS], 3.0, 3, np.array([0.3, 7.0, 0.0]), [np.array([0.3, 7.0, 0.0])], Reach(0.0, 1.5, 1e9)
+        [CLASS], 3.0, 3, np.array([0.3, 7.0, 0.0]), [np.array([0.3, 7.0, 0.0])], [Reach(0.0, 1.5, np.inf)]
     )
     np.testing.assert_allclose(moved.position - [0.3, 7.0, 0.0], here.position, atol=1e-13)  # roundings of 7 m
 
@@ -266,7 +266,7 @@ def test_the_mean_of_a_cloud_is_the_integral_of_single_scattering() -> None:
     number = 700.0 * d**-3.0 / np.trapezoid(d**-3.0, d)
     section = 0.25 * np.pi * d**2
     cover = section[:, None] / s**2 / (np.pi / 64) ** 2
-    t = [np.clip(x, 0.0, 1.0) for x in ((s / 0.2 - 1.0) / 0.25, cover * 48.0 - 1.0, (s / 1.5 - 0.8) / 0.2)]
+    t = [np.clip(x, 0.0, 1.0) for x in ((s / 0.2 - 1.0) / 0.25, cover * 40.0 - 1.0, (s / 1.5 - 0.8) / 0.2)]
     near, large, far = (x * x * (3.0 - 2.0 * x) for x in t)
     fade = near * large * (1.0 - far)
     tau = np.trapezoid(np.trapezoid((number * section)[:, None] * fade, d, axis=0), s)

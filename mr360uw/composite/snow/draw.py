@@ -37,8 +37,8 @@ _LEAST_CONTRAST = 0.005
 """Transmittance of the water, in its clearest channel, at which the range ends."""
 _FADE_FROM, _FULL_FROM = 0.8, 1.25
 """Fraction of the range from which on particles fade out, multiple of the least distance up to which they fade in."""
-_STEPS = 64
-"""Distances at which the water's transmittance is read to find the range."""
+_STEPS = 129
+"""Distances at which the water's transmittance is read, 3 cm apart within 4 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,23 +98,24 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     """Return the particles about a shot's camera that its frame resolves, below the surface of the water."""
     settings, view = snow.settings, shot.view
     classes = size_classes(settings, snow.scattering)
-    farthest = min(settings.range_m, contrast_range_m(shot))
-    reach_m = min(farthest, seen_up_to(view.height) * classes[-1].high_m)
-    shallowest = max(view.surface_y_m - float(view.position[1]) - reach_m, 0.0)
-    orbits = orbits_of(snow.sea, shallowest) if settings.orbits else None
-    margin = 0.0 if orbits is None else orbits.reach_m(shallowest)
-    reach = Reach(settings.nearest_m, farthest, seen_up_to(view.height), margin)
+    clear = Clearness.of(shot, settings.range_m)
+    farthest = clear.range_m
+    per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
+    reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
+    orbits = orbits_of(snow.sea, depth_m - reach_m[-1]) if settings.orbits else None
+    whole = 0.0 if orbits is None else orbits.reach_m(depth_m - reach_m[-1])
+    margins = [0.0 if orbits is None else orbits.reach_m(depth_m - far_m - whole) for far_m in reach_m]
+    reaches = [Reach(settings.nearest_m, farthest, per_diameter, margin_m) for margin_m in margins]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
     found = particles_near(
-        classes, settings.exponent, settings.seed, view.position, [snow.time_s * speed for speed in speeds], reach
+        classes, settings.exponent, settings.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
     )
-    number = np.searchsorted([size.high_m for size in classes[:-1]], found.diameter_m)
-    velocity = np.asarray(speeds)[number]
+    velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
     position, diameter = found.position, found.diameter_m
     kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    kept &= _contrast(shot, diameter, np.maximum(mean_m - margin, settings.nearest_m)) > LEAST_COVER
+    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, settings.nearest_m), view.height) > LEAST_COVER
     position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
@@ -122,29 +123,41 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (
         smooth(distance / settings.nearest_m, 1.0, _FULL_FROM)
-        * smooth(_contrast(shot, diameter, distance) / LEAST_COVER, 1.0, 2.0)
+        * smooth(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smooth(distance / farthest, _FADE_FROM, 1.0))
     )
     kept = fade > 0.0
     return Cloud(position[kept], velocity[kept], diameter[kept], fade[kept])
 
 
-def _contrast(shot: Shot, diameter_m: Floats, distance_m: Floats) -> Floats:
-    """Return the fraction (n,) of a pixel that particles cover, times the transmittance of the water before them."""
-    cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9)) ** 2 / (np.pi / shot.view.height) ** 2
-    if shot.medium is None:
-        return np.asarray(cover)
-    return np.asarray(cover * transmittance_lookup(shot.medium, distance_m, 0.0).max(axis=-1))
+@dataclass(frozen=True, slots=True, eq=False)
+class Clearness:
+    """Transmittance of the water before particles, in its clearest channel and along level rays.
 
+    distance_m: (_STEPS,) ascending. left: (_STEPS,); 1 everywhere without water.
+    """
 
-def contrast_range_m(shot: Shot) -> float:
-    """Return the distance [m] along a level ray beyond which water hides particles, infinity without water."""
-    if shot.medium is None:
-        return float(np.inf)
-    distance = shot.medium.length_m * np.geomspace(0.01, 100.0, _STEPS)
-    left = transmittance_lookup(shot.medium, distance, 0.0).max(axis=-1)
-    hidden = np.flatnonzero(left < _LEAST_CONTRAST)
-    return float(distance[hidden[0]]) if len(hidden) else float(np.inf)
+    distance_m: Floats
+    left: Floats
+
+    @classmethod
+    def of(cls, shot: Shot, farthest_m: float) -> Clearness:
+        """Return that of a shot's water up to a distance."""
+        distance = np.linspace(0.0, farthest_m, _STEPS)
+        if shot.medium is None:
+            return cls(distance, np.ones(_STEPS))
+        return cls(distance, transmittance_lookup(shot.medium, distance, 0.0).max(axis=-1))
+
+    @property
+    def range_m(self) -> float:
+        """Distance [m] beyond which water hides particles, the last one where it hides none."""
+        hidden = np.flatnonzero(self.left < _LEAST_CONTRAST)
+        return float(self.distance_m[hidden[0] if len(hidden) else -1])
+
+    def contrast(self, diameter_m: Floats, distance_m: Floats, height: int) -> Floats:
+        """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
+        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
+        return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))
 
 
 def smooth(x: Floats, low: float, high: float) -> Floats:

@@ -49,7 +49,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     """
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
-    light: Floats = np.asarray(environment_lookup(scattered_ambient(shot.environment, phase), direction))
+    light = environment_lookup(scattered_ambient(shot.environment, phase), direction)
     depths = _Depths.of(shot, point)
     if shot.medium is not None:
         light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))
@@ -60,7 +60,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
         arrival = source.arrival(depths.points)
         half_angle = float(np.mean(arrival.half_angle_rad))
         seen = bodies.visible(world, disc_directions(sun.direction, half_angle, _SUN_DIRECTIONS))
-        turned = particle_phase(phase, direction @ sun.direction) * seen
+        turned: Floats = particle_phase(phase, direction @ sun.direction) * seen
         light = (
             light + depths.between(arrival.irradiance) * source.pattern(point, np.zeros(len(point))) * turned[:, None]
         )

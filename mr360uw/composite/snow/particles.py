@@ -17,6 +17,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.snow.size_spectrum import SizeClass
 from mr360uw.types import Floats
@@ -32,7 +33,7 @@ _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 class Reach:
     """Distances [m] from a centre between which particles are wanted; those of diameter d up to `per_diameter` d.
 
-    margin_m: that is added at both ends, and to the height above which there are none, for what moves them besides.
+    margin_m: that is added at both ends, for what moves them besides.
     """
 
     nearest_m: float
@@ -43,18 +44,27 @@ class Reach:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Particles:
-    """n particles. position: (n, 3) [m] in the world, diameter_m: (n,)."""
+    """n particles. position: (n, 3) [m] in the world, diameter_m: (n,), number: (n,) of their class of size."""
 
     position: Floats
     diameter_m: Floats
+    number: NDArray[np.int64]
 
 
 def particles_near(
-    classes: Sequence[SizeClass], exponent: float, seed: int, centre: Floats, carried: Sequence[Floats], reach: Reach
+    classes: Sequence[SizeClass],
+    exponent: float,
+    seed: int,
+    centre: Floats,
+    carried: Sequence[Floats],
+    reaches: Sequence[Reach],
 ) -> Particles:
-    """Return the particles about a centre (3,). carried: (3,) [m], how far the water has carried each class."""
+    """Return the particles about a centre (3,), class by class.
+
+    carried: (3,) [m] for each class, how far the water has carried it. reaches: for each class.
+    """
     found = []
-    for number, (size, moved) in enumerate(zip(classes, carried, strict=True)):
+    for number, (size, moved, reach) in enumerate(zip(classes, carried, reaches, strict=True)):
         at_rest = np.asarray(centre, np.float64) - moved
         places = (
             np.uint64(seed), number, _CELL_M * 2.0**number, size.per_m3, size.low_m, size.high_m, 1.0 - exponent,
@@ -67,7 +77,8 @@ def particles_near(
         rows[:, :3] += moved
         found.append(rows)
     rows = np.concatenate(found)
-    return Particles(rows[:, :3], rows[:, 3])
+    of_class = np.repeat(np.arange(len(found), dtype=np.int64), [len(part) for part in found])
+    return Particles(rows[:, :3], rows[:, 3], of_class)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]

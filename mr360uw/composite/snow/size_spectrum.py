@@ -36,7 +36,7 @@ EFFICIENCY = 2.0
 """Scattering over geometric cross-section of particles much larger than a wavelength."""
 SCATTERING_NM = 550.0
 """Wavelength at which the water's scattering is read."""
-LEAST_COVER = 1.0 / 48.0
+LEAST_COVER = 1.0 / 40.0
 """Fraction of a pixel that a particle must cover to be drawn at all, times the transmittance of the water before it; at
 twice that it is drawn in full. Particles just above it are hard to tell from the noise of a video. Half as large: two
 to three times as many, at as much more time. Those that are too small or too far are a part of the veil."""
