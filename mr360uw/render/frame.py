@@ -21,8 +21,7 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
-from mr360uw.render.shots import instants, layer_key, shot_at, with_caustics
-from mr360uw.render.snow import with_snow
+from mr360uw.render.shots import instants, layer_key, shot_at, with_caustics, with_snow
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
