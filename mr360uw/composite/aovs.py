@@ -5,6 +5,8 @@ All colours are linear Rec.709, premultiplied by alpha, and attenuated by the wa
 
     beauty    = diffuse + glossy + sun + lamps + emission + veil + shafts    (caustics is a part of sun)
     composite = beauty + (1 - alpha) (plate + receiver_difference)
+
+Marine snow is in the beauty and its alpha alone, in none of the variables.
 """
 
 from __future__ import annotations

@@ -20,10 +20,14 @@ BackendName = Literal["auto", "gl", "reference"]
 
 
 class Backend(Protocol):
-    """The stages that a renderer computes: caustics and the layer of objects."""
+    """The stages that a renderer computes: caustics and the layer of objects.
+
+    cache: values kept between frames; may be emptied.
+    """
 
     name: str
     device: str
+    cache: Cache
 
     def caustics(
         self,

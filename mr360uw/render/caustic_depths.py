@@ -30,12 +30,14 @@ _OVERHEAD = np.array([0.0, 1.0, 0.0])
 class CausticDepths:
     """Depth planes of a scene's caustics, and its settings with the map size reduced to what the frame resolves.
 
-    ground: depth range of a mesh receiver that shows caustics, or None.
+    ground: depth range of a mesh receiver that shows caustics, or None. snow_m: distance from the camera up to which
+    particles need planes; 0 beside objects, whose planes particles take.
     """
 
     ladder: PlaneLadder
     ground: Span | None
     settings: CausticSettings
+    snow_m: float = 0.0
 
     @classmethod
     def of(
@@ -66,6 +68,12 @@ class CausticDepths:
                 ground = (surface - float(receiver.mesh[..., 1].max()), surface - float(receiver.mesh[..., 1].min()))
                 reaches.append(ground)
                 heights.append(ground[1] - ground[0])
+        snow_m = scene.snow.range_m if scene.snow.enabled and not objects else 0.0
+        if snow_m > 0.0:
+            depths = surface - cameras[:, 1]
+            nearest.append(scene.snow.nearest_m)
+            reaches.append((float(depths.min()) - snow_m, float(depths.max()) + snow_m))
+            heights.append(2.0 * snow_m)
         shallowest = max(min([*(reach[0] for reach in reaches), *flat], default=0.0), 0.0)
         blurred = detail_footprint(_OVERHEAD, scene.water.refractive_index, scene.sea.blur_slope, shallowest)
         size = map_size(
@@ -74,7 +82,7 @@ class CausticDepths:
             float(np.linalg.norm(blurred, -2)),
         )  # fmt: skip
         ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
-        return cls(ladder, ground, settings.model_copy(update={"size": size}))
+        return cls(ladder, ground, settings.model_copy(update={"size": size}), snow_m)
 
     def water_planes(self, shot: Shot, deepest_m: float) -> Floats:
         """Return the depths (n,) [m] of the planes of the water between the camera and a shot's objects, ascending.
@@ -100,6 +108,9 @@ class CausticDepths:
         for placed in shot.objects:
             depth = shot.view.surface_y_m - placed.to_world(placed.mesh.hull)[..., 1]
             spans.append((float(depth.min()), float(depth.max())))
+        if self.snow_m > 0.0:
+            depth_m = shot.view.surface_y_m - float(shot.view.position[1])
+            spans.append((max(depth_m - self.snow_m, 0.0), depth_m + self.snow_m))
         return self.ladder.around(spans)
 
 

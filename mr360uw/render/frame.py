@@ -21,7 +21,7 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
-from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics
+from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics, with_snow
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -81,13 +81,14 @@ def frame_stages(
     if light is not None and plan.layer.runs:
         of_water = now.surroundings, light, time_s
         water = kept.get("water", of_water, lambda: finite("water", index, exposed_water(*of_water)))
-        for instant_s, then in instants(loaded, now, time_s, shutter_s):
+        moments = instants(loaded, now, time_s, shutter_s)
+        for instant_s, then in moments:
             bare = shot_at(then, light, pattern, water, instant_s, index, kept)
             shot = with_caustics(then, backend, bare, instant_s, kept)
             shafts = shafts_of(then, backend, shot, instant_s, kept)
             drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
             layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
-            layers.append(layer)
+            layers.append(with_snow(then, backend, shot, layer, instant_s, shutter_s / len(moments), kept))
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame
 

@@ -208,7 +208,16 @@ def _beam_share(medium: Medium, depth_m: float) -> float:
 
 def _notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
-    return (*found, *placement_notes(scene, objects, camera, height))
+    return (*found, *placement_notes(scene, objects, camera, height), *_snow_notes(scene, height))
+
+
+def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
+    water = scene.water.water() if scene.snow.enabled else None
+    if water is None:
+        return ()
+    from mr360uw.composite.snow.size_spectrum import note_on
+
+    return tuple(filter(None, [note_on(scene.snow, water, height)]))
 
 
 def _each_once(rows: Iterable[tuple[T, ...]]) -> tuple[T, ...]:

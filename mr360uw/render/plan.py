@@ -53,6 +53,7 @@ class Plan:
     pattern: Stage
     occlusion: Stage
     layer: Stage
+    snow: Stage
     grain: Stage
 
     @property
@@ -62,10 +63,8 @@ class Plan:
 
     def __str__(self) -> str:
         width = max(map(len, self.stages))
-        return "\n".join(
-            f"  {name:<{width}}  {'runs   ' if stage.runs else 'skipped'}  {stage.why}"
-            for name, stage in self.stages.items()
-        )
+        rows = ((name, "runs" if stage.runs else "skipped", stage.why) for name, stage in self.stages.items())
+        return "\n".join(f"  {name:<{width}}  {runs:<7}  {why}" for name, runs, why in rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,25 +90,23 @@ def make_plan(
 
     share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
     """
-    visible, light = bool(objects), scene.light
+    snow = _snow(scene, medium)
+    visible, light = bool(objects) or snow.runs, scene.light
     beam = _beam_at_objects(objects, medium)
     sun = _sun(light, visible, beam)
     gain = _gain(scene, visible, medium)
-    first_pass = clip and light.smooth
     receiver, shadow = scene.receiver, _shadow(scene, lit=sun.runs)
-    caustics = _stage(
-        sun.runs and medium is not None and scene.caustics.enabled,
-        f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects",
-        "switched off" if not scene.caustics.enabled else "needs a sun and water",
-    )
+    waves = f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects"
+    focuses, none = scene.caustics.enabled, "switched off" if not scene.caustics.enabled else "needs a sun and water"
+    caustics = _stage(sun.runs and medium is not None and focuses, waves, none)
     return Plan(
-        environment=_stage(visible, "objects are lit by the plate", "nothing to light"),
+        environment=_stage(visible, f"{'objects are' if objects else 'snow is'} lit by the plate", "nothing to light"),
         sun=sun,
         track_sun=_track_sun(sun, light, clip),
         medium=_stage(medium is not None, scene.water.label, 'water is "none"'),
         gain=gain,
         track_gain=_stage(
-            gain.runs and first_pass,
+            gain.runs and clip and light.smooth,
             "in a first pass over the clip",
             "nothing to fit" if not gain.runs else "frame by frame: light.smooth is off" if clip else "one picture",
         ),
@@ -120,7 +117,7 @@ def make_plan(
             "a material is smoother than diffuse",
             "every material is diffuse" if visible else "nothing to light",
         ),
-        shafts=_shafts(scene, visible, medium, share, lit=sun.runs, waves=caustics.runs),
+        shafts=_shafts(scene, objects, medium, share, lit=sun.runs, waves=caustics.runs),
         shadow=shadow,
         pattern=_stage(
             shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
@@ -132,10 +129,12 @@ def make_plan(
         occlusion=_occlusion(scene, objects),
         layer=_stage(
             visible,
-            "objects move" if any(facts.moves for facts in objects)
+            "no objects, but snow" if not objects
+            else "objects move" if any(facts.moves for facts in objects)
             else "objects stand still: geometry is kept between frames",
             "no objects: the plate goes through untouched",
         ),
+        snow=snow,
         grain=_stage(
             visible and scene.draw.grain > 0.0,
             f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
@@ -188,21 +187,24 @@ def _shadow(scene: Scene, *, lit: bool) -> Stage:
     )
 
 
-def _shafts(scene: Scene, visible: bool, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool) -> Stage:
-    settings, lamps = scene.shafts, len(scene.lamps)
-    shading = any(placed.casts_shadow for placed in scene.objects)
-    if not visible or medium is None or settings.why_off:
-        return Stage(False, "no objects" if not visible else settings.why_off or 'water is "none"')
-    if not lamps and not (lit and (waves or shading)):
-        return Stage(False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam")
-    of_beam = 1.0 if share is None else share()
-    if of_beam == 0.0 and not lamps:
-        return Stage(False, "the water does not scatter")
-    by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
-    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
-    if settings.mode == "auto" and of_beam < settings.threshold and not lamps:
-        return Stage(False, f"{number}, below shafts.threshold {100 * settings.threshold:g} %")
-    return Stage(True, f"by {', '.join(by)}; {number}")
+def _shafts(scene: Scene, objects: Facts, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool) -> Stage:
+    off = "no objects" if not objects else scene.shafts.why_off or ("" if medium is not None else 'water is "none"')
+    if off:
+        return Stage(False, off)
+    from mr360uw.composite.shafts.shaft_words import in_words
+
+    return Stage(
+        *in_words(scene.shafts, share, lit, waves, any(o.casts_shadow for o in scene.objects), len(scene.lamps))
+    )
+
+
+def _snow(scene: Scene, medium: MediumTable | None) -> Stage:
+    water = scene.water.water() if scene.snow.enabled and medium is not None else None
+    if water is None:
+        return Stage(False, 'water is "none"' if scene.snow.enabled else "switched off")
+    from mr360uw.composite.snow.size_spectrum import in_words
+
+    return Stage(*in_words(scene.snow, water))
 
 
 def _occlusion(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:
@@ -240,7 +242,7 @@ def _gain(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage:
     )  # fmt: skip
 
 
-def _beam_at_objects(objects: tuple[ObjectFacts, ...], medium: MediumTable | None) -> float:
+def _beam_at_objects(objects: Facts, medium: MediumTable | None) -> float:
     """Return the largest fraction of the surface's vertical beam that reaches an object, any channel."""
     if medium is None or not objects:
         return 1.0

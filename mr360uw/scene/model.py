@@ -25,6 +25,7 @@ from mr360uw.composite.settings import (
     ObjectSettings,
     ReceiverSettings,
 )
+from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
@@ -113,6 +114,7 @@ class Scene(Parameters):
     sea: Sea = parameter(GerstnerSea(), "the water surface")
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     shafts: ShaftSettings = parameter(ShaftSettings(), "light in the water, and bodies' shadows in it")
+    snow: SnowSettings = parameter(SnowSettings(), "particles suspended in the water")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"

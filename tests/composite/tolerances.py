@@ -127,3 +127,15 @@ LOBE_RMSE = 0.03
 HIGHLIGHT = 0.08
 """Highlight of roughness .35 on a ball of 10 pixels, over its brightest pixel: four places in a pixel against 64 pixels
 are off by .05 where a pixel shows several groups of samples; one place is off by .17."""
+POISSON_DEVIATIONS = 4.0
+"""Standard deviations within which a Poisson number lies but for one seed of 16 000; the seeds are fixed."""
+BALL_PHASE = 1e-8
+"""Integral of a phase function by 200 000 trapezoids: their width squared over 12."""
+SNOW_FLOAT32 = 1e-5
+"""Pictures of snow in single precision, to which a few dozen particles of a pixel are added one after another."""
+PHASE_MAP = 2e-6
+"""White particles in even light: weights in single precision that add up to 1."""
+SPECKLED_SUN = 1e-4
+"""Ambient light on a ladder of 97 depths: 0.02 m apart over the points, straight lines between exponentials."""
+ROLLED = 1e-8
+"""Coverage of 1e-4 of a steradian and less a pixel: single precision, and chords as differences of squares."""

@@ -12,7 +12,7 @@ from mr360uw.render.loaded import load
 from mr360uw.render.plan import ObjectFacts, Plan, make_plan
 from tests.scenes import scene_with
 
-OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern"}
+OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern", "snow"}
 
 
 def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
+from mr360uw.caustics.sea.gerstner import Waves
 from mr360uw.caustics.sea.spectrum import variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.parameters import parameter
@@ -67,6 +68,20 @@ class SpectralSea(SeaParameters):
         shift = 1j * self.choppiness * h / np.where(k > 0.0, k, 1.0)
         return np.stack([h, shift * kx, shift * kz, 1j * kx * h, 1j * kz * h,
                          1j * kx * kx * shift, 1j * kz * kz * shift, 1j * kx * kz * shift])  # fmt: skip
+
+    def waves(self, count: int = 256) -> Waves:
+        """Return the `count` waves of the largest amplitude, fewer where there are fewer, as `GerstnerSea` has them.
+
+        h0 exp(i (k.x - omega t)) and its conjugate add up to a sine of amplitude 2 |h0|.
+        """
+        h0, frequency = _amplitudes_of(self)
+        amplitude = 2.0 * np.abs(h0).ravel()
+        largest = np.argsort(-amplitude, kind="stable")[:count]
+        largest = largest[amplitude[largest] > 0.0]
+        k = np.stack(self.lattice, axis=-1).reshape(-1, 2)[largest]
+        phase = np.angle(h0).ravel()[largest] + 0.5 * np.pi
+        choppy = np.full(len(largest), self.choppiness)
+        return Waves(k, amplitude[largest], choppy, phase, frequency.ravel()[largest])
 
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m], summed wave by wave: for few points; `grid_fields` for whole tiles."""

@@ -43,9 +43,9 @@ INSTEAD = {
 """Parameters of which one stands in place of the other: a control that sets one removes the other."""
 
 _TITLES = {
-    "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps",
+    "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps", "output": "Output",
     "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface",
-    "caustics": "Caustics", "shafts": "Light in the water", "draw": "Drawing", "output": "Output", "keys": "Keys",
+    "caustics": "Caustics", "shafts": "Light in the water", "snow": "Marine snow", "draw": "Drawing", "keys": "Keys",
 }  # fmt: skip
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
 _SPANS = {

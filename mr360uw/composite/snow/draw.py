@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Adds a shot's snow to its layer: before bodies where particles are nearer, behind them through what bodies let pass.
+
+Both renderers use this code; it needs the distances of the layer's bodies and nothing else of theirs.
+
+    symbol  meaning                                      unit
+    d, s    diameter, distance of a particle             m
+    a, F    aperture, distance in focus                  m
+
+The disc over which a particle's light is spread has the squared radius (d/(2 s))^2 + (a/2 (1/s - 1/F))^2: the second
+moments of the particle and of the disc of confusion add up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mr360uw.cache import Cache
+from mr360uw.caustics.settings import Sea
+from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.shot import Shot
+from mr360uw.composite.snow.drift import orbits_of
+from mr360uw.composite.snow.merge import merged
+from mr360uw.composite.snow.particle_light import particle_radiance
+from mr360uw.composite.snow.particles import Reach, particles_near
+from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
+from mr360uw.composite.snow.splat import Picture, draw_particles
+from mr360uw.constants import PI
+from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.sphere import frame_from_direction
+from mr360uw.types import Floats, Layer, View
+
+_LEAST_CONTRAST = 0.005
+"""Transmittance of the water, in its clearest channel, at which the range ends."""
+_FADE_FROM, _FULL_FROM = 0.8, 1.25
+"""Fraction of the range from which on particles fade out, multiple of the least distance up to which they fade in."""
+_STEPS = 129
+"""Distances at which the water's transmittance is read, 3 cm apart within 4 m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snow:
+    """The snow of one instant of a frame.
+
+    scattering: by the water's particles [1/m]. sea: whose waves move it. opens, closes: views as the shutter does so,
+    half of `exposure_s` before and after `time_s`.
+    """
+
+    settings: SnowSettings
+    scattering: float
+    sea: Sea
+    time_s: float
+    exposure_s: float
+    opens: View
+    closes: View
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Particles about a camera. position: (n, 3) [m] in the world at an instant, velocity: (n, 3) [m/s], diameter_m,
+    fade: (n,), the latter in [0, 1], by their distance and their size in pixels.
+    """
+
+    position: Floats
+    velocity: Floats
+    diameter_m: Floats
+    fade: Floats
+
+
+def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
+    """Return a shot's layer with its snow. kept: holds what is the same in other frames."""
+    view = shot.view
+    cloud = particles_in_view(snow, shot)
+    point = cloud.position - view.position
+    distance = np.linalg.norm(point, axis=-1)
+    there = np.flatnonzero(distance < _plate_m(shot, point, distance, kept))
+    there = there[np.argsort(-distance[there], kind="stable")]
+    if len(there) == 0:
+        return layer
+    position, velocity, diameter = cloud.position[there], cloud.velocity[there], cloud.diameter_m[there]
+    point, distance = point[there], distance[there]
+    radius = _disc_radius(snow.settings, diameter, distance)
+    half = 0.5 * snow.exposure_s
+    radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, kept)
+    before, behind = Picture.empty(view), Picture.empty(view)
+    draw_particles(
+        _seen(snow.opens, position - half * velocity), _seen(snow.closes, position + half * velocity), radius,
+        0.25 * PI * (diameter / distance) ** 2 * cloud.fade[there], distance, radiance, layer.distance_m, before,
+        behind,
+    )  # fmt: skip
+    return merged(shot, layer, before, behind, kept)
+
+
+def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
+    """Return the particles about a shot's camera that its frame resolves, below the surface of the water."""
+    settings, view = snow.settings, shot.view
+    classes = size_classes(settings, snow.scattering)
+    clear = Clearness.of(shot, settings.range_m)
+    farthest = clear.range_m
+    per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
+    reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
+    orbits = orbits_of(snow.sea, depth_m - reach_m[-1]) if settings.orbits else None
+    whole = 0.0 if orbits is None else orbits.reach_m(depth_m - reach_m[-1])
+    margins = [0.0 if orbits is None else orbits.reach_m(depth_m - far_m - whole) for far_m in reach_m]
+    reaches = [Reach(settings.nearest_m, farthest, per_diameter, margin_m) for margin_m in margins]
+    current = np.asarray(settings.current_m_s, np.float64)
+    speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
+    found = particles_near(
+        classes, settings.exponent, settings.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
+    )
+    velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
+    position, diameter = found.position, found.diameter_m
+    kept = position[:, 1] < view.surface_y_m
+    mean_m = np.linalg.norm(position - view.position, axis=-1)
+    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, settings.nearest_m), view.height) > LEAST_COVER
+    position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
+    if orbits is not None:
+        offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
+        position, velocity = position + offset, velocity + change
+    distance = np.linalg.norm(position - view.position, axis=-1)
+    fade = (
+        smooth(distance / settings.nearest_m, 1.0, _FULL_FROM)
+        * smooth(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
+        * (1.0 - smooth(distance / farthest, _FADE_FROM, 1.0))
+    )
+    kept = fade > 0.0
+    return Cloud(position[kept], velocity[kept], diameter[kept], fade[kept])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clearness:
+    """Transmittance of the water before particles, in its clearest channel and along level rays.
+
+    distance_m: (_STEPS,) ascending. left: (_STEPS,); 1 everywhere without water.
+    """
+
+    distance_m: Floats
+    left: Floats
+
+    @classmethod
+    def of(cls, shot: Shot, farthest_m: float) -> Clearness:
+        """Return that of a shot's water up to a distance."""
+        distance = np.linspace(0.0, farthest_m, _STEPS)
+        if shot.medium is None:
+            return cls(distance, np.ones(_STEPS))
+        return cls(distance, transmittance_lookup(shot.medium, distance, 0.0).max(axis=-1))
+
+    @property
+    def range_m(self) -> float:
+        """Distance [m] beyond which water hides particles, the last one where it hides none."""
+        hidden = np.flatnonzero(self.left < _LEAST_CONTRAST)
+        return float(self.distance_m[hidden[0] if len(hidden) else -1])
+
+    def contrast(self, diameter_m: Floats, distance_m: Floats, height: int) -> Floats:
+        """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
+        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
+        return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))
+
+
+def smooth(x: Floats, low: float, high: float) -> Floats:
+    """Return the cubic step from 0 at `low` to 1 at `high`."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
+
+
+def _disc_radius(settings: SnowSettings, diameter_m: Floats, distance_m: Floats) -> Floats:
+    confusion = 0.5e-3 * settings.aperture_mm * (1.0 / distance_m - 1.0 / settings.focus_m)
+    return np.asarray(np.hypot(0.5 * diameter_m / distance_m, confusion))
+
+
+def _seen(view: View, position: Floats) -> Floats:
+    """Return the unit directions (n, 3), in a camera's axes, of points (n, 3) in the world."""
+    point = (position - view.position) @ view.world_from_camera
+    return np.asarray(point / np.maximum(np.linalg.norm(point, axis=-1, keepdims=True), 1e-12))
+
+
+def _plate_m(shot: Shot, point: Floats, distance_m: Floats, kept: Cache) -> Floats:
+    """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
+    receiver, matte, view = shot.receiver, shot.holdout_distance_m, shot.view
+    nearest = np.full(len(point), np.inf)
+    if receiver is None and matte is None:
+        return nearest
+    direction = point / np.maximum(distance_m, 1e-9)[:, None]
+    x, y = frame_from_direction(direction @ view.world_from_camera, view.width, view.height)
+    if receiver is not None:
+        key = receiver, view.position.tobytes()
+        shape = kept.get("snow receiver", key, lambda: ReceiverShape(receiver, view.position))
+        nearest = shape.meet_along(view, x, y, direction)[0]
+    if matte is not None:
+        found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
+        nearest = np.minimum(nearest, found)
+    return nearest

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places and sizes of particles, from the integers of the world's cells and a seed alone.
+
+Every class of size has cubic cells of its own, which rest in the water. A cell's particles are a Poisson process of
+rising density: the gaps between arrivals are exponential, and those that arrive before the water's density are there.
+So a denser water has the same particles and more. Nothing depends on other frames, on the camera's path or on the
+process.
+
+Hash: the finaliser of SplitMix64 (Steele et al. 2014), chained over seed, class, cell and number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.snow.size_spectrum import SizeClass
+from mr360uw.types import Floats
+
+_CELL_M = 0.25
+"""Side of the smallest class's cells. Twice as large: fewer cells, more particles in them that are out of reach."""
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """Distances [m] from a centre between which particles are wanted; those of diameter d up to `per_diameter` d.
+
+    margin_m: that is added at both ends, for what moves them besides.
+    """
+
+    nearest_m: float
+    farthest_m: float
+    per_diameter: float
+    margin_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Particles:
+    """n particles. position: (n, 3) [m] in the world, diameter_m: (n,), number: (n,) of their class of size."""
+
+    position: Floats
+    diameter_m: Floats
+    number: NDArray[np.int64]
+
+
+def particles_near(
+    classes: Sequence[SizeClass],
+    exponent: float,
+    seed: int,
+    centre: Floats,
+    carried: Sequence[Floats],
+    reaches: Sequence[Reach],
+) -> Particles:
+    """Return the particles about a centre (3,), class by class.
+
+    carried: (3,) [m] for each class, how far the water has carried it. reaches: for each class.
+    """
+    found = []
+    for number, (size, moved, reach) in enumerate(zip(classes, carried, reaches, strict=True)):
+        at_rest = np.asarray(centre, np.float64) - moved
+        places = (
+            np.uint64(seed), number, _CELL_M * 2.0**number, size.per_m3, size.low_m, size.high_m, 1.0 - exponent,
+            at_rest, reach.nearest_m - reach.margin_m, reach.farthest_m + reach.margin_m, reach.per_diameter,
+            reach.margin_m,
+        )  # fmt: skip
+        count = _fill(*places, np.empty((0, 4)))
+        rows = np.empty((count, 4))
+        _fill(*places, rows)
+        rows[:, :3] += moved
+        found.append(rows)
+    rows = np.concatenate(found)
+    of_class = np.repeat(np.arange(len(found), dtype=np.int64), [len(part) for part in found])
+    return Particles(rows[:, :3], rows[:, 3], of_class)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _mixed(h: Any) -> Any:
+    """Return 64 bits of which each depends on every bit of h."""
+    h = (h ^ (h >> _S30)) * _FIRST
+    h = (h ^ (h >> _S27)) * _SECOND
+    return h ^ (h >> _S31)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _uniform(h: Any, number: Any) -> Any:
+    """Return the `number`-th random number of a hash, in (0, 1)."""
+    bits = _mixed(h + np.uint64(number + 1) * _GOLDEN)
+    return (np.float64(bits >> _S11) + 0.5) / 9007199254740992.0
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _fill(
+    seed: Any, size_class: Any, side: Any, per_m3: Any, low: Any, high: Any, power: Any, centre: Any, nearest: Any,
+    farthest: Any, per_diameter: Any, margin: Any, rows: Any,
+) -> Any:  # fmt: skip
+    """Write (x, y, z, diameter) of a class's particles into rows (n, 4), as many as fit; return their number.
+
+    power: 1 - exponent, of the number above a size.
+    """
+    reach = min(farthest, per_diameter * high + margin)
+    first = np.floor((centre - reach) / side).astype(np.int64)
+    last = np.floor((centre + reach) / side).astype(np.int64)
+    half_diagonal = 0.5 * np.sqrt(3.0) * side
+    expected, a, b = per_m3 * side**3, low**power, high**power
+    begin = _mixed(_mixed(seed + _GOLDEN) ^ np.uint64(size_class))
+    count = 0
+    for ix in range(first[0], last[0] + 1):
+        in_x = _mixed(begin ^ np.uint64(ix))
+        dx = (ix + 0.5) * side - centre[0]
+        for iy in range(first[1], last[1] + 1):
+            in_y = _mixed(in_x ^ np.uint64(iy))
+            dy = (iy + 0.5) * side - centre[1]
+            for iz in range(first[2], last[2] + 1):
+                dz = (iz + 0.5) * side - centre[2]
+                if dx * dx + dy * dy + dz * dz > (reach + half_diagonal) ** 2:
+                    continue
+                cell = _mixed(in_y ^ np.uint64(iz))
+                arrived, number = -np.log(_uniform(cell, 0)), 0
+                while arrived < expected:
+                    x = (ix + _uniform(cell, 5 * number + 1)) * side
+                    y = (iy + _uniform(cell, 5 * number + 2)) * side
+                    z = (iz + _uniform(cell, 5 * number + 3)) * side
+                    d = (a + _uniform(cell, 5 * number + 4) * (b - a)) ** (1.0 / power)
+                    away = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2)
+                    if away >= nearest and away <= min(farthest, per_diameter * d + margin):
+                        if count < len(rows):
+                            rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = x, y, z, d
+                        count += 1
+                    number += 1
+                    arrived -= np.log(_uniform(cell, 5 * number))
+    return count
