@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waves smaller than a pixel, by the statistics of their slopes.
+
+    symbol   meaning
+    s        slope over (x, z) of a facet; its normal is (-s_x, 1, -s_z) scaled to length 1
+    p(s)     Gaussian density of slopes about that of the surface that is drawn (Cox & Munk 1954)
+    f(s)     -d.(-s_x, 1, -s_z), the area of a facet that a ray of direction d meets, per unit level area
+
+A ray sees facets in proportion to p(s) max(f(s), 0), whose integral is that of Smith 1967. A sun of solid angle W is
+seen by the facets in an area A = W |ds/dw| of slopes about the one that points it at the ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.constants import PI
+from mr360uw.optics import fresnel, radiance_factor
+from mr360uw.types import Sun
+
+Array = NDArray[np.float64]
+Keys = NDArray[np.uint64]
+
+_SHARP = 0.05
+"""Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
+_LEAST = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facets:
+    """Facets that n rays meet. travel, normal: (n, 3), the normal up; covariance: (n, 3) of slopes, xx, xz, zz.
+    from_below: whether the rays run in the water.
+    """
+
+    travel: Array
+    normal: Array
+    covariance: Array
+    from_below: bool
+
+    @property
+    def slope(self) -> Array:
+        """Mean slopes (n, 2)."""
+        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], _LEAST)
+
+    def facing(self, slope: Array) -> Array:
+        """Return f (n,) of slopes (n, 2), positive on the side that the ray comes from."""
+        d = self.travel
+        turned = d[:, 0] * slope[:, 0] + d[:, 2] * slope[:, 1] - d[:, 1]
+        return -turned if self.from_below else turned
+
+    def mean_facing(self) -> Array:
+        """Return the mean (n,) of max(f, 0) over the slopes (Smith 1967)."""
+        from scipy.special import ndtr
+
+        d, c = self.travel, self.covariance
+        spread = np.sqrt(
+            np.maximum(c[:, 0] * d[:, 0] ** 2 + 2.0 * c[:, 1] * d[:, 0] * d[:, 2] + c[:, 2] * d[:, 2] ** 2, 0.0)
+        )
+        mean = self.facing(self.slope)
+        x = mean / np.maximum(spread, _LEAST)
+        return np.maximum(mean * ndtr(x) + spread * np.exp(-0.5 * x * x) / np.sqrt(2.0 * PI), _LEAST)
+
+    def drawn(self, keys: Keys) -> tuple[Array, Array]:
+        """Return the normal (n, 3) of one facet for each ray and its weight (n,), mean 1; `keys` (n,) choose it."""
+        first, second = uniform_pair(keys)
+        radius, angle = np.sqrt(-2.0 * np.log(first)), 2.0 * PI * second
+        c = self.covariance
+        a = np.sqrt(np.maximum(c[:, 0], 0.0))
+        b = c[:, 1] / np.maximum(a, _LEAST)
+        rest = np.sqrt(np.maximum(c[:, 2] - b * b, 0.0))
+        g, h = radius * np.cos(angle), radius * np.sin(angle)
+        slope = self.slope + np.stack([a * g, b * g + rest * h], axis=-1)
+        return normal_of(slope), np.maximum(self.facing(slope), 0.0) / self.mean_facing()
+
+    def sunlight(self, sun: Sun, refractive_index: float) -> Array:
+        """Return the radiance (n, 3) of the sun that the facets send back along the rays.
+
+        From above it is mirrored, from below refracted. sun: as seen in the air.
+        """
+        solid_angle = 2.0 * PI * (1.0 - np.cos(sun.half_angle_rad))
+        normal, cosine, image, factor = self._towards(sun, solid_angle, refractive_index)
+        slope = -normal[:, [0, 2]] / np.maximum(normal[:, 1:2], _LEAST)
+        seen = (cosine > 0.0) & (normal[:, 1] > 0.0) & (factor > 0.0)
+        off = slope - self.slope
+        c = self.covariance
+        own = image / (4.0 * PI)  # variance of the sun's image in slopes, along each axis
+        sharp = np.sqrt(np.maximum(c[:, 0] * c[:, 2] - c[:, 1] ** 2, 0.0)) < _SHARP * own
+        xx, xz, zz = c[:, 0] + own, c[:, 1], c[:, 2] + own
+        determinant = np.maximum(xx * zz - xz * xz, 1e-300)
+        square = (zz * off[:, 0] ** 2 - 2.0 * xz * off[:, 0] * off[:, 1] + xx * off[:, 1] ** 2) / determinant
+        share = image * np.exp(-0.5 * square) / (2.0 * PI * np.sqrt(determinant))
+        share = np.where(sharp, np.sum(off * off, axis=-1) * PI <= image, share)
+        weight = np.maximum(self.facing(slope), 0.0) / self.mean_facing()
+        radiance = sun.irradiance / solid_angle
+        return np.where(seen, np.minimum(share, 1.0) * weight * factor, 0.0)[:, None] * radiance
+
+    def _towards(self, sun: Sun, solid_angle: float, n: float) -> tuple[Array, Array, Array, Array]:
+        """Return the normal (n, 3) of the facets that point the sun at the rays, the cosine (n,) at which rays meet
+        them, the sun's area (n,) in slopes, and radiance towards the camera over that of the sun.
+
+        Jacobians of half vectors: Walter et al. 2007 eq. 14 and 17.
+        """
+        d, to_sun = self.travel, np.broadcast_to(sun.direction, self.travel.shape)
+        half = n * d - to_sun if self.from_below else to_sun - d
+        length = np.linalg.norm(half, axis=-1)
+        normal = half / np.maximum(length, _LEAST)[:, None]
+        cosine = np.sum(d * normal, axis=-1) * (1.0 if self.from_below else -1.0)
+        at_sun = np.sum(to_sun * normal, axis=-1)
+        per_direction = np.maximum(at_sun, 0.0) / np.maximum(length, _LEAST) ** 2
+        image = solid_angle * per_direction / np.maximum(np.abs(normal[:, 1]), 1e-3) ** 3
+        at = np.clip(cosine, 0.0, 1.0)
+        factor = radiance_factor(np.clip(at_sun, 0.0, 1.0), n) if self.from_below else fresnel(at, n)
+        return normal, cosine, np.maximum(image, _LEAST), np.where(at_sun > 0.0, factor, 0.0)
+
+
+def normal_of(slope: Array) -> Array:
+    """Return unit normals (n, 3) up of slopes (n, 2)."""
+    normal = np.stack([-slope[:, 0], np.ones(len(slope)), -slope[:, 1]], axis=-1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def next_keys(keys: Keys, salt: int) -> Keys:
+    """Return other keys (n,), a fixed function of these (SplitMix64, Steele et al. 2014)."""
+    with np.errstate(over="ignore"):
+        z = keys + np.uint64((salt + 1) * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+def uniform_pair(keys: Keys) -> tuple[Array, Array]:
+    """Return two numbers (n,) in (0, 1) of each key."""
+    first, second = (next_keys(keys, salt) for salt in (11, 12))
+    return tuple((np.right_shift(k, np.uint64(11)).astype(np.float64) + 0.5) / 2.0**53 for k in (first, second))  # type: ignore[return-value]

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Water between surface, floor and camera: what it takes of a ray, what it adds, and the light that reaches the floor.
+
+The veil and the diffuse light are those of the solved field under a flat surface, for the sky and for the sun, times
+the irradiance that each brings just below the surface. Light of the floor that the surface sends back down adds up to a
+geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_from_below`.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
+from mr360uw.caustics.settings import Sea
+from mr360uw.errors import ParameterError
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
+from mr360uw.medium.small_angles import spread_of
+from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.surface.floor import FloorLight, Tiled
+from mr360uw.surface.sky import Dome, sun_below
+from mr360uw.types import CausticStack, MediumTable, Sun
+
+Array = NDArray[np.float64]
+
+_JUST_BELOW_M = 0.01
+"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
+_SKY_MAP, _SKY_GRID = 128, 128
+"""Pixels and cells of the patterns of the sky's patches, which are wide discs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterLight:
+    """Water for rays. parts: the light (3,) just below the surface and the medium solved for it, of sky and sun; none
+    for clear water. camera_depth_m: where rays of the camera start; None above the water. sun_up: y of the sun's
+    direction in the water.
+    """
+
+    parts: tuple[tuple[Array, Medium], ...]
+    camera_depth_m: float | None
+    sun_up: float
+
+    @classmethod
+    def of(
+        cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, camera_depth_m: float | None, index: float
+    ) -> WaterLight:
+        """Return the water of a picture. water: as of `picture`; a medium's gain and camera are not read."""
+        below = sun is not None and sun.direction[1] > 0.0
+        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and below else 1.0
+        if water is None:
+            return cls((), camera_depth_m, sun_up)
+        given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
+        if given.mode == "plate":
+            raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
+        sky = Medium(
+            given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index
+        )
+        parts = [(dome.irradiance_below(index), sky)]
+        if below:
+            beam = Medium(
+                given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
+                refractive_index=index, sky=("sun", sun_up, 1.0),
+            )  # fmt: skip
+            parts.append((sun_below(sun, index), beam))
+        return cls(tuple(parts), camera_depth_m, sun_up)
+
+    def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
+        """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
+        directions. Distances may be infinite.
+        """
+        shape = (len(distance_m), 3)
+        if not self.parts:
+            return np.ones(shape), np.zeros(shape)
+        depth = self.camera_depth_m if from_camera and self.camera_depth_m else _JUST_BELOW_M
+        veil = np.zeros(shape)
+        for light, medium in self.parts:
+            veil += light * veil_lookup(_table(medium, depth), distance_m, up)
+        finite = np.isfinite(distance_m)
+        reach = np.where(finite, distance_m, 0.0)
+        passed = transmittance_lookup(_table(self.parts[0][1], depth), reach, up)
+        return np.where(finite[:, None], passed, 0.0), veil
+
+    def on_floor(
+        self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, index: float, albedo: Array,
+        settings: CausticSettings,
+    ) -> FloorLight:  # fmt: skip
+        """Return the light on a floor of a mean albedo (3,) at a depth below the mean surface."""
+        dry = dome.irradiance() + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
+        if depth_m <= 0.0:
+            return FloorLight(dry, (), dry)
+        tau = np.zeros(3)
+        if self.parts:
+            down = np.array([depth_m]), np.array([-1.0])
+            tau = -np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
+        factor = 1.0 / (1.0 - albedo * diffuse_reflectance_from_below(index, tau))
+        even, patterns = np.zeros(3), []
+        pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, self._beam)
+        if not self.parts:
+            patterns.append((sky_pattern(sea, dome, depth_m, time_s, index), factor))
+            if pattern is not None:
+                patterns.append((pattern[0], factor * sun_below(sun, index)))
+            return FloorLight(even, tuple(patterns), dry)
+        light, sky = self.parts[0]
+        even = light * sky.light.display(sky.model.irradiance(depth_m, 1.0))
+        if pattern is not None and self._beam is not None:
+            light, medium = self.parts[1]
+            beam = beam_fraction(medium.unit_table, depth_m, self.sun_up)
+            sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
+            sharp = np.minimum(sharp, beam)
+            even = even + light * (medium.light.display(medium.model.irradiance(depth_m, 1.0)) - beam)
+            patterns.append((pattern[0], factor * light * sharp))
+            if pattern[1] is None:
+                even = even + light * (beam - sharp)
+            else:
+                patterns.append((pattern[1], factor * light * (beam - sharp)))
+        return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry)
+
+    @property
+    def _beam(self) -> Medium | None:
+        return self.parts[1][1] if len(self.parts) > 1 else None
+
+
+def sun_pattern(
+    sea: Sea, sun: Sun | None, depth_m: float, time_s: float, index: float, settings: CausticSettings,
+    medium: Medium | None = None,
+) -> tuple[Tiled, Tiled | None] | None:  # fmt: skip
+    """Return the caustics of the sun on the floor, mean 1, and those of the light that the water has turned by small
+    angles; None without a sun above the horizon.
+    """
+    if sun is None or sun.direction[1] <= 0.0:
+        return None
+    settings = settings.model_copy(update={"sun_half_angle_rad": sun.half_angle_rad})
+    spread = None if medium is None else spread_of(medium)
+    stack = caustic_stack(sea, sun.direction, [depth_m], time_s, settings, index, spread)
+    soft = None if stack.soft is None else _on_floor(stack, np.repeat(stack.soft[0], 3, axis=-1))
+    return _on_floor(stack, stack.ratio[0]), soft
+
+
+def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
+    """Return a plane of a stack along the beam in the place where it lies on the floor."""
+    x, y, z = stack.sun_direction
+    depth = float(stack.depth_m[0])
+    return Tiled.of(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))
+
+
+def sky_pattern(sea: Sea, dome: Dome, depth_m: float, time_s: float, index: float) -> Tiled:
+    """Return the irradiance of the floor by the sky through clear water, as the sum of the caustics of its patches."""
+    total = np.zeros((_SKY_MAP, _SKY_MAP, 3))
+    for patch in dome.patches(index):
+        ratio = caustic_map(
+            sea, patch.direction, depth_m, time_s, _SKY_MAP, _SKY_GRID, index, min(patch.half_angle_rad, 0.5)
+        )
+        total += ratio[..., None] * patch.irradiance
+    return Tiled.of(total, sea.tile_m)
+
+
+@functools.lru_cache(maxsize=8)
+def _table(medium: Medium, depth_m: float) -> MediumTable:
+    """Return a medium's table for rays that start at a depth."""
+    if depth_m == medium.camera_depth_m:
+        return medium.unit_table
+    return replace(medium.at_depth(depth_m).unit_table)
