@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.optics import fresnel, radiance_factor, reflect, refract_clamped, solid_angle_change
+from mr360uw.optics import fresnel, reflect, refract_clamped, solid_angle_change
 from mr360uw.surface.floor import Floor, FloorLight
 from mr360uw.surface.intersection import SurfaceHits, first_hits
 from mr360uw.surface.sampled_sea import SampledSea
@@ -151,7 +151,7 @@ def _floor(stage: Stage, rays: Rays, met: Met, kept: NDArray[np.bool_], image: A
     """Add the floor that rays meet."""
     seen, distance = rays.of(kept), met.distance[kept]
     at = seen.origin + distance[:, None] * seen.direction
-    width = (seen.width_m + seen.spread * distance) / np.sqrt(np.maximum(-seen.direction[:, 1], 1e-3))
+    width = (seen.width_m + np.hypot(seen.spread, seen.lobe_rad) * distance) / np.sqrt(np.maximum(-seen.direction[:, 1], 1e-3))
     light = stage.floor_light.radiance(stage.floor, at[:, 0], at[:, 2], width, dry)
     _add(image, seen.pixel, seen.weight * light)
 
@@ -168,28 +168,26 @@ def _part(
     facets = Facets(d, normal, lost, from_below)
     if stage.sun is not None and stage.sun.direction[1] > 0.0:
         _add(image, rays.pixel, rays.weight * facets.sunlight(stage.sun, n))
-    rough = np.any(lost > 0.0)
-    weight = np.ones(len(d))
-    if rough:
-        normal, weight = facets.drawn(rays.key)
+    if np.any(lost > 0.0):
+        normal = facets.drawn(rays.key)
     against = normal if not from_below else -normal  # towards where the ray comes from
     cosine = np.clip(-np.sum(d * against, axis=-1), 0.0, 1.0)
     m = 1.0 / n if from_below else n
     reflected = fresnel(cosine, m)
     width = rays.width_m + rays.spread * distance
-    lobe = np.hypot(rays.lobe_rad, 2.0 * np.sqrt(np.maximum(lost[:, 0] + lost[:, 2], 0.0) / stage.samples))
+    apart = np.sqrt(np.maximum(lost[:, 0] + lost[:, 2], 0.0) / stage.samples)  # slopes of neighbouring samples
     mirrored = reflect(d, against)
     back = replace(
         rays, key=next_keys(rays.key, 1), origin=point + _OFF_M * mirrored, direction=mirrored, width_m=width,
-        weight=rays.weight * (weight * reflected)[:, None], lobe_rad=lobe,
+        weight=rays.weight * reflected[:, None], lobe_rad=np.hypot(rays.lobe_rad, 2.0 * apart),
     )  # fmt: skip
     bent = refract_clamped(d, against, 1.0 / m).astype(np.float64, copy=False)
     bent /= np.maximum(np.linalg.norm(bent, axis=-1, keepdims=True), 1e-12)
     growth = np.minimum(np.sqrt(solid_angle_change(np.maximum(cosine, 1e-9), m)), _WIDEST)
     through = replace(
         rays, key=next_keys(rays.key, 2), origin=point + _OFF_M * bent, direction=bent, width_m=width,
-        spread=rays.spread * growth, lobe_rad=lobe,
-        weight=rays.weight * (weight * radiance_factor(cosine, 1.0 / m))[:, None],
+        spread=rays.spread * growth, lobe_rad=np.hypot(rays.lobe_rad, abs(1.0 - 1.0 / m) * apart),
+        weight=rays.weight * ((1.0 - reflected) / m**2)[:, None],
     )  # fmt: skip
     return back, through
 

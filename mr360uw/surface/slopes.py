@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from mr360uw.constants import PI
 from mr360uw.optics import fresnel, radiance_factor
@@ -27,6 +28,10 @@ Keys = NDArray[np.uint64]
 _SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
 _LEAST = 1e-12
+_FARTHEST = 8.0
+"""Standard deviations of slope beyond which there are no facets."""
+_HALVINGS = 24
+"""Bisections of that range: a slope is right to a millionth of its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,27 +58,38 @@ class Facets:
 
     def mean_facing(self) -> Array:
         """Return the mean (n,) of max(f, 0) over the slopes (Smith 1967)."""
-        from scipy.special import ndtr
+        mean, (across, along) = self.facing(self.slope), self._spread()
+        return np.asarray(_facing_below(np.inf, mean, np.hypot(across, along)))
 
-        d, c = self.travel, self.covariance
-        spread = np.sqrt(
-            np.maximum(c[:, 0] * d[:, 0] ** 2 + 2.0 * c[:, 1] * d[:, 0] * d[:, 2] + c[:, 2] * d[:, 2] ** 2, 0.0)
-        )
-        mean = self.facing(self.slope)
-        x = mean / np.maximum(spread, _LEAST)
-        return np.maximum(mean * ndtr(x) + spread * np.exp(-0.5 * x * x) / np.sqrt(2.0 * PI), _LEAST)
-
-    def drawn(self, keys: Keys) -> tuple[Array, Array]:
-        """Return the normal (n, 3) of one facet for each ray and its weight (n,), mean 1; `keys` (n,) choose it."""
+    def drawn(self, keys: Keys) -> Array:
+        """Return the normal (n, 3) of one facet for each ray, in proportion to what the ray sees; `keys` (n,) choose
+        it.
+        """
         first, second = uniform_pair(keys)
-        radius, angle = np.sqrt(-2.0 * np.log(first)), 2.0 * PI * second
+        mean, (a, b) = self.facing(self.slope), self._spread()
+        spread = np.hypot(a, b)
+        along = _seen_deviation(first, mean, spread)
+        across = ndtri(second)
+        turned = spread > _LEAST
+        cosine = np.where(turned, a / np.maximum(spread, _LEAST), 1.0)
+        sine = np.where(turned, b / np.maximum(spread, _LEAST), 0.0)
+        g, h = cosine * along - sine * across, sine * along + cosine * across
+        xx, zx, zz = self._root
+        return normal_of(self.slope + np.stack([xx * g, zx * g + zz * h], axis=-1))
+
+    @property
+    def _root(self) -> tuple[Array, Array, Array]:
+        """Lower triangular root (xx, zx, zz), each (n,), of the covariance."""
         c = self.covariance
-        a = np.sqrt(np.maximum(c[:, 0], 0.0))
-        b = c[:, 1] / np.maximum(a, _LEAST)
-        rest = np.sqrt(np.maximum(c[:, 2] - b * b, 0.0))
-        g, h = radius * np.cos(angle), radius * np.sin(angle)
-        slope = self.slope + np.stack([a * g, b * g + rest * h], axis=-1)
-        return normal_of(slope), np.maximum(self.facing(slope), 0.0) / self.mean_facing()
+        xx = np.sqrt(np.maximum(c[:, 0], 0.0))
+        zx = c[:, 1] / np.maximum(xx, _LEAST)
+        return xx, zx, np.sqrt(np.maximum(c[:, 2] - zx * zx, 0.0))
+
+    def _spread(self) -> tuple[Array, Array]:
+        """Return the change (n,) of f with each of two independent normal numbers that make a slope."""
+        xx, zx, zz = self._root
+        side = -1.0 if self.from_below else 1.0
+        return side * (self.travel[:, 0] * xx + self.travel[:, 2] * zx), side * self.travel[:, 2] * zz
 
     def sunlight(self, sun: Sun, refractive_index: float) -> Array:
         """Return the radiance (n, 3) of the sun that the facets send back along the rays.
@@ -114,6 +130,31 @@ class Facets:
         at = np.clip(cosine, 0.0, 1.0)
         factor = radiance_factor(np.clip(at_sun, 0.0, 1.0), n) if self.from_below else fresnel(at, n)
         return normal, cosine, np.maximum(image, _LEAST), np.where(at_sun > 0.0, factor, 0.0)
+
+
+def _facing_below(x: Array | float, mean: Array, spread: Array) -> Array:
+    """Return the integral (n,) of max(mean + spread t, 0) over the normal density of t, up to t = x."""
+    s = np.maximum(spread, _LEAST)
+    start = np.clip(-mean / s, -_FARTHEST, _FARTHEST)
+    end = np.maximum(np.minimum(x, _FARTHEST), start)
+    light = mean * (ndtr(end) - ndtr(start)) - s * (_normal(end) - _normal(start))
+    return np.asarray(np.maximum(light, _LEAST * s))
+
+
+def _seen_deviation(share: Array, mean: Array, spread: Array) -> Array:
+    """Return the t (n,) up to which a share (n,) of that integral lies, by bisection."""
+    low = np.clip(-mean / np.maximum(spread, _LEAST), -_FARTHEST, _FARTHEST)
+    high = np.full(len(low), _FARTHEST)
+    wanted = share * _facing_below(np.inf, mean, spread)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        less = _facing_below(middle, mean, spread) < wanted
+        low, high = np.where(less, middle, low), np.where(less, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def _normal(x: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * x * x) / np.sqrt(2.0 * PI))
 
 
 def normal_of(slope: Array) -> Array:

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 _JUST_BELOW_M = 0.01
 """Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
-_SKY_MAP, _SKY_GRID = 128, 128
+_SKY_MAP, _SKY_GRID = 64, 128
 """Pixels and cells of the patterns of the sky's patches, which are wide discs."""
 
 
