@@ -25,7 +25,6 @@ from mr360uw.caustics import GerstnerSea  # noqa: E402
 from mr360uw.caustics.sea.sea_state import mean_square_slope  # noqa: E402
 from mr360uw.medium import Water  # noqa: E402
 from mr360uw.sphere import direction_from_angles, directions, unit  # noqa: E402
-from mr360uw.surface.ray_tree import meet  # noqa: E402
 from mr360uw.types import Sun, View  # noqa: E402
 
 N = 1.34
@@ -50,7 +49,9 @@ def sun_at(elevation_deg: float, azimuth_deg: float = 0.0, irradiance: float = 5
 def say(name: str, value: float, target: float, unit_: str = "", *, least: bool = False) -> None:
     """Print a figure, its target and whether it is met."""
     met = value >= target if least else value <= target
-    print(f"  {name}: {value:.4g} {unit_} ({'at least' if least else 'at most'} {target:g}: {'met' if met else 'MISSED'})")
+    print(
+        f"  {name}: {value:.4g} {unit_} ({'at least' if least else 'at most'} {target:g}: {'met' if met else 'MISSED'})"
+    )
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
@@ -100,7 +101,10 @@ def apparent_depth() -> None:
     row = surface.picture(CALM, np.ones((8, 16, 3)), floor, band, samples=4).radiance[1, :, 1]
     level = 0.5 * (row.max() + row.min())
     crossing = np.flatnonzero((row[:-1] - level) * (row[1:] - level) < 0.0)
-    at = crossing + 0.5 + (level - row[crossing]) / (row[crossing + 1] - row[crossing])
+    crossing = crossing[(crossing > 5) & (crossing < size - 7)]
+    near = crossing[:, None] + np.arange(-4, 6)  # the light of the left side, in pixels from there on
+    left, right = row[crossing - 5][:, None], row[crossing + 6][:, None]
+    at = crossing - 4 + np.sum((row[near] - right) / (left - right), axis=1)
     tangent = np.abs((2.0 * at / size - 1.0) * np.tan(0.5 * fov))
     # where Snell's law puts the edges x = k/2: the angle in air that reaches them
     worst = 0.0
@@ -208,7 +212,6 @@ def path_tracer() -> None:
         mine = surface.picture(SEA, sky(128), (-FLOOR_M, ALBEDO), view, samples=4, refractive_index=N)
         print(f"  {name}: path tracer {took:.0f} s, picture {time.perf_counter() - began:.0f} s; mean over truth "
               f"{mine.radiance.mean() / truth.mean():.4f}")  # fmt: skip
-        np.savez(f"/tmp/surface_{name}.npz", truth=truth, mine=mine.radiance)
         say(f"{name}: PSNR", psnr(mine.radiance, truth), 36.0, "dB", least=True)
         print(f"  {name}: PSNR of means of 4 x 4 pixels, with less of its noise: "
               f"{psnr(coarse(mine.radiance), coarse(truth)):.1f} dB")  # fmt: skip
@@ -259,14 +262,14 @@ def stress() -> None:
     """Unusual cameras, seas and suns: light that is finite and nowhere negative."""
     print("stress")
     low = {"samples": 2}
-    at = lambda y: View(64, 32, np.array([0.3, y, 0.2]), surface_y_m=0.0)  # noqa: E731
+    at = lambda y, x=0.3: View(64, 32, np.array([x, y, 0.2]), surface_y_m=0.0)  # noqa: E731
     high = GerstnerSea.from_waves([[2.0 * np.pi / 8.0, 0.0]], 1.0, 0.9, 0.3, tile_m=8.0)
-    crest = float(SEA.surface(0.3, 0.2, 0.0).position[1])
+    crest = float(surface.SampledSea.of(SEA, 0.0).heights([0.3], [0.2])[0])
     cases: dict[str, tuple[Any, ...]] = {
         "a millimetre under the waves": (SEA, sky(), (-3.0, 0.3), at(crest - 1e-3), None, sun_at(40.0)),
-        "a millimetre over the waves": (SEA, sky(), (-3.0, 0.3), at(crest + 1e-2), None, sun_at(40.0)),
+        "a millimetre over the waves": (SEA, sky(), (-3.0, 0.3), at(crest + 1e-3), None, sun_at(40.0)),
         "waves taller than the depth, from above": (high, sky(), (-0.4, 0.3), at(5.0), None, sun_at(40.0)),
-        "waves taller than the depth, from below": (high, sky(), (-0.4, 0.3), at(-0.1), None, sun_at(40.0)),
+        "waves taller than the depth, from below": (high, sky(), (-0.4, 0.3), at(-0.3, 1.5), None, sun_at(40.0)),
         "sun at the horizon, below": (SEA, sky(), (-3.0, 0.3), at(-1.0), Water.jerlov("IB"), sun_at(0.3)),
         "sun at the horizon, above": (SEA, sky(), (-3.0, 0.3), at(5.0), None, sun_at(0.3)),
         "sun below the horizon": (SEA, sky(), (-3.0, 0.3), at(-1.0), Water.jerlov("IB"), sun_at(-5.0)),
@@ -282,8 +285,9 @@ def stress() -> None:
         seen = surface.picture(sea, dome, floor, view, water, sun=sun, **low)
         light = seen.radiance
         fine = np.all(np.isfinite(light)) and light.min() >= 0.0 and light.max() < 1e6
-        print(f"  {name}: {'fine' if fine else 'WRONG'}, {light.min():.3g} to {light.max():.3g}, mean {light.mean():.3g}, "
-              f"{'in water' if seen.camera_in_water else 'in air'}, {time.perf_counter() - began:.1f} s")  # fmt: skip
+        side, took = "in water" if seen.camera_in_water else "in air", time.perf_counter() - began
+        print(f"  {name}: {'fine' if fine else 'WRONG'}, {light.min():.3g} to {light.max():.3g}, ", end="")
+        print(f"mean {light.mean():.3g}, {side}, {took:.1f} s")
 
 
 def pictures(folder: str = "pictures") -> None:

@@ -49,7 +49,7 @@ def first_hits(
 ) -> SurfaceHits:
     """Return where rays first meet the surface.
 
-    origins: (n, 3) [m] with y over the mean surface. directions: (n, 3) unit. from_below: whether they run in the water.
+    origins: (n, 3) [m] with y over the mean surface. directions: (n, 3) unit. from_below: whether they run in water.
     width_m, spread: (n,) width of a ray's footprint at its origin and its growth per metre. reach_m: (n,) at most.
     """
     count = len(origins)
@@ -67,22 +67,6 @@ def first_hits(
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(trace, range(0, count, _CHUNK)))  # to see their errors
     return SurfaceHits(distance, normal, sigma, sea.level_of(sigma))
-
-
-def heights(sea: SampledSea, x_m: Array, z_m: Array) -> Array:
-    """Return the height (n,) [m] of the surface over the mean above places (n,)."""
-    out = np.zeros(len(x_m))
-    _heights(sea.coefficients, sea.start, sea.size, sea.tile_m, x_m, z_m, out)
-    return out
-
-
-@compiled
-def _heights(coefficients: Any, start: Any, size: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
-    rest, out = np.zeros(2), np.zeros(9)
-    for n in range(len(x)):
-        rest[0], rest[1] = x[n], z[n]
-        rest_position(coefficients, start, size, tile_m, 0.0, x[n], z[n], rest, out)
-        result[n] = out[0]
 
 
 @compiled

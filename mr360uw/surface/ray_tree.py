@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.optics import fresnel, reflect, refract_clamped, solid_angle_change
-from mr360uw.surface.floor import Floor, FloorLight
 from mr360uw.surface.intersection import SurfaceHits, first_hits
 from mr360uw.surface.sampled_sea import SampledSea
+from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.slopes import Facets, next_keys
 from mr360uw.surface.water_light import WaterLight
@@ -151,7 +151,9 @@ def _floor(stage: Stage, rays: Rays, met: Met, kept: NDArray[np.bool_], image: A
     """Add the floor that rays meet."""
     seen, distance = rays.of(kept), met.distance[kept]
     at = seen.origin + distance[:, None] * seen.direction
-    width = (seen.width_m + np.hypot(seen.spread, seen.lobe_rad) * distance) / np.sqrt(np.maximum(-seen.direction[:, 1], 1e-3))
+    width = (seen.width_m + np.hypot(seen.spread, seen.lobe_rad) * distance) / np.sqrt(
+        np.maximum(-seen.direction[:, 1], 1e-3)
+    )
     light = stage.floor_light.radiance(stage.floor, at[:, 0], at[:, 2], width, dry)
     _add(image, seen.pixel, seen.weight * light)
 

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
+from mr360uw.surface.spline import heights_at
 from mr360uw.types import Floats, Surface
 
 Array = NDArray[np.float64]
@@ -104,6 +105,13 @@ class SampledSea:
             np.array(lost), float(fields.height.min()) - margin, float(fields.height.max()) + margin,
             min(1.1 * steepest + 1e-6, _STEEPEST), sea.detail(time_s), 0.5 * sea.blur_slope**2,
         )  # fmt: skip
+
+    def heights(self, x_m: ArrayLike, z_m: ArrayLike) -> Array:
+        """Return the height (n,) [m] of the surface over the mean above places (n,)."""
+        x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
+        out = np.zeros(len(x))
+        heights_at(self.coefficients, self.start, self.size, self.tile_m, x, z, out)
+        return out
 
     def level_of(self, sigma_m: Floats) -> Array:
         """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""

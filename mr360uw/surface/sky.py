@@ -26,8 +26,11 @@ lowest 5 degrees give 0.3 % of a uniform sky's light in the water and join the l
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkyPatch:
-    """A part of the sky as a light. direction: (3,) to its middle in the air. irradiance: (3,) that it brings on a level
-    plane just below a flat surface. half_angle_rad: radius of a disc of its solid angle."""
+    """A part of the sky as a light.
+
+    direction: (3,) to its middle in the air. irradiance: (3,) that it brings on a level plane just below a flat
+    surface. half_angle_rad: radius of a disc of its solid angle.
+    """
 
     direction: Array
     irradiance: Array

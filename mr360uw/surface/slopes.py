@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from mr360uw.constants import PI
-from mr360uw.optics import fresnel, radiance_factor
+from mr360uw.optics import fresnel, radiance_factor, reflect, refract_clamped
 from mr360uw.types import Sun
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ class Facets:
         solid_angle = 2.0 * PI * (1.0 - np.cos(sun.half_angle_rad))
         normal, cosine, image, factor = self._towards(sun, solid_angle, refractive_index)
         slope = -normal[:, [0, 2]] / np.maximum(normal[:, 1:2], _LEAST)
-        seen = (cosine > 0.0) & (normal[:, 1] > 0.0) & (factor > 0.0)
+        seen = (cosine > 0.0) & (normal[:, 1] > 0.0)
         off = slope - self.slope
         c = self.covariance
         own = image / (4.0 * PI)  # variance of the sun's image in slopes, along each axis
@@ -108,10 +108,21 @@ class Facets:
         determinant = np.maximum(xx * zz - xz * xz, 1e-300)
         square = (zz * off[:, 0] ** 2 - 2.0 * xz * off[:, 0] * off[:, 1] + xx * off[:, 1] ** 2) / determinant
         share = image * np.exp(-0.5 * square) / (2.0 * PI * np.sqrt(determinant))
-        share = np.where(sharp, np.sum(off * off, axis=-1) * PI <= image, share)
         weight = np.maximum(self.facing(slope), 0.0) / self.mean_facing()
-        radiance = sun.irradiance / solid_angle
-        return np.where(seen, np.minimum(share, 1.0) * weight * factor, 0.0)[:, None] * radiance
+        light = np.where(seen, np.minimum(share, 1.0) * weight * factor, 0.0)
+        light = np.where(sharp, self._disc(sun, refractive_index), light)
+        return np.asarray(light[:, None] * (sun.irradiance / solid_angle))
+
+    def _disc(self, sun: Sun, n: float) -> Array:
+        """Return the radiance (n,) of the sun's disc over its own, seen by facets of the mean slope alone."""
+        against = -self.normal if self.from_below else self.normal
+        cosine = np.clip(-np.sum(self.travel * against, axis=-1), 0.0, 1.0)
+        if self.from_below:
+            out = refract_clamped(self.travel, against, n)
+            factor = (1.0 - fresnel(cosine, 1.0 / n)) * n * n
+        else:
+            out, factor = reflect(self.travel, against), fresnel(cosine, n)
+        return np.where(out @ sun.direction >= np.cos(sun.half_angle_rad), factor, 0.0)
 
     def _towards(self, sun: Sun, solid_angle: float, n: float) -> tuple[Array, Array, Array, Array]:
         """Return the normal (n, 3) of the facets that point the sun at the rays, the cosine (n,) at which rays meet

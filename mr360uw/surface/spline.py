@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from mr360uw.caustics.flux.compiled import compiled
 
 
@@ -82,3 +84,13 @@ def rest_position(
         else:
             rest[0] -= (zz * off_x - xz * off_z) / across
             rest[1] -= (xx * off_z - zx * off_x) / across
+
+
+@compiled
+def heights_at(coefficients: Any, start: Any, size: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
+    """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
+    rest, out = np.zeros(2), np.zeros(9)
+    for n in range(len(x)):
+        rest[0], rest[1] = x[n], z[n]
+        rest_position(coefficients, start, size, tile_m, 0.0, x[n], z[n], rest, out)
+        result[n] = out[0]

@@ -9,7 +9,7 @@ geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_fro
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
-from mr360uw.surface.floor import FloorLight, Tiled
+from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sun_below
 from mr360uw.types import CausticStack, MediumTable, Sun
 
@@ -31,6 +31,9 @@ _JUST_BELOW_M = 0.01
 """Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
 _SKY_MAP, _SKY_GRID = 64, 128
 """Pixels and cells of the patterns of the sky's patches, which are wide discs."""
+_EVEN_TILES = 2.0
+"""Radius of a patch's disc on the floor, in tiles of the sea, beyond which its light is even: a disc so wide leaves 3 %
+of a wave's contrast at the most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +52,8 @@ class WaterLight:
         cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, camera_depth_m: float | None, index: float
     ) -> WaterLight:
         """Return the water of a picture. water: as of `picture`; a medium's gain and camera are not read."""
-        below = sun is not None and sun.direction[1] > 0.0
-        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and below else 1.0
+        risen = sun is not None and sun.direction[1] > 0.0
+        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
         if water is None:
             return cls((), camera_depth_m, sun_up)
         given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
@@ -60,7 +63,7 @@ class WaterLight:
             given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index
         )
         parts = [(dome.irradiance_below(index), sky)]
-        if below:
+        if risen:
             beam = Medium(
                 given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
                 refractive_index=index, sky=("sun", sun_up, 1.0),
@@ -150,7 +153,12 @@ def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
 def sky_pattern(sea: Sea, dome: Dome, depth_m: float, time_s: float, index: float) -> Tiled:
     """Return the irradiance of the floor by the sky through clear water, as the sum of the caustics of its patches."""
     total = np.zeros((_SKY_MAP, _SKY_MAP, 3))
+    if not np.any(sea.grid_fields(_SKY_GRID, time_s).height):  # a level sea
+        return Tiled.of(total[:1, :1] + dome.irradiance_below(index), sea.tile_m)
     for patch in dome.patches(index):
+        if depth_m * patch.half_angle_rad > _EVEN_TILES * index * sea.tile_m:
+            total += patch.irradiance
+            continue
         ratio = caustic_map(
             sea, patch.direction, depth_m, time_s, _SKY_MAP, _SKY_GRID, index, min(patch.half_angle_rad, 0.5)
         )
@@ -163,4 +171,4 @@ def _table(medium: Medium, depth_m: float) -> MediumTable:
     """Return a medium's table for rays that start at a depth."""
     if depth_m == medium.camera_depth_m:
         return medium.unit_table
-    return replace(medium.at_depth(depth_m).unit_table)
+    return medium.at_depth(depth_m).unit_table

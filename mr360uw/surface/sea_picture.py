@@ -20,10 +20,9 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.floor import Floor
-from mr360uw.surface.intersection import heights
 from mr360uw.surface.ray_tree import Rays, Stage, meet, trace
 from mr360uw.surface.sampled_sea import SampledSea
+from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.slopes import next_keys
 from mr360uw.surface.water_light import WaterLight
@@ -90,7 +89,7 @@ def picture(
         )
     sampled = SampledSea.of(sea, number("time_s", time_s))
     over = float(position[1] - view.surface_y_m)
-    in_water = over < float(heights(sampled, position[[0]], position[[2]])[0])
+    in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
     water_light = WaterLight.of(water, sky, light, max(-over, 0.01) if in_water else None, refractive_index)
     depth = view.surface_y_m - ground.height_m
     floor_light = water_light.on_floor(
