@@ -35,11 +35,15 @@ _CHUNK = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceHits:
-    """Where rays meet the surface: distance (n,) [m], infinity for none; normal (n, 3) up; sigma_m (n,) of the
-    footprint that the surface was smoothed to, and the level (n,) of the splines for it."""
+    """Where rays meet the surface.
+
+    distance: (n,) [m], infinity for none. normal: (n, 3), up. rest: (n, 2) rest position over (x, z) of the particle.
+    sigma_m: (n,) of the footprint that the surface was smoothed to. level: (n,) of the splines for it.
+    """
 
     distance: Array
     normal: Array
+    rest: Array
     sigma_m: Array
     level: Array
 
@@ -53,7 +57,7 @@ def first_hits(
     width_m, spread: (n,) width of a ray's footprint at its origin and its growth per metre. reach_m: (n,) at most.
     """
     count = len(origins)
-    distance, normal, sigma = np.full(count, np.inf), np.zeros((count, 3)), np.zeros(count)
+    distance, normal, rest, sigma = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count)
     bounds = (sea.lowest_m, sea.highest_m, sea.steepest, sea.step_m)
 
     def trace(first: int) -> None:
@@ -61,12 +65,12 @@ def first_hits(
         _trace(
             sea.coefficients, sea.start, sea.size, sea.tile_m, bounds, origins[part], directions[part],
             -1.0 if from_below else 1.0, width_m[part], spread[part], reach_m[part],
-            distance[part], normal[part], sigma[part],
+            distance[part], normal[part], rest[part], sigma[part],
         )  # fmt: skip
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(trace, range(0, count, _CHUNK)))  # to see their errors
-    return SurfaceHits(distance, normal, sigma, sea.level_of(sigma))
+    return SurfaceHits(distance, normal, rest, sigma, sea.level_of(sigma))
 
 
 @compiled
@@ -85,7 +89,7 @@ def level_at(sigma: float, step_m: float, last: int) -> float:
 @compiled
 def _trace(
     coefficients: Any, start: Any, size: Any, tile_m: float, bounds: Any, origins: Any, directions: Any, side: float,
-    width: Any, spread: Any, reach: Any, distance: Any, normal: Any, sigma: Any,
+    width: Any, spread: Any, reach: Any, distance: Any, normal: Any, rests: Any, sigma: Any,
 ) -> None:  # fmt: skip
     lowest, highest, steepest, step_m = bounds
     rest, out = np.zeros(2), np.zeros(9)
@@ -119,7 +123,10 @@ def _trace(
                 found = _refined(
                     coefficients, start, size, tile_m, level, origins[n], directions[n], side, before, t, rest, out
                 )
-                _write_hit(found, s, out, n, distance, normal, sigma)
+                distance[n], sigma[n] = found, s
+                rests[n, 0] = origins[n, 0] + found * dx - out[1]
+                rests[n, 1] = origins[n, 2] + found * dz - out[2]
+                _write_normal(out, normal[n])
                 break
             if t >= end:
                 break
@@ -128,13 +135,12 @@ def _trace(
 
 
 @compiled
-def _write_hit(t: float, s: float, out: Any, n: int, distance: Any, normal: Any, sigma: Any) -> None:
-    """Write a hit; the normal is that of the tangents (1 + s_xx, h_x, s_zx), (s_xz, h_z, 1 + s_zz)."""
+def _write_normal(out: Any, normal: Any) -> None:
+    """Write the unit normal (3,), across the tangents (1 + s_xx, h_x, s_zx) and (s_xz, h_z, 1 + s_zz)."""
     across = (1.0 + out[4]) * (1.0 + out[8]) - out[5] * out[7]
     nx, nz = out[6] * out[5] - (1.0 + out[8]) * out[3], out[3] * out[7] - (1.0 + out[4]) * out[6]
     length = math.sqrt(nx * nx + across * across + nz * nz)
-    distance[n], sigma[n] = t, s
-    normal[n, 0], normal[n, 1], normal[n, 2] = nx / length, across / length, nz / length
+    normal[0], normal[1], normal[2] = nx / length, across / length, nz / length
 
 
 @compiled

@@ -165,7 +165,7 @@ def _part(
     rays, distance, sigma = rays.of(met), hits.distance[met], hits.sigma_m[met]
     d, n = rays.direction, stage.refractive_index
     point = rays.origin + distance[:, None] * d
-    normal, rippled = stage.sea.with_ripples(hits.normal[met], point[:, 0], point[:, 2], sigma)
+    normal, rippled = stage.sea.with_ripples(hits.normal[met], hits.rest[met], sigma)
     lost = stage.sea.unresolved(hits.level[met]) + rippled[:, None] * np.array([1.0, 0.0, 1.0])
     facets = Facets(d, normal, lost, from_below)
     if stage.sun is not None and stage.sun.direction[1] > 0.0:

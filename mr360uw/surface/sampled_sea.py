@@ -28,7 +28,7 @@ _SAMPLES = 12
 memory."""
 _FEWEST, _MOST = 256, 2048
 """Least and greatest number of points across the tile; 2048 squared take 0.3 GB."""
-_PROBE = 512
+_PROBE = 1024
 """Points across the tile at which the shortest wave is looked for."""
 _HARDLY = 1e-9
 """Amplitude of a wave over that of the largest that is rounding."""
@@ -124,16 +124,16 @@ class SampledSea:
         lost = np.stack([np.interp(level, at, self.lost_slope[:, c]) for c in range(3)], axis=-1)
         return lost + self.blur_variance * np.array([1.0, 0.0, 1.0])
 
-    def with_ripples(self, normal: Array, x_m: Array, z_m: Array, sigma_m: Array) -> tuple[Array, Array]:
+    def with_ripples(self, normal: Array, rest: Array, sigma_m: Array) -> tuple[Array, Array]:
         """Return normals (n, 3) with the ripples' slopes, and the slope variance (n,) of ripples that are smaller than
-        the footprint. x_m, z_m: (n,) places; sigma_m: (n,) of their footprints.
+        the footprint. rest: (n, 2) rest positions; sigma_m: (n,) of their footprints.
         """
         if self.detail is None:
             return normal, np.zeros(len(normal))
         slopes, repeats = self.detail.slopes, self.detail.repeats
         wave = 2.0 * np.pi * _DOMINANT_WAVES * repeats.max() / self.tile_m
         kept = np.exp(-0.5 * (wave * sigma_m) ** 2)
-        added = kept[:, None] * detail_slope(self.detail, x_m, z_m)
+        added = kept[:, None] * detail_slope(self.detail, rest[:, 0], rest[:, 1])
         tilted = normal - normal[:, 1:2] * np.stack([added[:, 0], np.zeros(len(added)), added[:, 1]], axis=-1)
         variance = float(np.mean(np.sum(slopes**2, axis=-1)))  # of each map, both axes: of both maps, one axis
         return tilted / np.linalg.norm(tilted, axis=-1, keepdims=True), (1.0 - kept**2) * variance

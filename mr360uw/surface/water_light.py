@@ -95,10 +95,10 @@ class WaterLight:
         dry = dome.irradiance() + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry)
-        tau = np.zeros(3)
+        tau = np.zeros(3)  # of the way up and down again
         if self.parts:
             down = np.array([depth_m]), np.array([-1.0])
-            tau = -np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
+            tau = -2.0 * np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
         factor = 1.0 / (1.0 - albedo * diffuse_reflectance_from_below(index, tau))
         even, patterns = np.zeros(3), []
         pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, self._beam)

@@ -44,6 +44,20 @@ def test_a_sampled_sea_is_the_sea(name: str, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(hits.normal, exact.normal, atol=1e3 * tol.SPLINE_HEIGHT_M)  # a derivative over a step
 
 
+def test_ripples_tilt_the_surface_or_are_kept_as_slopes() -> None:
+    sea = GerstnerSea(wind_speed=2.0, detail_slope=0.05, detail_kind="ripples", wave_count=4)
+    x = np.linspace(0.0, 5.0, 50)
+    exact, sampled = sea.surface(x, 2.0 * x, 0.0), SampledSea.of(sea, 0.0)
+    n, down = np.zeros(50), np.tile([0.0, -1.0, 0.0], (50, 1))
+    hits = first_hits(sampled, exact.position - 5.0 * down, down, False, n, n, n + 1e3)
+    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n)
+    np.testing.assert_allclose(normal, exact.normal, atol=1e3 * tol.SPLINE_HEIGHT_M)
+    np.testing.assert_array_equal(lost, 0.0)
+    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n + 10.0)
+    np.testing.assert_allclose(normal, hits.normal, atol=tol.SPLINE_HEIGHT_M)
+    np.testing.assert_allclose(lost, 0.5 * 0.05**2, rtol=tol.SPLINE_HEIGHT_M)
+
+
 @pytest.mark.parametrize("from_below", [False, True])
 @pytest.mark.parametrize("name", SEAS)
 def test_the_first_of_several_hits(name: str, from_below: bool, rng: np.random.Generator) -> None:
