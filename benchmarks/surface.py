@@ -3,8 +3,9 @@
 
 flat: Snell's window, apparent depth, Fresnel's equations, energy, round trips and reciprocity at a level surface.
 mitsuba: a Gerstner sea under a sky without a sun from below and from above, against a path tracer on a mesh of the same
-surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954. stress: cameras at
-the surface, waves that bare the floor, low suns, night, calm. pictures FOLDER: what the figures are of.
+surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954.
+footprint: few pixels against many. stress: cameras at the surface, waves that bare the floor, low suns, night, calm.
+pictures FOLDER: docs/surface.jpg.
 """
 
 from __future__ import annotations
@@ -258,6 +259,17 @@ def glitter() -> None:
             say(f"{wind:g} m/s from {height:g} m: {found:.4f} of {mean_square_slope(wind):.4f}, off", off, 0.15)
 
 
+def footprint() -> None:
+    """Pictures of few pixels against the means of pictures of sixteen times as many, nine rays in each."""
+    print("footprint")
+    sea = GerstnerSea(wind_speed=5.0)
+    for name, y in {"below": -1.5, "above": 3.0}.items():
+        few, many = (View(64 * k, 32 * k, np.array([0.0, y, 0.0]), surface_y_m=0.0) for k in (1, 4))
+        a = surface.picture(sea, sky(), (-6.0, 0.35), few, samples=2).radiance
+        b = coarse(surface.picture(sea, sky(), (-6.0, 0.35), many, samples=3).radiance)
+        print(f"  {name}: mean {a.mean() / b.mean():.4f} of theirs, PSNR {psnr(a, b):.1f} dB")
+
+
 def stress() -> None:
     """Unusual cameras, seas and suns: light that is finite and nowhere negative."""
     print("stress")
@@ -309,7 +321,7 @@ def pictures(folder: str = "pictures") -> None:
 
 
 SECTIONS: dict[str, Callable[[], None]] = {
-    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "stress": stress,
+    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "footprint": footprint, "stress": stress,
 }  # fmt: skip
 
 

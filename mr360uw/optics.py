@@ -125,13 +125,18 @@ def fresnel_polarized(cosine: ArrayLike, relative_index: float) -> tuple[Array, 
 
     cosine: of incidence, from either side, below 0 taken as 0. Both are 1 under total internal reflection.
     """
-    m = number("relative_index", relative_index)
-    if not m > 0.0:
-        raise ParameterError(f"relative_index - must be positive (got {m}) - from air into sea water it is 1.34")
+    m = _checked_relative(relative_index)
     before = np.maximum(numbers("cosine", cosine).astype(np.float64, copy=False), 1e-300)
     behind = cosine_behind(before, m)
     across, along = (before - m * behind) / (before + m * behind), (m * before - behind) / (m * before + behind)
     return np.asarray(across * across), np.asarray(along * along)
+
+
+def _checked_relative(relative_index: float) -> float:
+    m = number("relative_index", relative_index)
+    if not m > 0.0:
+        raise ParameterError(f"relative_index - must be positive (got {m}) - from air into sea water it is 1.34")
+    return m
 
 
 def fresnel(cosine: ArrayLike, relative_index: float) -> Array:
@@ -151,7 +156,7 @@ def radiance_factor(cosine: ArrayLike, relative_index: float) -> Array:
 
     By reciprocity the factor of the way back, at the refracted cosine and 1/m, is this one over m^4.
     """
-    return (1.0 - fresnel(cosine, relative_index)) * number("relative_index", relative_index) ** 2
+    return (1.0 - fresnel(cosine, relative_index)) * _checked_relative(relative_index) ** 2
 
 
 def solid_angle_change(cosine: ArrayLike, relative_index: float) -> Array:
@@ -161,7 +166,8 @@ def solid_angle_change(cosine: ArrayLike, relative_index: float) -> Array:
     total internal reflection and beyond.
     """
     c = numbers("cosine", cosine).astype(np.float64, copy=False)
-    flux = number("relative_index", relative_index) ** 2 * cosine_behind(c, relative_index)
+    m = _checked_relative(relative_index)
+    flux = m * m * cosine_behind(c, m)
     return np.divide(c, flux, out=np.full(np.shape(c), np.inf), where=flux > 0.0)
 
 

@@ -140,11 +140,16 @@ def _in_air(stage: Stage, rays: Rays, image: Array, first: bool) -> tuple[Rays, 
     sky = rays.of(~met.surface & ~met.floor)
     _add(image, sky.pixel, sky.weight * stage.dome.look(sky.direction, np.hypot(sky.spread, sky.lobe_rad)))
     if first and stage.sun is not None:
-        disc = sky.direction @ stage.sun.direction > np.cos(stage.sun.half_angle_rad)
-        radiance = stage.sun.irradiance / (2.0 * np.pi * (1.0 - np.cos(stage.sun.half_angle_rad)))
-        _add(image, sky.pixel[disc], sky.weight[disc] * radiance)
+        _add(image, sky.pixel, sky.weight * _sun_disc(stage.sun, sky))
     going_up, down = _part(stage, rays, hits, met.surface, image, from_below=False)
     return down, going_up
+
+
+def _sun_disc(sun: Sun, sky: Rays) -> Array:
+    """Return the radiance (n, 3) of the sun that rays see without the sea; wide footprints see it wider and dimmer."""
+    seen = np.maximum(np.minimum(sky.spread / np.sqrt(np.pi), 1.0), sun.half_angle_rad)
+    inside = sky.direction @ sun.direction > np.cos(seen)
+    return np.where(inside, 1.0 / (2.0 * np.pi * (1.0 - np.cos(seen))), 0.0)[:, None] * sun.irradiance
 
 
 def _floor(stage: Stage, rays: Rays, met: Met, kept: NDArray[np.bool_], image: Array, dry: bool) -> None:

@@ -49,10 +49,11 @@ class Floor:
     def __init__(self, height_m: float, albedo: ArrayLike = 0.3, tile_m: float | None = None) -> None:
         self.height_m = number("floor.height_m", height_m)
         image = numbers("floor.albedo", albedo).astype(np.float64)
+        tile = 0.0 if tile_m is None else number("floor.tile_m", tile_m)
         if image.size == 0 or image.min() < 0.0 or image.max() > 1.0:
             raise ParameterError(f"floor.albedo - must lie in [0, 1] (got {image.ravel()[:3]}) - give fractions")
         if image.shape in ((), (3,)):
-            image, tile_m = np.broadcast_to(image, (1, 1, 3)), 1.0
+            image, tile = np.broadcast_to(image, (1, 1, 3)), 1.0
         elif image.ndim == 2:
             image = image[..., None]
         size = image.shape[0]
@@ -61,10 +62,10 @@ class Floor:
                 f"floor.albedo - must be a number, (3,) or a square image (got shape {image.shape}) - "
                 "sides of a power of two tile"
             )
-        if tile_m is None or not number("floor.tile_m", tile_m) > 0.0:
+        if not tile > 0.0:
             raise ParameterError(f"floor.tile_m - an image needs its size (got {tile_m}) - give metres above 0")
         self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
-        self._image = Tiled.of(image, float(tile_m))
+        self._image = Tiled.of(image, tile)
 
     def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""

@@ -80,6 +80,10 @@ def picture(
     check_refractive_index(refractive_index)
     if not 1 <= samples <= _MOST_SAMPLES:
         raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
+    if not isinstance(floor, Floor) and (not isinstance(floor, tuple) or len(floor) != 2):
+        raise ParameterError(f"floor - must be a Floor, or height and albedo (got {floor!r:.40}) - give (-5.0, 0.3)")
+    if water is not None and not isinstance(water, Water | Medium):
+        raise ParameterError(f"water - must be a Water, a Medium or None (got {water!r:.40}) - see uw.medium.Water")
     ground = floor if isinstance(floor, Floor) else Floor(*floor)
     sky, light = Dome(dome), _checked(sun)
     position = exactly("view.position", view.position, (3,)).astype(np.float64)

@@ -14,7 +14,7 @@ from mr360uw import optics, surface
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
-from mr360uw.sphere import direction_from_angles, directions, unit
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.surface.ray_tree import Rays
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.slopes import next_keys
@@ -169,6 +169,15 @@ def test_glitter_has_the_slopes_of_cox_and_munk() -> None:
     assert found == pytest.approx(mean_square_slope(6.0), rel=0.05)
 
 
+@pytest.mark.parametrize("rows", [16, 256])
+def test_the_sun_in_the_air_brings_its_irradiance_whatever_the_pixels(rows: int) -> None:
+    sun = sun_at(50.0, half_angle=0.03)
+    view = View(2 * rows, rows, np.array([0.0, 9.0, 0.0]), surface_y_m=0.0)
+    seen = surface.picture(CALM, 0.0 * EVEN, (-4.0, 0.0), view, sun=sun, samples=1, caustics=FEW).radiance
+    light = np.sum(seen[: rows // 2] * row_solid_angle(2 * rows, rows)[: rows // 2, None, None], axis=(0, 1))
+    np.testing.assert_allclose(light, sun.irradiance, rtol=tol.COARSE_SUN[rows])
+
+
 def test_the_sun_through_a_level_sea_is_a_disc_of_its_own_radiance() -> None:
     sun = sun_at(50.0, half_angle=0.1)
     view = View(64, 64, np.array([0.0, -3.0, 0.0]), UP, 0.0, "perspective", fov_rad=np.radians(90.0))
@@ -239,6 +248,8 @@ REFUSED: dict[str, tuple[Any, ...]] = {
     "floor.albedo": (CALM, EVEN, (-4.0, 2.0), small(0.5)),
     "floor.tile_m": (CALM, EVEN, (-4.0, np.ones((4, 4))), small(0.5)),
     "floor.albedo, its shape": (CALM, EVEN, (-4.0, np.ones((3, 4))), small(0.5)),
+    "floor": (CALM, EVEN, -4.0, small(0.5)),
+    "water": (CALM, EVEN, (-4.0, 0.3), small(0.5), "IB"),
     "view": (CALM, EVEN, (-4.0, 0.3), small(-5.0)),
 }
 

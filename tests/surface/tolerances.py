@@ -28,6 +28,9 @@ SKY_SUM = 1e-9
 """The sky's light as a sum of patches: rounding."""
 EVEN_SKY = 0.03
 """A floor under a level sea and an even sky: the dome's map of 32 rows, and patches whose maps are even."""
+COARSE_SUN = {16: 0.4, 256: 0.1}
+"""A sun of a pixel or less falls on one sample, sometimes on none or two: rows are narrower at 50 degrees. One of seven
+pixels across has an edge of whole pixels."""
 EVEN_PIXEL = 0.12
 """The same in single pixels under waves: they focus the sky's light by some per cent."""
 SOLVED = 0.02
