@@ -126,7 +126,7 @@ def _in_water(stage: Stage, rays: Rays, image: Array, first: bool) -> tuple[Rays
     rays = replace(rays, weight=rays.weight * passed)
     _floor(stage, rays, met, met.floor, image, dry=False)
     lost = ~met.surface & ~met.floor
-    if np.any(lost) and not stage.water.parts:  # level rays in clear water: the floor and its mirror image, far away
+    if np.any(lost) and stage.water.sky is None:  # level rays in clear water: the floor and its mirror image, far away
         far = np.zeros(3)
         light = stage.floor_light.radiance(stage.floor, far[:1], far[:1], np.array([FARTHEST_M]), False)
         _add(image, rays.pixel[lost], rays.weight[lost] * light)

@@ -8,7 +8,6 @@ geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_fro
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,14 +36,39 @@ of a wave's contrast at the most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WaterLight:
-    """Water for rays. parts: the light (3,) just below the surface and the medium solved for it, of sky and sun; none
-    for clear water. camera_depth_m: where rays of the camera start; None above the water. sun_up: y of the sun's
-    direction in the water.
+class LightInWater:
+    """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it. from_surface,
+    from_camera: its tables for rays that start there; from_camera is None where the camera is above the water.
     """
 
-    parts: tuple[tuple[Array, Medium], ...]
-    camera_depth_m: float | None
+    below: Array
+    medium: Medium
+    from_surface: MediumTable
+    from_camera: MediumTable | None
+
+    @classmethod
+    def of(cls, below: Array, medium: Medium, camera_depth_m: float | None) -> LightInWater:
+        """Return it with its tables."""
+        at_camera = None if camera_depth_m is None else medium.at_depth(camera_depth_m).unit_table
+        return cls(below, medium, medium.unit_table, at_camera)
+
+    def table(self, from_camera: bool) -> MediumTable:
+        """Return the table for rays of the camera, or of the surface."""
+        return self.from_surface if self.from_camera is None or not from_camera else self.from_camera
+
+    def down(self, depth_m: float) -> Array:
+        """Return the irradiance (3,) on a level plane at a depth."""
+        return self.below * self.medium.light.display(self.medium.model.irradiance(depth_m, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterLight:
+    """Water for rays. sky, sun: light of each in the water; none for clear water, and no sun at night. sun_up: y of the
+    sun's direction in the water.
+    """
+
+    sky: LightInWater | None
+    sun: LightInWater | None
     sun_up: float
 
     @classmethod
@@ -55,36 +79,36 @@ class WaterLight:
         risen = sun is not None and sun.direction[1] > 0.0
         sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
         if water is None:
-            return cls((), camera_depth_m, sun_up)
+            return cls(None, None, sun_up)
         given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
         if given.mode == "plate":
             raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
         sky = Medium(
             given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index
         )
-        parts = [(dome.irradiance_below(index), sky)]
+        beam = None
         if risen:
             beam = Medium(
                 given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
                 refractive_index=index, sky=("sun", sun_up, 1.0),
             )  # fmt: skip
-            parts.append((sun_below(sun, index), beam))
-        return cls(tuple(parts), camera_depth_m, sun_up)
+        of_sky = LightInWater.of(dome.irradiance_below(index), sky, camera_depth_m)
+        of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam, camera_depth_m)
+        return cls(of_sky, of_sun, sun_up)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
         directions. Distances may be infinite.
         """
         shape = (len(distance_m), 3)
-        if not self.parts:
+        if self.sky is None:
             return np.ones(shape), np.zeros(shape)
-        depth = self.camera_depth_m if from_camera and self.camera_depth_m else _JUST_BELOW_M
-        veil = np.zeros(shape)
-        for light, medium in self.parts:
-            veil += light * veil_lookup(_table(medium, depth), distance_m, up)
+        veil = self.sky.below * veil_lookup(self.sky.table(from_camera), distance_m, up)
+        if self.sun is not None:
+            veil = veil + self.sun.below * veil_lookup(self.sun.table(from_camera), distance_m, up)
         finite = np.isfinite(distance_m)
         reach = np.where(finite, distance_m, 0.0)
-        passed = transmittance_lookup(_table(self.parts[0][1], depth), reach, up)
+        passed = transmittance_lookup(self.sky.table(from_camera), reach, up)
         return np.where(finite[:, None], passed, 0.0), veil
 
     def on_floor(
@@ -96,35 +120,35 @@ class WaterLight:
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry)
         tau = np.zeros(3)  # of the way up and down again
-        if self.parts:
+        if self.sky is not None:
             down = np.array([depth_m]), np.array([-1.0])
             tau = -2.0 * np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
         factor = 1.0 / (1.0 - albedo * diffuse_reflectance_from_below(index, tau))
-        even, patterns = np.zeros(3), []
-        pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, self._beam)
-        if not self.parts:
-            patterns.append((sky_pattern(sea, dome, depth_m, time_s, index), factor))
+        medium = None if self.sun is None else self.sun.medium
+        pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, medium)
+        if self.sky is None:
+            patterns = [(sky_pattern(sea, dome, depth_m, time_s, index), factor)]
             if pattern is not None:
                 patterns.append((pattern[0], factor * sun_below(sun, index)))
-            return FloorLight(even, tuple(patterns), dry)
-        light, sky = self.parts[0]
-        even = light * sky.light.display(sky.model.irradiance(depth_m, 1.0))
-        if pattern is not None and self._beam is not None:
-            light, medium = self.parts[1]
-            beam = beam_fraction(medium.unit_table, depth_m, self.sun_up)
-            sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
-            sharp = np.minimum(sharp, beam)
-            even = even + light * (medium.light.display(medium.model.irradiance(depth_m, 1.0)) - beam)
-            patterns.append((pattern[0], factor * light * sharp))
-            if pattern[1] is None:
-                even = even + light * (beam - sharp)
+            return FloorLight(np.zeros(3), tuple(patterns), dry)
+        even, patterns = self.sky.down(depth_m), []
+        if pattern is not None and self.sun is not None:
+            beam, sharp = self._beam(depth_m)
+            even = even + self.sun.down(depth_m) - beam
+            patterns = [(pattern[0], factor * sharp)]
+            if pattern[1] is not None:
+                patterns.append((pattern[1], factor * (beam - sharp)))
             else:
-                patterns.append((pattern[1], factor * light * (beam - sharp)))
+                even = even + beam - sharp
         return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry)
 
-    @property
-    def _beam(self) -> Medium | None:
-        return self.parts[1][1] if len(self.parts) > 1 else None
+    def _beam(self, depth_m: float) -> tuple[Array, Array]:
+        """Return the irradiance (3,) of a level plane by the sun's beam, and its part that has not turned at all."""
+        assert self.sun is not None
+        beam = beam_fraction(self.sun.from_surface, depth_m, self.sun_up)
+        medium = self.sun.medium
+        sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
+        return self.sun.below * beam, self.sun.below * np.minimum(sharp, beam)
 
 
 def sun_pattern(
@@ -164,11 +188,3 @@ def sky_pattern(sea: Sea, dome: Dome, depth_m: float, time_s: float, index: floa
         )
         total += ratio[..., None] * patch.irradiance
     return Tiled.of(total, sea.tile_m)
-
-
-@functools.lru_cache(maxsize=8)
-def _table(medium: Medium, depth_m: float) -> MediumTable:
-    """Return a medium's table for rays that start at a depth."""
-    if depth_m == medium.camera_depth_m:
-        return medium.unit_table
-    return medium.at_depth(depth_m).unit_table

@@ -136,7 +136,9 @@ def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
     at = (np.arange(64) + 0.5) * 8.0 / 64
     x, z = (v.ravel() for v in np.meshgrid(at, at))
     black, white = (f.irradiance(x, z, np.zeros(len(x))).mean(axis=0) for f in floors)
-    expected = sum(part * m.light.display(m.model.irradiance(depth, 1.0)) for part, m in light.parts)
+    parts = [part for part in (light.sky, light.sun) if part is not None]
+    expected = sum(p.below * p.medium.light.display(p.medium.model.irradiance(depth, 1.0)) for p in parts)
+    assert len(parts) == 2
     np.testing.assert_allclose(black, expected, rtol=tol.SOLVED)
     assert np.all(white > 1.02 * black)
     assert np.all(white < black / (1.0 - optics.diffuse_reflectance_from_below(N)))
