@@ -104,6 +104,18 @@ def meet(stage: Stage, rays: Rays, in_water: bool) -> tuple[Met, SurfaceHits]:
     return Met(np.where(surface, hits.distance, to_floor), hits.normal, surface, floor), hits
 
 
+def refracted_distance(stage: Stage, rays: Rays, hits: SurfaceHits) -> Array:
+    """Return the length (n,) [m] in the water of rays from the air, up to the floor; 0 where they do not meet it."""
+    wet = np.flatnonzero(np.isfinite(hits.distance))
+    seen = rays.of(wet)
+    point = seen.origin + hits.distance[wet, None] * seen.direction
+    bent = refract_clamped(seen.direction, hits.normal[wet], 1.0 / stage.refractive_index)
+    on = replace(seen, origin=point + _OFF_M * bent, direction=np.ascontiguousarray(bent, np.float64))
+    length = np.zeros(len(rays.pixel))
+    length[wet] = meet(stage, on, True)[0].distance
+    return length
+
+
 def trace(stage: Stage, rays: Rays, in_water: bool, count: int) -> Array:
     """Return the radiance (count, 3) of `count` pixels: the sum over their rays, which all start on one side."""
     image = np.zeros((count, 3))

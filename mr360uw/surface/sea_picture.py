@@ -20,7 +20,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.ray_tree import Rays, Stage, meet, trace
+from mr360uw.surface.ray_tree import Rays, Stage, meet, refracted_distance, trace
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sky import Dome
@@ -41,8 +41,9 @@ class SurfacePicture:
 
     radiance: (H, W, 3) linear, in units of the dome's. What follows is of the ray through each pixel's centre.
     distance_m: (H, W) to the first of surface and floor, infinity for the sky and for level rays. in_water_m: (H, W)
-    the part of it in the water. normal: (H, W, 3) of the surface, up, zero where it is not met. surface, floor: (H, W)
-    masks of what is met first. camera_in_water: on which side of the waves the camera is.
+    length in the water: that distance, or for a camera above the waves that of the refracted ray, 0 where there is
+    none. normal: (H, W, 3) of the surface, up, zero where it is not met. surface, floor: (H, W) masks of what is met
+    first. camera_in_water: on which side of the waves the camera is.
     """
 
     radiance: Array
@@ -118,21 +119,21 @@ def _checked(sun: Sun | None) -> Sun | None:
 def _rendered(stage: Stage, view: View, in_water: bool, samples: int) -> SurfacePicture:
     """Return the picture, made in bands of rows."""
     height, width = view.height, view.width
-    radiance, distance = np.zeros((height, width, 3)), np.zeros((height, width))
+    radiance, distance, wet = np.zeros((height, width, 3)), np.zeros((height, width)), np.zeros((height, width))
     normal = np.zeros((height, width, 3))
     surface, floor = np.zeros((height, width), bool), np.zeros((height, width), bool)
     rows = max(_AT_ONCE // (width * samples * samples), 1)
     for first in range(0, height, rows):
         band = slice(first, min(first + rows, height))
         shape = (band.stop - first, width)
-        met, _ = meet(stage, _camera_rays(view, band, 1), in_water)
+        middle = _camera_rays(view, band, 1)
+        met, hits = meet(stage, middle, in_water)
+        wet[band] = (met.distance if in_water else refracted_distance(stage, middle, hits)).reshape(shape)
         distance[band], normal[band] = met.distance.reshape(shape), met.normal.reshape(*shape, 3)
         surface[band], floor[band] = met.surface.reshape(shape), met.floor.reshape(shape)
         rays = _camera_rays(view, band, samples)
         radiance[band] = trace(stage, rays, in_water, shape[0] * width).reshape(*shape, 3)
-    return SurfacePicture(
-        radiance, distance, distance if in_water else np.zeros_like(distance), normal, surface, floor, in_water
-    )
+    return SurfacePicture(radiance, distance, wet, normal, surface, floor, in_water)
 
 
 def _camera_rays(view: View, rows: slice, samples: int) -> Rays:

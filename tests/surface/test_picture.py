@@ -81,7 +81,9 @@ def test_distances_masks_and_normals() -> None:
     above = surface.picture(CALM, EVEN, (-4.0, 0.3), small(2.0), samples=1)
     assert not above.camera_in_water
     assert np.all(np.isinf(above.distance_m[~down]))
-    np.testing.assert_array_equal(above.in_water_m, 0.0)
+    np.testing.assert_array_equal(above.in_water_m[~down], 0.0)
+    sine = np.sqrt(1.0 - d[down][:, 1] ** 2) / N
+    np.testing.assert_allclose(above.in_water_m[down], 4.0 / np.sqrt(1.0 - sine**2), rtol=1e-6)  # rays start 1 um on
 
 
 def test_light_between_floor_and_surface() -> None:
