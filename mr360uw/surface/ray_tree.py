@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 GENERATIONS = 8
-"""Hits of a ray that are followed. With 4, light between the crests of a rough sea is 0.1 % darker."""
+"""Hits of a ray that are followed. With 4, a picture under waves of 15 m/s is the same; with 3 it is 4e-5 darker."""
 FAINTEST = 1e-3
-"""Weight of a ray that is not followed further."""
+"""Fraction of a sample's radiance below which a ray is not followed further."""
 FARTHEST_M = 1e5
 """Length [m] of the longest ray."""
 _WIDEST = 4.0
@@ -56,10 +56,9 @@ class Rays:
         """Return the rays of both."""
         return Rays(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
 
-    @property
-    def bright(self) -> Rays:
-        """The rays that are followed."""
-        return self.of(self.weight.max(axis=1, initial=0.0) > FAINTEST)
+    def bright(self, samples: int) -> Rays:
+        """Return the rays that are followed, of pixels of so many samples."""
+        return self.of(samples * self.weight.max(axis=1, initial=0.0) > FAINTEST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +125,7 @@ def trace(stage: Stage, rays: Rays, in_water: bool, count: int) -> Array:
             break
         below = _in_water(stage, water, image, generation == 0) if len(water.pixel) else (nothing, nothing)
         above = _in_air(stage, air, image, generation == 0) if len(air.pixel) else (nothing, nothing)
-        water, air = below[0].joined(above[0]).bright, below[1].joined(above[1]).bright
+        water, air = (a.joined(b).bright(stage.samples) for a, b in zip(below, above, strict=True))
     return image
 
 

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
 """Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The
-lowest 5 degrees give 0.3 % of a uniform sky's light in the water and join the lowest ring."""
+lowest 5 degrees give 0.2 % of a uniform sky's light in the water and join the lowest ring."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,6 +96,14 @@ def test_light_between_floor_and_surface() -> None:
     np.testing.assert_allclose(seen[6], expected, rtol=tol.EVEN_SKY)  # totally reflected
 
 
+@pytest.mark.parametrize("samples", [1, 8])
+def test_faint_reflections_are_kept_however_many_samples(samples: int) -> None:
+    """2 % of the sky over black water."""
+    view = View(4, 4, np.array([0.0, 3.0, 0.0]), UP.T, 0.0, "perspective", fov_rad=0.2)
+    seen = surface.picture(CALM, EVEN, (-4.0, 0.0), view, samples=samples).radiance
+    np.testing.assert_allclose(seen, optics.fresnel(1.0, N), rtol=1e-3)
+
+
 def test_an_even_world_stays_even() -> None:
     """A white floor in clear water gives back all light: sky and sea have one radiance, whatever the waves."""
     for y in (3.0, -1.0):
