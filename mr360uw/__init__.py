@@ -6,7 +6,8 @@
     scene = uw.load_scene("reef.toml")
     report = uw.composite_video(scene, "out.mp4")
 
-The packages `ibl`, `caustics`, `medium`, `composite` and `video` hold the stages; every name is loaded when it is used.
+The packages `ibl`, `caustics`, `medium`, `surface`, `composite` and `video` hold the stages; every name is loaded when
+it is used.
 Conventions (axes, units, colour): `mr360uw.types`.
 """
 

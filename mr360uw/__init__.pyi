@@ -1,4 +1,4 @@
-from . import caustics, composite, ibl, medium, video
+from . import caustics, composite, ibl, medium, surface, video
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .pipeline import FrameResult, composite_video, render_frame
 from .runs.run_report import Report
@@ -34,5 +34,6 @@ __all__ = [
     "open_video",
     "render_frame",
     "sample_dive",
+    "surface",
     "video",
 ]

@@ -3,11 +3,13 @@
 
     symbol    here               meaning
     n         refractive_index   of water relative to air, > 1
+    m         relative_index     of the medium behind the surface over that before it: n into water, 1/n out of it
     c_i       cos_air            cosine between a direction in air and the surface normal
     c_t       cos_water          the same in the water
 
-Equations: Born & Wolf 1999 section 1.5 (Snell, Fresnel); Quan & Fry 1995 eq. 3 (index of sea water). Directions are
-unit vectors that point towards the light; only `refract_clamped` takes the direction of travel. Twin: optics.glsl.
+Equations: Born & Wolf 1999 section 1.5 (Snell, Fresnel); Quan & Fry 1995 eq. 3 (index of sea water). Radiance over the
+square of the index is kept across a surface but for what is reflected (the n^2 law). Directions are unit vectors that
+point towards the light; `refract_clamped` and `reflect` take the direction of travel. Twin: optics.glsl.
 """
 
 from __future__ import annotations
@@ -81,6 +83,12 @@ def refract_clamped(travel: ArrayLike, normal: ArrayLike, eta: float) -> NDArray
     return eta * i - (eta * cosine + np.sqrt(k)) * n
 
 
+def reflect(travel: ArrayLike, normal: ArrayLike) -> Array:
+    """Return the unit directions of travel (..., 3) behind a mirror; the normal (..., 3) may have either sign."""
+    i, n = np.asarray(travel, np.float64), np.asarray(normal, np.float64)
+    return np.asarray(i - 2.0 * np.einsum("...i,...i->...", i, n)[..., None] * n)
+
+
 def critical_cosine(refractive_index: float) -> float:
     """Return the cosine in the water at the edge of Snell's window: directions above it see the sky; 0 for n <= 1."""
     return float(np.sqrt(1.0 - 1.0 / refractive_index**2)) if refractive_index > 1.0 else 0.0
@@ -107,13 +115,79 @@ def fresnel_from_below(cos_water: ArrayLike, refractive_index: float) -> Array:
 
     cos_water: cosine of incidence, below 0 taken as 0. It is 1 outside Snell's window, and 0 everywhere for n = 1.
     """
-    c_t = np.maximum(np.asarray(cos_water, np.float64), 1e-300)
-    n = refractive_index
-    if n == 1.0:
-        return np.zeros(c_t.shape)
-    c_i = np.sqrt(np.maximum(1.0 - n * n * (1.0 - c_t * c_t), 0.0))
-    s, p = (n * c_t - c_i) / (n * c_t + c_i), (c_t - n * c_i) / (c_t + n * c_i)
-    return 0.5 * (s * s + p * p)
+    if refractive_index == 1.0:
+        return np.zeros(np.shape(cos_water))
+    return fresnel(cos_water, 1.0 / refractive_index)
+
+
+def fresnel_polarized(cosine: ArrayLike, relative_index: float) -> tuple[Array, Array]:
+    """Return the reflectances (...,) of irradiance polarised across and along the plane of incidence, R_s and R_p.
+
+    cosine: of incidence, from either side, below 0 taken as 0. Both are 1 under total internal reflection.
+    """
+    m = _checked_relative(relative_index)
+    before = np.maximum(numbers("cosine", cosine).astype(np.float64, copy=False), 1e-300)
+    behind = cosine_behind(before, m)
+    across, along = (before - m * behind) / (before + m * behind), (m * before - behind) / (m * before + behind)
+    return np.asarray(across * across), np.asarray(along * along)
+
+
+def _checked_relative(relative_index: float) -> float:
+    m = number("relative_index", relative_index)
+    if not m > 0.0:
+        raise ParameterError(f"relative_index - must be positive (got {m}) - from air into sea water it is 1.34")
+    return m
+
+
+def fresnel(cosine: ArrayLike, relative_index: float) -> Array:
+    """Return the fraction (...,) of unpolarised irradiance that a surface reflects, from either side."""
+    across, along = fresnel_polarized(cosine, relative_index)
+    return 0.5 * (across + along)
+
+
+def cosine_behind(cosine: ArrayLike, relative_index: float) -> Array:
+    """Return the cosine (...,) of refraction for that of incidence; 0 under total internal reflection."""
+    c = np.asarray(cosine, np.float64)
+    return np.sqrt(np.maximum(1.0 - (1.0 - c * c) / (relative_index * relative_index), 0.0))
+
+
+def radiance_factor(cosine: ArrayLike, relative_index: float) -> Array:
+    """Return radiance behind a surface over that before it (...,), (1 - R) m^2, 0 under total internal reflection.
+
+    By reciprocity the factor of the way back, at the refracted cosine and 1/m, is this one over m^4.
+    """
+    return (1.0 - fresnel(cosine, relative_index)) * _checked_relative(relative_index) ** 2
+
+
+def solid_angle_change(cosine: ArrayLike, relative_index: float) -> Array:
+    """Return the solid angle of a narrow cone of rays behind a flat facet over that before it (...,).
+
+    It is c/(m^2 c'), c' the cosine of refraction, as radiance over m^2 and power are kept; infinite at the edge of
+    total internal reflection and beyond.
+    """
+    c = numbers("cosine", cosine).astype(np.float64, copy=False)
+    m = _checked_relative(relative_index)
+    flux = m * m * cosine_behind(c, m)
+    return np.divide(c, flux, out=np.full(np.shape(c), np.inf), where=flux > 0.0)
+
+
+def diffuse_reflectance_from_below(refractive_index: float, optical_depth: ArrayLike = 0.0) -> Array:
+    """Return the fraction (...,) of uniform light from below that a flat surface sends back down, 0.48 for sea water.
+
+    optical_depth: (...,) of the water that the light crosses to the surface and again from it, at normal incidence.
+    """
+    edge = critical_cosine(refractive_index)
+    x, w = np.polynomial.legendre.leggauss(_COSINES)
+    total = np.zeros(np.shape(optical_depth))
+    for low, high in ((0.0, edge), (edge, 1.0)):  # smooth on either side of the edge of Snell's window
+        c, share = 0.5 * (low + high) + 0.5 * (high - low) * x, (high - low) * w
+        lost = np.exp(-np.asarray(optical_depth, np.float64)[..., None] / c)
+        total = total + np.sum(share * c * fresnel_from_below(c, refractive_index) * lost, axis=-1)
+    return np.asarray(total)
+
+
+_COSINES = 64
+"""Directions over each part of a hemisphere: means are right to 1e-5 at the root-like edge of Snell's window."""
 
 
 def sea_water_index(wavelength_nm: ArrayLike, temperature_c: float = 20.0, salinity: float = 35.0) -> Array:

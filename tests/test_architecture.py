@@ -24,6 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
+    "surface": {"caustic_lookup", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", *PHYSICS},
     "gl": set(),
     "video": set(),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec
-from mr360uw.sphere import direction_from_frame
+from mr360uw.constants import PI
+from mr360uw.sphere import direction_from_frame, unit
 
 Floats = NDArray[np.floating[Any]]
 
@@ -29,8 +31,9 @@ class View:
     """A camera at one instant: what its frame shows of the world.
 
     width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
-    surface_y_m: height of the mean water surface in the world. projection: how pixels become directions
-    (`mr360uw.sphere`).
+    surface_y_m: height of the mean water surface in the world. projection: how pixels become rays: "equirectangular"
+    (`mr360uw.sphere`), "perspective" with the horizontal angle `fov_rad`, or "orthographic", parallel rays over a width
+    of `width_m` [m]; square pixels. The composite's views are equirectangular.
     """
 
     width: int
@@ -38,11 +41,45 @@ class View:
     position: Floats = field(default_factory=lambda: np.zeros(3))
     world_from_camera: Floats = field(default_factory=lambda: np.eye(3))
     surface_y_m: float = 5.0
-    projection: Literal["equirectangular"] = "equirectangular"
+    projection: Literal["equirectangular", "perspective", "orthographic"] = "equirectangular"
+    fov_rad: float = 0.5 * PI
+    width_m: float = 10.0
 
     def directions(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the unit directions (..., 3) in the world seen at continuous frame coordinates."""
-        return direction_from_frame(x, y, self.width, self.height) @ self.world_from_camera.T
+        if self.projection == "equirectangular":
+            return direction_from_frame(x, y, self.width, self.height) @ self.world_from_camera.T
+        right, up = self._from_middle(x, y)
+        half = math.tan(0.5 * self.fov_rad) if self.projection == "perspective" else 0.0
+        return unit(np.stack([half * right, half * up, -np.ones(right.shape)], axis=-1)) @ self.world_from_camera.T
+
+    def origins(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return where the rays of continuous frame coordinates start in the world, (..., 3) [m]."""
+        right, up = self._from_middle(x, y)
+        half = 0.5 * self.width_m if self.projection == "orthographic" else 0.0
+        beside = np.stack([half * right, half * up, np.zeros(right.shape)], axis=-1)
+        return self.position + beside @ self.world_from_camera.T
+
+    @property
+    def pixel_rad(self) -> float:
+        """Width [rad] of a pixel in the middle of the frame; 0 for parallel rays."""
+        if self.projection == "orthographic":
+            return 0.0
+        return (
+            PI / self.height
+            if self.projection == "equirectangular"
+            else 2.0 * math.tan(0.5 * self.fov_rad) / self.width
+        )
+
+    @property
+    def pixel_m(self) -> float:
+        """Width [m] of a pixel at the camera: that of parallel rays, else 0."""
+        return self.width_m / self.width if self.projection == "orthographic" else 0.0
+
+    def _from_middle(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+        """Return coordinates to the right and up from the middle of the frame, in halves of its width."""
+        right, up = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        return 2.0 * right / self.width - 1.0, (self.height - 2.0 * up) / self.width
 
     def depth_of(self, point: Floats) -> Floats:
         """Return the depth (...,) [m] below the mean surface of points (..., 3) from the camera, world axes."""
@@ -53,7 +90,7 @@ class View:
         """A value that is equal for views that show the same."""
         return (
             self.projection, self.width, self.height, self.position.tobytes(), self.world_from_camera.tobytes(),
-            self.surface_y_m,
+            self.surface_y_m, self.fov_rad, self.width_m,
         )  # fmt: skip
 
 

@@ -13,11 +13,11 @@ import pytest
 from pydantic import ValidationError
 
 import mr360uw as uw
-from mr360uw import caustics, color, ibl, medium, sphere
+from mr360uw import caustics, color, ibl, medium, optics, sphere, surface
 from mr360uw.caustics import CausticSettings, GerstnerSea, SpectralSea
 from mr360uw.errors import Mr360uwError
 from mr360uw.medium import LightField, Medium, PlateProfile, Sensor, Water
-from mr360uw.types import Sun
+from mr360uw.types import Sun, View
 from tests.hostile.bench import Bench
 
 UP = (0.0, 1.0, 0.0)
@@ -25,6 +25,7 @@ W = np.array([450.0, 550.0, 600.0, 650.0])
 WATER = Water.jerlov("IB")
 FIELD = LightField(np.full(4, 0.3), np.full(4, 0.3), "isotropic")
 SEA = GerstnerSea(wave_count=4)
+LEVEL = GerstnerSea(wind_speed=0.0)
 SMALL = CausticSettings(size=16, grid=8)
 SUN = Sun(np.array(UP), np.ones(3), 0.01, 1.0)
 IMAGE = np.full((32, 64, 3), 0.3, np.float32)
@@ -104,6 +105,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Bands.rgb": (BANDS.rgb, {"spectrum": np.ones(4)}),
     "Bands.log_light": (BANDS.log_light, {"log_spectrum": np.zeros(4)}),
     "reflectance": (medium.reflectance, {"albedo_rgb": np.full(3, 0.3), "wavelength_nm": W}),
+    "fresnel_polarized": (optics.fresnel_polarized, {"cosine": ROW, "relative_index": 1.34}),
+    "radiance_factor": (optics.radiance_factor, {"cosine": ROW, "relative_index": 1.34}),
+    "solid_angle_change": (optics.solid_angle_change, {"cosine": ROW, "relative_index": 1.34}),
+    "Floor": (surface.Floor, {"height_m": -3.0, "albedo": np.full(3, 0.3), "tile_m": 1.0}),
+    "picture": (
+        lambda **a: surface.picture(LEVEL, floor=(-3.0, 0.3), view=View(4, 2, surface_y_m=1.0), samples=1, **a),
+        {"dome": IMAGE, "time_s": 0.0, "refractive_index": 1.34},
+    ),
     "compress_gamut": (medium.compress_gamut, {"rgb": np.full(3, 0.3)}),
     "PlateProfile.from_map": (PlateProfile.from_map, {"radiance_map": IMAGE}),
     "PlateProfile": (PROFILE, {"up": ROW}),

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One moment of a sea for rays: displacement of its particles as periodic splines, smoothed to any footprint.
+
+Height and horizontal shift over the rest positions of particles are sums of waves without cusps, however sharp the
+crests of the displaced surface are. They are sampled with `_SAMPLES` points to the shortest wave and interpolated by
+cubic B-splines (Unser 1999), whose slopes are continuous. Level 0 is the sea itself. Level l > 0 is the sea under a
+Gaussian of standard deviation 2^(l - 1) steps; what it takes of the slopes' covariance is kept beside it, so that
+waves smaller than a pixel still spread light.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustics.sea.detail import Detail, detail_slope
+from mr360uw.surface.spline import heights_at
+from mr360uw.types import Floats, Surface
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 12
+"""Points to the shortest wave: cubic splines are then off by 2e-4 of its height. Twice as many: 1e-5, four times the
+memory."""
+_FEWEST, _MOST = 256, 2048
+"""Least and greatest number of points across the tile; 2048 squared take 0.3 GB."""
+_PROBE = 1024
+"""Points across the tile at which the shortest wave is looked for."""
+_HARDLY = 1e-9
+"""Amplitude of a wave over that of the largest that is rounding."""
+
+
+class MovingSea(Protocol):
+    """What a sea must offer: `caustics.GerstnerSea` and `caustics.SpectralSea` do."""
+
+    @property
+    def tile_m(self) -> float:
+        """Side [m] of the square after which the sea repeats."""
+
+    @property
+    def blur_slope(self) -> float:
+        """Root mean square slope, both axes, of waves that are not drawn."""
+
+    def grid_fields(self, size: int, time_s: float) -> Any:
+        """Return `SurfaceFields` (size, size) at x = column tile/size, z = row tile/size."""
+
+    def detail(self, time_s: float) -> Detail | None:
+        """Return ripples whose slopes are added, or None."""
+
+    def grid_surface(self, size: int, time_s: float) -> Surface:
+        """Return the displaced surface at the same points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledSea:
+    """Splines of a sea at one time.
+
+    coefficients: (sum of n^2, 3) of height and shift over (x, z), level after level, rows = z. start, size: (L,) first
+    coefficient and points across the tile n of each level. step_m: distance of the points of level 0. lost_slope: (L,
+    3) covariances xx, xz, zz of the slopes that a level lacks. lowest_m, highest_m: of the surface. steepest: greatest
+    slope. detail: ripples. blur_variance: variance of slope along each axis of waves that are not drawn.
+    """
+
+    coefficients: Array
+    start: NDArray[np.int64]
+    size: NDArray[np.int64]
+    tile_m: float
+    step_m: float
+    lost_slope: Array
+    lowest_m: float
+    highest_m: float
+    steepest: float
+    detail: Detail | None
+    blur_variance: float
+
+    @classmethod
+    def of(cls, sea: MovingSea, time_s: float) -> SampledSea:
+        """Return the splines of a sea at a time [s]."""
+        n, tile = _points_across(sea, time_s), sea.tile_m
+        fields = sea.grid_fields(n, time_s)
+        spectra = [np.fft.fft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        levels = 1 + math.ceil(math.log2(n)) + 1
+        k = 2.0 * np.pi / tile * np.fft.fftfreq(n, 1.0 / n)
+        slope = np.abs(spectra[0]) ** 2
+        parts, sizes, lost = [], [], []
+        for level in range(levels):
+            sigma = 0.0 if level == 0 else tile / n * 2.0 ** (level - 1)
+            kept = np.exp(-0.5 * (sigma * k) ** 2)
+            both = kept[:, None] * kept
+            gone = slope * (1.0 - both**2)
+            lost.append([np.sum(gone * k * k), np.sum(gone * k * k[:, None]), np.sum(gone * k[:, None] ** 2)])
+            size = min(n, max(2 * n >> max(level - 1, 0), 4))
+            parts.append(np.stack([_coefficients(s * both, size) for s in spectra], axis=-1).reshape(-1, 3))
+            sizes.append(size)
+        strain = np.hypot(fields.slope_x, fields.slope_z)
+        across = (1.0 + fields.strain_xx) * (1.0 + fields.strain_zz) - fields.strain_xz**2
+        steepest = float(np.max(strain / np.maximum(across, _LEAST_ACROSS)))
+        margin = 0.02 * float(np.ptp(fields.height)) + 1e-9
+        return cls(
+            np.concatenate(parts), np.cumsum([0, *(s * s for s in sizes[:-1])]), np.array(sizes), tile, tile / n,
+            np.array(lost), float(fields.height.min()) - margin, float(fields.height.max()) + margin,
+            min(1.1 * steepest + 1e-6, _STEEPEST), sea.detail(time_s), 0.5 * sea.blur_slope**2,
+        )  # fmt: skip
+
+    def heights(self, x_m: ArrayLike, z_m: ArrayLike) -> Array:
+        """Return the height (n,) [m] of the surface over the mean above places (n,)."""
+        x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
+        out = np.zeros(len(x))
+        heights_at(self.coefficients, self.start, self.size, self.tile_m, x, z, out)
+        return out
+
+    def level_of(self, sigma_m: Floats) -> Array:
+        """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""
+        s = np.asarray(sigma_m, np.float64) / self.step_m
+        return np.minimum(np.where(s < 1.0, s, 1.0 + np.log2(np.maximum(s, 1.0))), len(self.size) - 1.0)
+
+    def unresolved(self, level: Array) -> Array:
+        """Return the covariance (..., 3), xx, xz, zz, of the slopes that a level lacks, with those never drawn."""
+        at = np.arange(len(self.size))
+        lost = np.stack([np.interp(level, at, self.lost_slope[:, c]) for c in range(3)], axis=-1)
+        return lost + self.blur_variance * np.array([1.0, 0.0, 1.0])
+
+    def with_ripples(self, normal: Array, rest: Array, sigma_m: Array) -> tuple[Array, Array]:
+        """Return normals (n, 3) with the ripples' slopes, and the slope variance (n,) of ripples that are smaller than
+        the footprint. rest: (n, 2) rest positions; sigma_m: (n,) of their footprints.
+        """
+        if self.detail is None:
+            return normal, np.zeros(len(normal))
+        slopes, repeats = self.detail.slopes, self.detail.repeats
+        wave = 2.0 * np.pi * _DOMINANT_WAVES * repeats.max() / self.tile_m
+        kept = np.exp(-0.5 * (wave * sigma_m) ** 2)
+        added = kept[:, None] * detail_slope(self.detail, rest[:, 0], rest[:, 1])
+        tilted = normal - normal[:, 1:2] * np.stack([added[:, 0], np.zeros(len(added)), added[:, 1]], axis=-1)
+        variance = float(np.mean(np.sum(slopes**2, axis=-1)))  # of each map, both axes: of both maps, one axis
+        return tilted / np.linalg.norm(tilted, axis=-1, keepdims=True), (1.0 - kept**2) * variance
+
+
+_LEAST_ACROSS, _STEEPEST = 0.05, 8.0
+"""Bounds of the greatest slope, which is infinite at a cusp: rays go in steps that a slope of 83 degrees allows."""
+_DOMINANT_WAVES = 6.0
+"""Waves of the dominant length in one repeat of the ripples' map."""
+
+
+def _points_across(sea: MovingSea, time_s: float) -> int:
+    """Return the points across the tile, a power of two, that the sea's shortest wave needs."""
+    height = np.abs(np.fft.fft2(sea.grid_fields(_PROBE, time_s).height))
+    height[0, 0] = 0.0
+    waves = np.abs(np.fft.fftfreq(_PROBE, 1.0 / _PROBE))
+    present = height > _HARDLY * max(float(height.max()), 1e-300)
+    most = float(np.max(np.where(present, np.maximum(waves[:, None], waves), 0.0)))
+    return int(np.clip(2 ** math.ceil(math.log2(max(_SAMPLES * most, 1.0))), _FEWEST, _MOST))
+
+
+def _coefficients(spectrum: Any, size: int) -> Array:
+    """Return the coefficients (size, size) of the periodic cubic spline through a spectrum's field, cut to `size`."""
+    n = len(spectrum)
+    half = size // 2
+    keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])
+    cut = spectrum[keep[:, None], keep] * size**2
+    basis = (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(size))) / 3.0
+    return np.asarray(np.fft.ifft2(cut / (basis[:, None] * basis)).real)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sea floor: a level plane of an albedo, and the light on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.constants import PI
+from mr360uw.errors import ParameterError
+from mr360uw.shapes import number, numbers
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tiled:
+    """A picture (size, size, C) that repeats every tile_m [m], column = +x, row = +z; pixel (0, 0) spans [0,
+    tile_m/size) from `origin` (2,) over (x, z) [m]; with its halves for footprints."""
+
+    levels: list[Floats]
+    tile_m: float
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, picture: Floats, tile_m: float, origin: tuple[float, float] = (0.0, 0.0)) -> Tiled:
+        """Return it with its halves. picture: (size, size, C)."""
+        return cls(mip_levels(np.asarray(picture, np.float64)[None]), tile_m, origin)
+
+    def at(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
+        """Return values (n, 3) at places (n,), averaged over footprints (n,) [m]."""
+        level = mip_level(footprint_m, self.tile_m / self.levels[0].shape[1], len(self.levels) - 1.0)
+        u, v = (x_m - self.origin[0]) / self.tile_m, (z_m - self.origin[1]) / self.tile_m
+        return np.asarray(periodic_trilinear(self.levels, np.zeros(len(x_m), np.int64), u, v, level))
+
+
+class Floor:
+    """A level, diffuse floor.
+
+    height_m: its y in the world. albedo: in [0, 1], a number, (3,), or an image (size, size, 3) or (size, size), `size`
+    a power of two, that repeats every tile_m [m] from the world's origin, column = +x, row = +z. Raises
+    `ParameterError`.
+    """
+
+    def __init__(self, height_m: float, albedo: ArrayLike = 0.3, tile_m: float | None = None) -> None:
+        self.height_m = number("floor.height_m", height_m)
+        image = numbers("floor.albedo", albedo).astype(np.float64)
+        tile = 0.0 if tile_m is None else number("floor.tile_m", tile_m)
+        if image.size == 0 or image.min() < 0.0 or image.max() > 1.0:
+            raise ParameterError(f"floor.albedo - must lie in [0, 1] (got {image.ravel()[:3]}) - give fractions")
+        if image.shape in ((), (3,)):
+            image, tile = np.broadcast_to(image, (1, 1, 3)), 1.0
+        elif image.ndim == 2:
+            image = image[..., None]
+        size = image.shape[0]
+        if image.ndim != 3 or image.shape[1] != size or image.shape[2] not in (1, 3) or size & (size - 1):
+            raise ParameterError(
+                f"floor.albedo - must be a number, (3,) or a square image (got shape {image.shape}) - "
+                "sides of a power of two tile"
+            )
+        if not tile > 0.0:
+            raise ParameterError(f"floor.tile_m - an image needs its size (got {tile_m}) - give metres above 0")
+        self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
+        self._image = Tiled.of(image, tile)
+
+    def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
+        """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
+        return self._image.at(x_m, z_m, footprint_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorLight:
+    """Irradiance of the floor: an even part (3,) and patterns that repeat with the sea, each times a factor (3,).
+
+    dry: (3,) irradiance of what stands out of the water.
+    """
+
+    even: Array
+    patterns: tuple[tuple[Tiled, Array], ...]
+    dry: Array
+
+    def irradiance(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
+        """Return the irradiance (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
+        light = np.broadcast_to(self.even, (len(x_m), 3)).copy()
+        for pattern, factor in self.patterns:
+            light += factor * pattern.at(x_m, z_m, footprint_m)
+        return light
+
+    def radiance(self, floor: Floor, x_m: Array, z_m: Array, footprint_m: Array, dry: bool) -> Array:
+        """Return the radiance (n, 3) of the floor there; dry: above the water."""
+        light = self.dry if dry else self.irradiance(x_m, z_m, footprint_m)
+        return floor.albedo(x_m, z_m, footprint_m) * light / PI

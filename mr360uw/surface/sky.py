@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sky over the sea: radiance by direction and footprint, and the light that it sends into the water."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import PI
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.optics import fresnel_transmittance
+from mr360uw.shapes import numbers
+from mr360uw.sphere import directions, row_solid_angle
+from mr360uw.types import Sun
+
+Array = NDArray[np.float64]
+
+_RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
+"""Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The
+lowest 5 degrees give 0.2 % of a uniform sky's light in the water and join the lowest ring."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkyPatch:
+    """A part of the sky as a light.
+
+    direction: (3,) to its middle in the air. irradiance: (3,) that it brings on a level plane just below a flat
+    surface. half_angle_rad: radius of a disc of its solid angle.
+    """
+
+    direction: Array
+    irradiance: Array
+    half_angle_rad: float
+
+
+class Dome:
+    """Radiance of the sky by direction, with maps of halved size for wide footprints."""
+
+    def __init__(self, radiance: ArrayLike) -> None:
+        """Take an equirectangular map (h, w, 3); raises `ParameterError` for other shapes and negative light."""
+        map_ = numbers("dome", radiance).astype(np.float64)
+        if map_.ndim != 3 or map_.shape[2] != 3 or min(map_.shape[:2]) < 2 or map_.shape[1] % 2:
+            raise ParameterError(f"dome - must be (h, w, 3), w even (got shape {map_.shape}) - give a map of the sky")
+        if map_.min() < 0.0:
+            raise ParameterError(f"dome - radiance must not be negative (got {map_.min():g}) - clip it")
+        self.radiance: Array = map_
+
+    @functools.cached_property
+    def _levels(self) -> list[Array]:
+        levels = [self.radiance]
+        while min(levels[-1].shape[:2]) >= 8 and levels[-1].shape[0] % 2 == 0 and levels[-1].shape[1] % 4 == 0:
+            m = levels[-1]
+            row = row_solid_angle(m.shape[1], m.shape[0])[:, None, None]
+            rows = (m * row).reshape(m.shape[0] // 2, 2, *m.shape[1:]).sum(axis=1)
+            area = row.reshape(-1, 2, 1, 1).sum(axis=1)
+            levels.append(0.5 * (rows[:, 0::2] + rows[:, 1::2]) / area)
+        return levels
+
+    def look(self, direction: Array, footprint_rad: Array) -> Array:
+        """Return the radiance (n, 3) of directions (n, 3), averaged over footprints (n,) [rad].
+
+        Directions below the horizon see its mirror image, so that facets that point slightly down stay lit.
+        """
+        up = direction * np.array([1.0, 0.0, 1.0]) + np.abs(direction) * np.array([0.0, 1.0, 0.0])
+        level = np.log2(np.maximum(footprint_rad * len(self.radiance) / PI, 1.0))
+        level = np.minimum(level, len(self._levels) - 1.0)
+        out = np.zeros((len(up), 3))
+        for k, map_ in enumerate(self._levels):
+            weight = np.maximum(1.0 - np.abs(level - k), 0.0)
+            used = np.flatnonzero(weight)
+            if len(used):
+                out[used] += weight[used, None] * environment_lookup(map_, up[used])
+        return out
+
+    def irradiance(self) -> Array:
+        """Return the irradiance (3,) on a level plane above the surface."""
+        return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights))
+
+    def irradiance_below(self, refractive_index: float) -> Array:
+        """Return the irradiance (3,) on a level plane just below a flat surface."""
+        passed = fresnel_transmittance(self._view[..., 1], refractive_index)
+        return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights * passed))
+
+    def patches(self, refractive_index: float) -> list[SkyPatch]:
+        """Return the sky as patches that bring the light of `irradiance_below` in sum."""
+        weight = self._weights * fresnel_transmittance(self._view[..., 1], refractive_index)
+        solid = np.broadcast_to(row_solid_angle(*self._shape)[: len(weight), None], weight.shape)
+        elevation = np.degrees(np.arcsin(np.clip(self._view[..., 1], -1.0, 1.0)))
+        ring = np.clip(np.searchsorted(_RINGS, elevation) - 1, 0, len(_IN_RING) - 1)
+        turn = np.arctan2(self._view[..., 0], -self._view[..., 2]) / (2.0 * PI) + 0.5
+        part = np.minimum((turn * np.take(_IN_RING, ring)).astype(np.int64), np.take(_IN_RING, ring) - 1)
+        number = np.concatenate([[0], np.cumsum(_IN_RING)])[ring] + part
+        out = []
+        for k in range(sum(_IN_RING)):
+            inside = number == k
+            light = np.einsum("nc,n->c", self._upper[inside], weight[inside])
+            if np.any(light > 0.0):
+                middle = np.einsum("nk,n->k", self._view[inside], weight[inside] * self._upper[inside].mean(axis=1))
+                half = np.arccos(1.0 - min(float(solid[inside].sum()) / (2.0 * PI), 0.12))
+                out.append(SkyPatch(middle / np.linalg.norm(middle), light, float(half)))
+        return out
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.radiance.shape[1], self.radiance.shape[0]
+
+    @functools.cached_property
+    def _view(self) -> Array:
+        """Directions of the rows above the horizon."""
+        return directions(*self._shape)[: self._shape[1] // 2]
+
+    @functools.cached_property
+    def _upper(self) -> Array:
+        return self.radiance[: self._shape[1] // 2]
+
+    @functools.cached_property
+    def _weights(self) -> Array:
+        """Solid angle times cosine (h/2, w) of those rows."""
+        return row_solid_angle(*self._shape)[: self._shape[1] // 2, None] * self._view[..., 1]
+
+
+def sun_below(sun: Sun | None, refractive_index: float) -> Array:
+    """Return the irradiance (3,) that the sun brings on a level plane just below a flat surface."""
+    if sun is None or sun.direction[1] <= 0.0:
+        return np.zeros(3)
+    up = float(sun.direction[1])
+    return np.asarray(sun.irradiance * up * fresnel_transmittance(up, refractive_index), np.float64)

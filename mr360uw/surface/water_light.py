@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Water between surface, floor and camera: what it takes of a ray, what it adds, and the light that reaches the floor.
+
+The veil and the diffuse light are those of the solved field under a flat surface, for the sky and for the sun, times
+the irradiance that each brings just below the surface. Light of the floor that the surface sends back down adds up to a
+geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_from_below`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
+from mr360uw.caustics.settings import Sea
+from mr360uw.errors import ParameterError
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
+from mr360uw.medium.small_angles import spread_of
+from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.surface.sea_floor import FloorLight, Tiled
+from mr360uw.surface.sky import Dome, sun_below
+from mr360uw.types import CausticStack, MediumTable, Sun
+
+Array = NDArray[np.float64]
+
+_JUST_BELOW_M = 0.01
+"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
+_SKY_MAP, _SKY_GRID = 64, 128
+"""Pixels and cells of the patterns of the sky's patches, which are wide discs."""
+_EVEN_TILES = 2.0
+"""Radius of a patch's disc on the floor, in tiles of the sea, beyond which its light is even: a disc so wide leaves 3 %
+of a wave's contrast at the most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightInWater:
+    """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it. from_surface,
+    from_camera: its tables for rays that start there; from_camera is None where the camera is above the water.
+    """
+
+    below: Array
+    medium: Medium
+    from_surface: MediumTable
+    from_camera: MediumTable | None
+
+    @classmethod
+    def of(cls, below: Array, medium: Medium, camera_depth_m: float | None) -> LightInWater:
+        """Return it with its tables."""
+        at_camera = None if camera_depth_m is None else medium.at_depth(camera_depth_m).unit_table
+        return cls(below, medium, medium.unit_table, at_camera)
+
+    def table(self, from_camera: bool) -> MediumTable:
+        """Return the table for rays of the camera, or of the surface."""
+        return self.from_surface if self.from_camera is None or not from_camera else self.from_camera
+
+    def down(self, depth_m: float) -> Array:
+        """Return the irradiance (3,) on a level plane at a depth."""
+        return self.below * self.medium.light.display(self.medium.model.irradiance(depth_m, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterLight:
+    """Water for rays. sky, sun: light of each in the water; none for clear water, and no sun at night. sun_up: y of the
+    sun's direction in the water.
+    """
+
+    sky: LightInWater | None
+    sun: LightInWater | None
+    sun_up: float
+
+    @classmethod
+    def of(
+        cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, camera_depth_m: float | None, index: float
+    ) -> WaterLight:
+        """Return the water of a picture. water: as of `picture`; a medium's gain and camera are not read."""
+        risen = sun is not None and sun.direction[1] > 0.0
+        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
+        if water is None:
+            return cls(None, None, sun_up)
+        given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
+        if given.mode == "plate":
+            raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
+        sky = Medium(
+            given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index
+        )
+        beam = None
+        if risen:
+            beam = Medium(
+                given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
+                refractive_index=index, sky=("sun", sun_up, 1.0),
+            )  # fmt: skip
+        of_sky = LightInWater.of(dome.irradiance_below(index), sky, camera_depth_m)
+        of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam, camera_depth_m)
+        return cls(of_sky, of_sun, sun_up)
+
+    def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
+        """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
+        directions. Distances may be infinite.
+        """
+        shape = (len(distance_m), 3)
+        if self.sky is None:
+            return np.ones(shape), np.zeros(shape)
+        veil = self.sky.below * veil_lookup(self.sky.table(from_camera), distance_m, up)
+        if self.sun is not None:
+            veil = veil + self.sun.below * veil_lookup(self.sun.table(from_camera), distance_m, up)
+        finite = np.isfinite(distance_m)
+        reach = np.where(finite, distance_m, 0.0)
+        passed = transmittance_lookup(self.sky.table(from_camera), reach, up)
+        return np.where(finite[:, None], passed, 0.0), veil
+
+    def on_floor(
+        self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, index: float, albedo: Array,
+        settings: CausticSettings,
+    ) -> FloorLight:  # fmt: skip
+        """Return the light on a floor of a mean albedo (3,) at a depth below the mean surface."""
+        dry = dome.irradiance() + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
+        if depth_m <= 0.0:
+            return FloorLight(dry, (), dry)
+        tau = np.zeros(3)  # of the way up and down again
+        if self.sky is not None:
+            down = np.array([depth_m]), np.array([-1.0])
+            tau = -2.0 * np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
+        factor = 1.0 / (1.0 - albedo * diffuse_reflectance_from_below(index, tau))
+        medium = None if self.sun is None else self.sun.medium
+        pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, medium)
+        if self.sky is None:
+            patterns = [(sky_pattern(sea, dome, depth_m, time_s, index), factor)]
+            if pattern is not None:
+                patterns.append((pattern[0], factor * sun_below(sun, index)))
+            return FloorLight(np.zeros(3), tuple(patterns), dry)
+        even, patterns = self.sky.down(depth_m), []
+        if pattern is not None and self.sun is not None:
+            beam, sharp = self._beam(depth_m)
+            even = even + self.sun.down(depth_m) - beam
+            patterns = [(pattern[0], factor * sharp)]
+            if pattern[1] is not None:
+                patterns.append((pattern[1], factor * (beam - sharp)))
+            else:
+                even = even + beam - sharp
+        return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry)
+
+    def _beam(self, depth_m: float) -> tuple[Array, Array]:
+        """Return the irradiance (3,) of a level plane by the sun's beam, and its part that has not turned at all."""
+        assert self.sun is not None
+        beam = beam_fraction(self.sun.from_surface, depth_m, self.sun_up)
+        medium = self.sun.medium
+        sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
+        return self.sun.below * beam, self.sun.below * np.minimum(sharp, beam)
+
+
+def sun_pattern(
+    sea: Sea, sun: Sun | None, depth_m: float, time_s: float, index: float, settings: CausticSettings,
+    medium: Medium | None = None,
+) -> tuple[Tiled, Tiled | None] | None:  # fmt: skip
+    """Return the caustics of the sun on the floor, mean 1, and those of the light that the water has turned by small
+    angles; None without a sun above the horizon.
+    """
+    if sun is None or sun.direction[1] <= 0.0:
+        return None
+    settings = settings.model_copy(update={"sun_half_angle_rad": sun.half_angle_rad})
+    spread = None if medium is None else spread_of(medium)
+    stack = caustic_stack(sea, sun.direction, [depth_m], time_s, settings, index, spread)
+    soft = None if stack.soft is None else _on_floor(stack, np.repeat(stack.soft[0], 3, axis=-1))
+    return _on_floor(stack, stack.ratio[0]), soft
+
+
+def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
+    """Return a plane of a stack along the beam in the place where it lies on the floor."""
+    x, y, z = stack.sun_direction
+    depth = float(stack.depth_m[0])
+    return Tiled.of(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))
+
+
+def sky_pattern(sea: Sea, dome: Dome, depth_m: float, time_s: float, index: float) -> Tiled:
+    """Return the irradiance of the floor by the sky through clear water, as the sum of the caustics of its patches."""
+    total = np.zeros((_SKY_MAP, _SKY_MAP, 3))
+    if not np.any(sea.grid_fields(_SKY_GRID, time_s).height):  # a level sea
+        return Tiled.of(total[:1, :1] + dome.irradiance_below(index), sea.tile_m)
+    for patch in dome.patches(index):
+        if depth_m * patch.half_angle_rad > _EVEN_TILES * index * sea.tile_m:
+            total += patch.irradiance
+            continue
+        ratio = caustic_map(
+            sea, patch.direction, depth_m, time_s, _SKY_MAP, _SKY_GRID, index, min(patch.half_angle_rad, 0.5)
+        )
+        total += ratio[..., None] * patch.irradiance
+    return Tiled.of(total, sea.tile_m)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sampled seas and rays that meet them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw.caustics import GerstnerSea, SpectralSea
+from mr360uw.sphere import unit
+from mr360uw.surface import SampledSea
+from mr360uw.surface.intersection import first_hits
+from mr360uw.surface.slopes import Facets, next_keys
+from tests.surface import tolerances as tol
+
+SEAS = {
+    "gerstner": GerstnerSea(wind_speed=6.0, detail_slope=0.0, wave_count=8),
+    "sharp": GerstnerSea.from_waves([[2.0 * np.pi / 4.0, 0.0]], 0.5, 0.9, 0.3, tile_m=8.0),
+    "spectral": SpectralSea(wind_speed=5.0, resolution=32, choppiness=0.9, detail_slope=0.0),
+}
+
+
+def cast(
+    sea: SampledSea, origins: np.ndarray, directions: np.ndarray, from_below: bool, width: float = 0.0
+) -> np.ndarray:
+    n = len(origins)
+    return first_hits(sea, origins, directions, from_below, np.full(n, width), np.zeros(n), np.full(n, 1e3)).distance
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_a_sampled_sea_is_the_sea(name: str, rng: np.random.Generator) -> None:
+    x, z = rng.uniform(-20.0, 20.0, (2, 100))
+    exact = SEAS[name].surface(x, z, 1.3)
+    sampled = SampledSea.of(SEAS[name], 1.3)
+    np.testing.assert_allclose(
+        sampled.heights(exact.position[:, 0], exact.position[:, 2]), exact.position[:, 1], atol=tol.SPLINE_HEIGHT_M
+    )
+    # rays straight at those points find them, and their normals
+    down = np.broadcast_to([0.0, -1.0, 0.0], (100, 3))
+    start = exact.position - 5.0 * down
+    n = np.zeros(100)
+    hits = first_hits(sampled, start, np.ascontiguousarray(down), False, n, n, n + 1e3)
+    np.testing.assert_allclose(hits.distance, 5.0, atol=tol.SPLINE_HEIGHT_M)
+    np.testing.assert_allclose(hits.normal, exact.normal, atol=1e3 * tol.SPLINE_HEIGHT_M)  # a derivative over a step
+
+
+def test_ripples_tilt_the_surface_or_are_kept_as_slopes() -> None:
+    sea = GerstnerSea(wind_speed=2.0, detail_slope=0.05, detail_kind="ripples", wave_count=4)
+    x = np.linspace(0.0, 5.0, 50)
+    exact, sampled = sea.surface(x, 2.0 * x, 0.0), SampledSea.of(sea, 0.0)
+    n, down = np.zeros(50), np.tile([0.0, -1.0, 0.0], (50, 1))
+    hits = first_hits(sampled, exact.position - 5.0 * down, down, False, n, n, n + 1e3)
+    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n)
+    np.testing.assert_allclose(normal, exact.normal, atol=1e3 * tol.SPLINE_HEIGHT_M)
+    np.testing.assert_array_equal(lost, 0.0)
+    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n + 10.0)
+    np.testing.assert_allclose(normal, hits.normal, atol=tol.SPLINE_HEIGHT_M)
+    np.testing.assert_allclose(lost, 0.5 * 0.05**2, rtol=tol.SPLINE_HEIGHT_M)
+
+
+@pytest.mark.parametrize("from_below", [False, True])
+@pytest.mark.parametrize("name", SEAS)
+def test_the_first_of_several_hits(name: str, from_below: bool, rng: np.random.Generator) -> None:
+    """Rays down to two degrees: on the surface at the hit, and on their own side everywhere before."""
+    sea, side = SampledSea.of(SEAS[name], 0.4), -1.0 if from_below else 1.0
+    flat = unit(rng.standard_normal((60, 3)) * [1.0, 0.0, 1.0])
+    d = unit(flat - side * np.array([0.0, 1.0, 0.0]) * np.tan(rng.uniform(0.035, 0.6, (60, 1))))
+    o = np.column_stack([rng.uniform(0.0, 8.0, 60), np.full(60, 2.0 * side), rng.uniform(0.0, 8.0, 60)])
+    distance = cast(sea, o, d, from_below)
+    assert np.all(np.isfinite(distance))
+    at = o + distance[:, None] * d
+    np.testing.assert_allclose(sea.heights(at[:, 0], at[:, 2]), at[:, 1], atol=tol.ON_SURFACE_M)
+    share = np.linspace(0.0, 1.0 - 1e-6, 400)
+    before = o[:, None] + (share * distance[:, None])[..., None] * d[:, None]
+    flat_points = before.reshape(-1, 3)
+    over = side * (flat_points[:, 1] - sea.heights(flat_points[:, 0], flat_points[:, 2]))
+    assert over.min() > -1e-4  # crests thinner than a step may be missed by less than this
+
+
+def test_rays_that_do_not_reach_the_surface_are_free() -> None:
+    sea = SampledSea.of(SEAS["gerstner"], 0.0)
+    o = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0], [0.0, -2.0, 0.0]])
+    d = np.array([[0.6, -0.8, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    assert np.all(np.isinf(cast(sea, o[:1], d[:1], True)))
+    assert np.all(np.isinf(cast(sea, o[1:2], d[1:2], False)))
+    assert np.all(np.isinf(cast(sea, o[2:], d[2:], True)))
+
+
+def test_wide_footprints_see_a_level_sea_and_lose_no_slope() -> None:
+    sea = SampledSea.of(SEAS["gerstner"], 0.0)
+    hits = first_hits(
+        sea, np.array([[0.3, 5.0, 0.2]]), np.array([[0.0, -1.0, 0.0]]), False, np.array([100.0]), np.zeros(1),
+        np.array([1e3]),
+    )  # fmt: skip
+    assert hits.distance[0] == pytest.approx(5.0, abs=tol.ON_SURFACE_M)
+    fields = SEAS["gerstner"].grid_fields(128, 0.0)
+    lost = sea.unresolved(hits.level)[0]
+    assert lost[0] == pytest.approx(np.mean(fields.slope_x**2), rel=tol.SPLINE_HEIGHT_M)
+    assert lost[2] == pytest.approx(np.mean(fields.slope_z**2), rel=tol.SPLINE_HEIGHT_M)
+
+
+def facets(count: int, up: float) -> Facets:
+    travel = np.broadcast_to(unit([0.8, up, 0.3]), (count, 3))
+    normal = np.broadcast_to(unit([0.05, 1.0, -0.02]), (count, 3))
+    return Facets(travel, normal, np.broadcast_to([0.02, 0.004, 0.01], (count, 3)), up > 0.0)
+
+
+@pytest.mark.parametrize("up", [-2.0, -0.15, 0.3])
+def test_facets_are_drawn_as_they_are_seen(up: float) -> None:
+    """In proportion to density times max(f, 0), against a sum over slopes."""
+    count = 200_000
+    f = facets(count, up)
+    normal = f.drawn(next_keys(np.arange(count, dtype=np.uint64), 3))
+    found = -normal[:, [0, 2]] / normal[:, 1:2]
+    one = facets(201 * 201, up)
+    g = np.linspace(-6.0, 6.0, 201)
+    a, b = (v.ravel() for v in np.meshgrid(g, g))
+    root = np.linalg.cholesky([[0.02, 0.004], [0.004, 0.01]])
+    slope = one.slope + np.stack([a, b], axis=-1) @ root.T
+    weight = np.exp(-0.5 * (a * a + b * b)) * np.maximum(one.facing(slope), 0.0)
+    assert one.mean_facing()[0] == pytest.approx(weight.sum() * (g[1] - g[0]) ** 2 / (2.0 * np.pi), rel=tol.FACET_LIGHT)
+    mean = np.average(slope, axis=0, weights=weight)
+    np.testing.assert_allclose(found.mean(axis=0), mean, atol=tol.DRAWN_SLOPES * np.sqrt(0.02))
+    np.testing.assert_allclose(np.cov(found.T), np.cov(slope.T, aweights=weight, ddof=0), atol=tol.DRAWN_SLOPES * 0.02)

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances of pictures through the surface, each with its reason."""
+
+from __future__ import annotations
+
+from tests.tolerances import FLOAT64
+
+PRINTED_FRESNEL = 1e-6
+"""Fresnel's equations in sines and tangents: what the project asks; differences of angles round at 1e-15."""
+ENERGY = 1e-6
+"""Fluxes as sums over directions, the edge of Snell's window between two panels: what the project asks."""
+GRAZING = 1e-10
+"""Solid angles there and back at grazing angles: the cosine of 1e-3 is the root of a difference of 1e-6."""
+SPLINE_HEIGHT_M = 1e-6
+"""Cubic splines through twelve points or more to the shortest wave of 1 mm, and Newton's method."""
+ON_SURFACE_M = 1e-8
+"""A hit over the surface, and the place that Newton's method finds for it: 1e-12 of the tile and of the ray."""
+WINDOW_EDGE_PIXELS = 1.0
+"""Edge of Snell's window: what the project asks."""
+APPARENT_DEPTH = 0.002
+"""What the project asks."""
+DRAWN_SLOPES = 0.03
+"""Mean of 2e5 random slopes over a standard deviation, and their covariance: 0.3 % by chance, and tails cut at 8."""
+FACET_LIGHT = 0.01
+"""Radiance of a sun 0.05 wide by random facets: 2e5 of which a few thousand send it back, and its image taken as a
+Gaussian."""
+SKY_SUM = 1e-9
+"""The sky's light as a sum of patches: rounding."""
+EVEN_SKY = 0.03
+"""A floor under a level sea and an even sky: the dome's map of 32 rows, and patches whose maps are even."""
+COARSE_SUN = {16: 0.4, 256: 0.1}
+"""A sun of a pixel or less falls on one sample, sometimes on none or two: rows are narrower at 50 degrees. One of seven
+pixels across has an edge of whole pixels."""
+EVEN_PIXEL = 0.12
+"""The same in single pixels under waves: they focus the sky's light by some per cent."""
+SOLVED = 0.02
+"""Light on a floor by tables of the water against the solved field itself."""
