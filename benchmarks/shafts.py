@@ -4,12 +4,14 @@
 truth: contrast of a ball's shadow in the water against a path tracer of single scattering, and what the choice of phase
 function and attenuation is worth against one of all scattering. grid: froxels against rays of 4096 segments in six
 scenes, over size and time; draws docs/shafts-pareto.png. bands: three averaged bands against all wavelengths. cookie:
-two scrolling maps instead of waves. pictures FOLDER: equirectangular pictures of shafts, amplified.
+two scrolling maps instead of waves. cost: of a frame's layer without and with them. pictures FOLDER: equirectangular
+pictures of shafts, amplified.
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,6 +23,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.caustics import (  # noqa: E402
     CausticSettings,
     GerstnerSea,
@@ -36,6 +39,13 @@ from mr360uw.medium.shafts.deviation import march  # noqa: E402
 from mr360uw.medium.shafts.froxels import DEFAULT_GRID  # noqa: E402
 from mr360uw.medium.shafts.ray_segments import ray_ends_m, view_directions  # noqa: E402
 from mr360uw.medium.small_angles import spread_of  # noqa: E402
+from mr360uw.render.backends import make_backend  # noqa: E402
+from mr360uw.render.first_pass import clip_facts  # noqa: E402
+from mr360uw.render.frame import finished, frame_stages  # noqa: E402
+from mr360uw.render.loaded import load  # noqa: E402
+from mr360uw.sample import sample_dive  # noqa: E402
+from mr360uw.scene.inputs import open_plate  # noqa: E402
+from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
 from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
 
@@ -333,6 +343,39 @@ def section_cookie() -> None:
             )
 
 
+# --- cost ----------------------------------------------------------------------------------------------------------
+
+_FRAMES, WIDTHS = 12, (2048, 3840)
+
+
+def section_cost() -> None:
+    """Processor time of the layer of a dive's frame without and with shafts, medians; target 1.6 times."""
+    for width in WIDTHS:
+        with tempfile.TemporaryDirectory() as folder:
+            path = sample_dive(Path(folder) / "dive", width=width, frames=_FRAMES).scene
+            for moving in (False, True):
+                still = () if moving else ('object.0.animation=""',)
+                off, on = (layer_ms(load_scene(path, [*still, f"shafts.mode={mode}"])) for mode in ("off", "auto"))
+                kind = "moving" if moving else "still"
+                print(f"{width:5} {kind:7} off {off:6.0f} ms  on {on:6.0f} ms  {on / off:5.2f}", flush=True)
+
+
+def layer_ms(scene: Scene) -> float:
+    """Return the median processor time [ms] of the layer, caustics included, over a clip's frames after the second."""
+    backend, spent, kept = make_backend("gl")[0], [], Cache()
+    with open_plate(scene) as video:
+        loaded = load(scene, video.width, video.height)
+        facts = clip_facts(loaded, video, None)
+        for frame in video.frames(0, _FRAMES):
+            stages = frame_stages(loaded, facts, backend, frame, 0.0, kept=kept)
+            next(stages)
+            start = time.process_time()
+            next(stages)
+            spent.append(1e3 * (time.process_time() - start))
+            finished(stages)
+    return float(np.median(spent[2:]))
+
+
 # --- pictures ------------------------------------------------------------------------------------------------------
 
 
@@ -358,6 +401,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "grid": section_grid,
     "bands": section_bands,
     "cookie": section_cookie,
+    "cost": section_cost,
 }
 
 if __name__ == "__main__":
