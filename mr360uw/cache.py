@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Hashable
+from dataclasses import fields
 from typing import Any, TypeVar
+
+import numpy as np
 
 T = TypeVar("T")
 
@@ -27,6 +30,12 @@ class Same:
 
     def __hash__(self) -> int:
         return object.__hash__(self.value)
+
+
+def by_value(item: Any) -> Hashable:
+    """Return a key of a dataclass that is equal for equal values; arrays count by their content."""
+    values = (getattr(item, field.name) for field in fields(item))
+    return type(item), *(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
 
 
 class Cache:

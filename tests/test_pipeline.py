@@ -85,7 +85,7 @@ def test_pixels_that_nothing_touches_keep_every_bit(dive: SampleDive, tmp_path: 
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1), backend=backend)
     (made,), plate = frames_of(tmp_path / "out.mp4"), frames_of(dive.plate)[0]
     layer = uw.render_frame(plate.image_linear, scene, plate.time_s, backend).layer
-    touched = (layer.alpha > 0) | np.any(layer.ratio != 1, axis=-1)
+    touched = (layer.alpha > 0) | np.any((layer.ratio != 1) | (layer.shafts != 0), axis=-1)
     assert 0.0 < touched.mean() < 0.5
     np.testing.assert_array_equal(made.yuv.y[~touched], plate.yuv.y[~touched])
     blocks = touched.reshape(touched.shape[0] // 2, 2, -1, 2).any(axis=(1, 3))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, Same, by_value
 from mr360uw.caustics import refract_to_air
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import PlacedObject, Shot
@@ -180,7 +180,7 @@ def layer_key(shot: Shot, shafts: ShaftLight | None, variables: bool) -> Hashabl
     """Return the key of a shot's layer, with its shafts: all that it depends on."""
     mattes = Same(shot.holdout), Same(shot.holdout_distance_m)
     return (
-        shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(_content, shot.lights)),
+        shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(by_value, shot.lights)),
         shot.medium, Same(shot.caustics), shot.receiver, mattes, shot.pattern,
         shot.draw.model_copy(update=_NOT_OF_LAYERS),
         None if shafts is None else shafts.key, variables,
@@ -189,9 +189,3 @@ def layer_key(shot: Shot, shafts: ShaftLight | None, variables: bool) -> Hashabl
 
 def _object_key(placed: PlacedObject) -> Hashable:
     return placed.key, placed.casts_shadow, placed.visible
-
-
-def _content(light: Light) -> Hashable:
-    """Return the values of a light."""
-    values = (getattr(light, field.name) for field in dataclasses.fields(light))
-    return type(light), *(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)

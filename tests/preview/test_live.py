@@ -86,7 +86,8 @@ def test_a_change_runs_the_stages_that_it_touches(
     kept.frame(load_scene(small_dive, (*FEW, change)), 0)
     run = kept.made - before
     assert {name for name in COUNTED if run[name]} == made
-    assert all(count == 1 for count in run.values())
+    twice = {"shaft light"}  # before objects and before the plate: tables of different slices
+    assert all(count == 1 or name in twice for name, count in run.items())
 
 
 def test_a_change_of_material_shoots_no_rays_again(kept: LivePreview, small_dive: Path) -> None:

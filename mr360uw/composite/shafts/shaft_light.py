@@ -12,17 +12,20 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
 from mr360uw.composite.lighting.sun import spread_rad, sun_of
 from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.shafts.froxels import FroxelGrid
+from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.occluders import bodies_of
 from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import CausticStack, Lamp
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +49,13 @@ class ShaftLight:
         columns = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 8 * 8
         return FroxelGrid(3 * columns // 8, columns, self.settings.slices)
 
+    def plate_grid(self, width: int, scene: ShaftScene) -> FroxelGrid:
+        """Return the size of the grid before the plate: half of it where no waves make fine shafts there."""
+        whole = self.grid(width)
+        if scene.pattern is not None and scene.pattern.caustics is not None:
+            return whole
+        return FroxelGrid(max(whole.rows // 2, 2), max(whole.columns // 4, 1) * 2, max(whole.slices // 2, 2))
+
     def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
         """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
         settings, nowhere = self.settings, np.zeros(3)
@@ -62,3 +72,20 @@ class ShaftLight:
             return before, before
         still = dataclasses.replace(before.pattern, caustics=None)
         return before, dataclasses.replace(before, pattern=None if still.even else still)
+
+
+def change_along(scene: ShaftScene, grid: FroxelGrid, rays: Array, end_m: Array, kept: Cache) -> Array:
+    """Return how light in the water deviates (n, 3) along rays (n, 3) from the camera up to ends (n,) [m].
+
+    Beside bright and dark edges the cubic between the grid's nodes overshoots: bodies add no light of the sun, and
+    lamps take none away.
+    """
+    found = np.zeros((len(rays), 3))
+    for part in scene.parts if len(rays) else ():
+        light = shaft_field(part, grid, rays, kept).radiance(rays, end_m)
+        if part.pattern is None:
+            light = np.maximum(light, 0.0)
+        elif part.pattern.caustics is None:
+            light = np.minimum(light, 0.0)
+        found += light
+    return found

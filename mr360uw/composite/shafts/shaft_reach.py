@@ -8,6 +8,8 @@ what it adds falls with the length of the ray within it, as its width does.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,8 @@ from mr360uw.composite.lighting.surfaces import water_ahead
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
+
+Array = NDArray[np.float64]
 
 _ROWS = 64
 """Cells from pole to pole, 2.8 degrees each."""
@@ -37,9 +41,18 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, threshold: float
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
     ends = np.full(len(directions), range_m)
-    change = np.abs(shaft_field(scene, _GRID, directions, kept).radiance(directions, ends))
+    change = sum(np.abs(_change(part, directions, ends, view.key, kept)) for part in scene.parts)
     _, veil = water_ahead(shot, ends, directions[:, 1])
     marked = np.any((change > _MARGIN * threshold * veil) & (change > 0.0), axis=-1).reshape(rows, columns)
     around = np.pad(np.pad(marked, ((0, 0), (1, 1)), "wrap"), ((1, 1), (0, 0))).astype(np.uint8)
     marked = cv2.dilate(around, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
     return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]
+
+
+def _change(scene: ShaftScene, directions: Array, ends: Array, view: Hashable, kept: Cache) -> Array:
+    """Return what one kind of light changes (n, 3) in the middles of a view's cells."""
+    of_unit = kept.get(
+        "shaft cells", (scene.key, view, float(ends[0])),
+        lambda: shaft_field(scene.per_unit, _GRID, directions, kept).radiance(directions, ends), keep=2,
+    )  # fmt: skip
+    return of_unit if scene.pattern is None else of_unit * scene.pattern.sun.irradiance

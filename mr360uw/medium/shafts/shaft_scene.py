@@ -8,13 +8,14 @@ A segment takes its visibility and caustics from one point and the exact integra
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Same, by_value
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
@@ -101,6 +102,30 @@ class ShaftScene:
     def dark(self) -> bool:
         """Whether nothing deviates anywhere."""
         return (self.pattern is None and not self.lamps) or not self.water.scatters
+
+    @property
+    def parts(self) -> tuple[ShaftScene, ...]:
+        """The same scene with the sun alone and with the lamps alone; what it does not have is left out."""
+        of_sun, of_lamps = replace(self, lamps=()), replace(self, pattern=None)
+        return tuple(part for part in (of_sun, of_lamps) if not part.dark)
+
+    @property
+    def per_unit(self) -> ShaftScene:
+        """The same scene under a sun of unit irradiance at the camera."""
+        if self.pattern is None:
+            return self
+        return replace(self, pattern=replace(self.pattern, sun=replace(self.pattern.sun, irradiance=np.ones(3))))
+
+    @property
+    def key(self) -> Hashable:
+        """A value that is equal for scenes with the same light in the water, but for the strength of the sun."""
+        beam: tuple[Hashable, ...] = ()
+        if self.pattern is not None:
+            sun, of = self.pattern.sun, self.pattern
+            beam = sun.direction.tobytes(), sun.half_angle_rad, of.surface_y_m, of.samples, of.spread_rad
+            beam = *beam, Same(of.caustics)
+        lamps = tuple(map(by_value, self.lamps))
+        return self.water.key, self.origin.tobytes(), self.depth_m, Same(self.bodies), beam, lamps, self.length_m
 
     @functools.cached_property
     def sun_up(self) -> float:

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light in the water before the plate: shadows of bodies and beams of lamps over what a shot shows behind its objects.
+
+It has no edges but those of shadows in the water, which the water blurs, so it is found for blocks of pixels and read
+bilinearly between their middles. Without waves it goes with the sun's strength, and stands still as long as sun, bodies
+and camera do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import replace
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.composite.over import tile_of
+from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
+from mr360uw.composite.shafts.shaft_reach import shaft_pixels
+from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
+from mr360uw.medium.shafts.shaft_scene import ShaftScene
+from mr360uw.types import Floats, Layer, Rectangle
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SPARE_PX = 4096
+"""Pixels that a rectangle of the frame must save to be cut in two."""
+_BLOCKS = 1024
+"""Blocks around the horizon in wide frames; nodes of the grid are two apart there."""
+
+
+def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, kept: Cache) -> Layer:
+    """Return a layer with `Tile.shafts` of a scene of the water before the plate, and tiles where it has none yet.
+
+    kept: holds what does not change from frame to frame.
+    """
+    view = shot.view
+    if scene.dark:
+        return layer
+    waves = scene.pattern is not None and scene.pattern.caustics is not None
+    settings = light.settings
+    marked = (
+        np.ones((view.height, view.width), np.bool_) if waves
+        else shaft_pixels(shot, scene, settings.range_m, settings.threshold, kept)
+    )  # fmt: skip
+    if not np.any(marked):
+        return layer
+    side = max(view.width // _BLOCKS, 1)
+    blocks = settings.strength * _blocks(shot, light, scene, marked[::side, ::side], side, kept)
+    parts = [tile.rectangle for tile in layer.tiles] + rectangles_of_mask(marked, _SPARE_PX)
+    drawn = []
+    for part in even_tiles(parts, view.width, view.height):
+        tile = tile_of(layer, part)
+        where = marked[tile.window] & (tile.alpha < 1.0)
+        shafts = _enlarged(blocks, part, side) * where[..., None]
+        if shot.holdout is not None:
+            shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
+        drawn.append(replace(tile, shafts=shafts) if np.any(shafts) else tile)
+    return replace(layer, tiles=tuple(drawn))
+
+
+def _blocks(
+    shot: Shot, light: ShaftLight, scene: ShaftScene, marked: Mask, side: int, kept: Cache
+) -> NDArray[np.float32]:
+    """Return what sun and lamps change in blocks, (rows, columns, 3)."""
+    rows, columns = -(-shot.view.height // side), -(-shot.view.width // side)
+    grown = cv2.dilate(np.pad(marked, ((0, 0), (1, 1)), "wrap").astype(np.uint8), np.ones((3, 3), np.uint8))
+    near = grown[:rows, 1 : columns + 1] > 0
+    found = np.zeros((rows, columns, 3), np.float32)
+    for part in scene.parts:
+        key: Hashable = part.key, shot.view.key, shot.receiver, light.settings, near.tobytes()
+        of_part = kept.get("plate shafts", key, partial(_change, shot, light, part, near, side, kept), keep=2)
+        found += of_part if part.pattern is None else of_part * part.pattern.sun.irradiance.astype(np.float32)
+    return found
+
+
+def _change(
+    shot: Shot, light: ShaftLight, scene: ShaftScene, near: Mask, side: int, kept: Cache
+) -> NDArray[np.float32]:
+    """Return what one kind of light changes in marked blocks, (rows, columns, 3), per unit irradiance of the sun."""
+    row, column = np.nonzero(near)
+    x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
+    rays = np.asarray(shot.view.directions(x, y), np.float64)
+    ends = np.minimum(_receiver_m(shot, x, y, rays, kept), light.settings.range_m)
+    blocks = np.zeros((*near.shape, 3), np.float32)
+    blocks[row, column] = change_along(scene.per_unit, light.plate_grid(shot.view.width, scene), rays, ends, kept)
+    return blocks
+
+
+def _receiver_m(shot: Shot, x: Floats, y: Floats, rays: Array, kept: Cache) -> Array:
+    """Return the distances (n,) of the receiver at frame coordinates (n,), infinite where there is none."""
+    receiver = shot.receiver
+    if receiver is None:
+        return np.full(len(rays), np.inf)
+    position = shot.view.position
+    shape = kept.get("shape", (receiver, position.tobytes()), lambda: ReceiverShape(receiver, position))
+    return np.asarray(shape.meet_along(shot.view, x, y, rays)[0], np.float64)
+
+
+def _enlarged(blocks: Floats, part: Rectangle, side: int) -> NDArray[np.float32]:
+    """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
+    first_row, first_column = part.row // side - 1, part.column // side - 1
+    row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
+    column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
+    near = blocks[np.clip(row, 0, len(blocks) - 1)[:, None], column % blocks.shape[1]]
+    if side > 1:
+        near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
+    top, left = part.row - first_row * side, part.column - first_column * side
+    return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
