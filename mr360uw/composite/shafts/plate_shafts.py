@@ -31,8 +31,8 @@ Mask = NDArray[np.bool_]
 
 _SPARE_PX = 4096
 """Pixels that a rectangle of the frame must save to be cut in two."""
-_BLOCKS = 1024
-"""Blocks around the horizon in wide frames; nodes of the grid are two apart there."""
+_BLOCKS = 512
+"""Blocks around the horizon, as many as nodes of the default grid around the sun."""
 
 
 def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, kept: Cache) -> Layer:

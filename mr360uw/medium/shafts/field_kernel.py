@@ -46,38 +46,28 @@ def mark_nodes(x: Any, y: Any, node: Any) -> None:
 
 
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
-def read_field(
-    table: Any, node: Any, rate: Any, reach: Any, x: Any, y: Any, own_reach: Any, distance_m: Any, result: Any
-) -> bool:
-    """Write the light of rays at frame coordinates (n,) of the grid up to distances (n,) [m] to `result` (n, 3).
+def read_field(table: Any, node: Any, x: Any, y: Any, t: Any, result: Any) -> bool:
+    """Write the light of rays at frame coordinates (n,) of the grid to `result` (n, 3).
 
-    own_reach: (n,) [m] of the rays, with 0 <= distance_m <= own_reach. Return whether every node that is read is there.
+    t: (n,) fractions of the rays' light, in [0, 1], up to which it is summed. Return whether every node that is read is
+    there.
     """
     rows, columns = node.shape
     slices = table.shape[1] - 1
     for n in range(len(x)):
-        s = distance_m[n]
-        if not s > 0.0:
+        if not t[n] > 0.0:
             continue
+        k = min(int(t[n] * slices), slices - 1)
+        f = t[n] * slices - k
         i, j = math.floor(x[n] - 0.5), math.floor(y[n] - 0.5)
         fx, fy = x[n] - 0.5 - i, y[n] - 0.5 - j
-        part = s / own_reach[n]
         for b in range(4):
             for a in range(4):
                 row, column = _wrapped(j + b - 1, i + a - 1, rows, columns)
                 m = node[row, column]
                 if m < 0:
                     return False
-                whole = reach[m]
-                if not whole > 0.0:
-                    continue
                 weight = _cubic(fx, a) * _cubic(fy, b)
-                at = min(max(s + part * part * (whole - own_reach[n]), 0.0), whole)
-                decay = rate[m] * whole
-                t = at / whole if abs(decay) < 1e-6 else math.expm1(-decay * at / whole) / math.expm1(-decay)
-                t = min(t, 1.0) * slices
-                k = min(int(t), slices - 1)
-                f = t - k
                 for c in range(3):
                     result[n, c] += weight * (table[m, k, c] + (table[m, k + 1, c] - table[m, k, c]) * f)
     return True

@@ -10,8 +10,8 @@ slice. The light of lamps is added on the same nodes; without sun the pole is up
 A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), periodic about the pole and continued over it,
 up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
 distance is what the pixel's ray sees, so the edges of bodies do not leak and need no search for nodes of like depth.
-Rays of different height reach the surface at different distances: at the fraction x of its own way there a pixel reads
-a node farther by x^2 of the difference, so that both end at the surface.
+Rays of different height reach the surface at different distances: a pixel reads its nodes at that fraction of their
+light at which its own ray ends (`ray_segments.fraction_at`), so that all end at the surface together.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
 from mr360uw.medium.shafts.field_kernel import mark_nodes, read_field
 from mr360uw.medium.shafts.lamp_field import LampField
-from mr360uw.medium.shafts.ray_segments import radius_at
+from mr360uw.medium.shafts.ray_segments import fraction_at, radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.sun_beam import SunBeam
 from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, unit
@@ -60,15 +60,12 @@ class ShaftField:
     """Deviation of the light in the water about a camera.
 
     table: (n, slices + 1, 3) of n nodes, from the camera up to a slice. node: (rows, columns) index of a node in it, -1
-    for those left out. rate, reach: (n,) of nodes, see `ShaftScene.layout`. pole: (3, 3) rows right, pole, back of the
-    grid's own axes. scene: its camera and water.
+    for those left out. pole: (3, 3) rows right, pole, back of the grid's own axes. scene: its camera and water.
     """
 
     scene: ShaftScene
     table: NDArray[np.float32]
     node: NDArray[np.int32]
-    rate: Array
-    reach: Array
     pole: Array
 
     def radiance(self, directions: Array, distance_m: Array) -> Array:
@@ -78,10 +75,10 @@ class ShaftField:
         """
         rows, columns = self.node.shape
         x, y = frame_from_direction(directions @ self.pole.T, columns, rows)
-        _, reach = self.scene.layout(directions[:, 1])
+        rate, reach = self.scene.layout(directions[:, 1])
+        t = fraction_at(np.minimum(distance_m, reach), rate, reach) * (reach > 0.0)
         result = np.zeros((len(directions), 3))
-        ends = np.minimum(distance_m, reach)
-        if not read_field(self.table, self.node, self.rate, self.reach, x, y, reach, ends, result):
+        if not read_field(self.table, self.node, x, y, t, result):
             raise ParameterError("directions - the field was made for other rays - give all of them to shaft_field")
         return result
 
@@ -123,7 +120,7 @@ def shaft_field(
             for lamp in lamps:
                 lamp.add(scene, rays[part], edge, light)
         table[part, 1:] = np.cumsum(light, axis=1)
-    return ShaftField(scene, table, node, rate, reach, pole)
+    return ShaftField(scene, table, node, pole)
 
 
 def _pole(scene: ShaftScene) -> Array:
