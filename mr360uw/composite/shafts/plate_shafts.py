@@ -9,7 +9,7 @@ and camera do.
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
@@ -51,33 +51,48 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     )  # fmt: skip
     if not np.any(marked):
         return layer
-    side = max(view.width // _BLOCKS, 1)
-    blocks = settings.strength * _blocks(shot, light, scene, marked[::side, ::side], side, kept)
+    found = [_Blocks.of(shot, light, part, marked, kept) for part in scene.parts]
     parts = [tile.rectangle for tile in layer.tiles] + rectangles_of_mask(marked, _SPARE_PX)
     drawn = []
     for part in even_tiles(parts, view.width, view.height):
         tile = tile_of(layer, part)
         where = marked[tile.window] & (tile.alpha < 1.0)
-        shafts = _enlarged(blocks, part, side) * where[..., None]
+        shafts = settings.strength * sum(blocks.pixels(part) for blocks in found) * where[..., None]
         if shot.holdout is not None:
             shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
         drawn.append(replace(tile, shafts=shafts) if np.any(shafts) else tile)
     return replace(layer, tiles=tuple(drawn))
 
 
-def _blocks(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, marked: Mask, side: int, kept: Cache
-) -> NDArray[np.float32]:
-    """Return what sun and lamps change in blocks, (rows, columns, 3)."""
-    rows, columns = -(-shot.view.height // side), -(-shot.view.width // side)
-    grown = cv2.dilate(np.pad(marked, ((0, 0), (1, 1)), "wrap").astype(np.uint8), np.ones((3, 3), np.uint8))
-    near = grown[:rows, 1 : columns + 1] > 0
-    found = np.zeros((rows, columns, 3), np.float32)
-    for part in scene.parts:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """What one kind of light changes in blocks of side x side pixels. change: (rows, columns, 3)."""
+
+    change: NDArray[np.float32]
+    side: int
+
+    @classmethod
+    def of(cls, shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, kept: Cache) -> _Blocks:
+        """Return the blocks of marked pixels (H, W) and those beside them."""
+        # a lamp's beam is thin at the lamp
+        side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
+        some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
+        near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
         key: Hashable = part.key, shot.view.key, shot.receiver, light.settings, near.tobytes()
-        of_part = kept.get("plate shafts", key, partial(_change, shot, light, part, near, side, kept), keep=2)
-        found += of_part if part.pattern is None else of_part * part.pattern.sun.irradiance.astype(np.float32)
-    return found
+        change = kept.get("plate shafts", key, partial(_change, shot, light, part, near, side, kept), keep=2)
+        return cls(change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side)
+
+    def pixels(self, part: Rectangle) -> NDArray[np.float32]:
+        """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
+        side = self.side
+        first_row, first_column = part.row // side - 1, part.column // side - 1
+        row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
+        column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
+        near = self.change[np.clip(row, 0, len(self.change) - 1)[:, None], column % self.change.shape[1]]
+        if side > 1:
+            near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
+        top, left = part.row - first_row * side, part.column - first_column * side
+        return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
 
 
 def _change(
@@ -89,7 +104,7 @@ def _change(
     rays = np.asarray(shot.view.directions(x, y), np.float64)
     ends = np.minimum(_receiver_m(shot, x, y, rays, kept), light.settings.range_m)
     blocks = np.zeros((*near.shape, 3), np.float32)
-    blocks[row, column] = change_along(scene.per_unit, light.plate_grid(shot.view.width, scene), rays, ends, kept)
+    blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept, plate=True)
     return blocks
 
 
@@ -101,15 +116,3 @@ def _receiver_m(shot: Shot, x: Floats, y: Floats, rays: Array, kept: Cache) -> A
     position = shot.view.position
     shape = kept.get("shape", (receiver, position.tobytes()), lambda: ReceiverShape(receiver, position))
     return np.asarray(shape.meet_along(shot.view, x, y, rays)[0], np.float64)
-
-
-def _enlarged(blocks: Floats, part: Rectangle, side: int) -> NDArray[np.float32]:
-    """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
-    first_row, first_column = part.row // side - 1, part.column // side - 1
-    row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
-    column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
-    near = blocks[np.clip(row, 0, len(blocks) - 1)[:, None], column % blocks.shape[1]]
-    if side > 1:
-        near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
-    top, left = part.row - first_row * side, part.column - first_column * side
-    return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)

@@ -63,7 +63,7 @@ def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m:
     """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
     settings, sun = light.settings, sun_of(shot)
     end_m = np.minimum(end_m, settings.range_m)
-    found = change_along(scene, light.grid(shot.view.width), rays, end_m, kept)
+    found = change_along(scene, light, shot.view.width, rays, end_m, kept)
     if settings.whole and sun is not None:
         cosine = rays @ unit(sun.direction)
         found = found + sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))

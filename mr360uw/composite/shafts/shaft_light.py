@@ -44,17 +44,20 @@ class ShaftLight:
         """A value that is equal for the same light in the water of the same shot."""
         return self.settings, Same(self.medium), Same(self.caustics)
 
-    def grid(self, width: int) -> FroxelGrid:
-        """Return the size of the grid for a frame that is `width` pixels wide: at most one node for two pixels."""
-        columns = max(min(self.settings.resolution, width // 2), LEAST_NODES) // 8 * 8
-        return FroxelGrid(3 * columns // 8, columns, self.settings.slices)
+    def grid(self, width: int, part: ShaftScene, *, plate: bool = False) -> FroxelGrid:
+        """Return the size of the grid of one kind of light for a frame that is `width` pixels wide.
 
-    def plate_grid(self, width: int, scene: ShaftScene) -> FroxelGrid:
-        """Return the size of the grid before the plate: half of it where no waves make fine shafts there."""
-        whole = self.grid(width)
-        if scene.pattern is not None and scene.pattern.caustics is not None:
-            return whole
-        return FroxelGrid(max(whole.rows // 2, 2), max(whole.columns // 4, 1) * 2, max(whole.slices // 2, 2))
+        At most one node for two pixels, of lamps one for each, as a beam is thin at its lamp; half as many before the
+        plate, where no waves make fine shafts.
+        """
+        most, slices = min(self.settings.resolution, width // 2), self.settings.slices
+        if part.pattern is None:
+            columns = max(2 * most, LEAST_NODES) // 8 * 8
+            return FroxelGrid(columns // 2, columns, slices)
+        columns = max(most, LEAST_NODES) // 8 * 8
+        if plate and part.pattern.caustics is None:
+            return FroxelGrid(3 * columns // 16, columns // 4 * 2, max(slices // 2, 2))
+        return FroxelGrid(3 * columns // 8, columns, slices)
 
     def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
         """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
@@ -74,18 +77,20 @@ class ShaftLight:
         return before, dataclasses.replace(before, pattern=None if still.even else still)
 
 
-def change_along(scene: ShaftScene, grid: FroxelGrid, rays: Array, end_m: Array, kept: Cache) -> Array:
+def change_along(
+    scene: ShaftScene, light: ShaftLight, width: int, rays: Array, end_m: Array, kept: Cache, *, plate: bool = False
+) -> Array:
     """Return how light in the water deviates (n, 3) along rays (n, 3) from the camera up to ends (n,) [m].
 
     Beside bright and dark edges the cubic between the grid's nodes overshoots: bodies add no light of the sun, and
-    lamps take none away.
+    lamps take none away. width, plate: see `ShaftLight.grid`.
     """
     found = np.zeros((len(rays), 3))
     for part in scene.parts if len(rays) else ():
-        light = shaft_field(part, grid, rays, kept).radiance(rays, end_m)
+        change = shaft_field(part, light.grid(width, part, plate=plate), rays, kept).radiance(rays, end_m)
         if part.pattern is None:
-            light = np.maximum(light, 0.0)
+            change = np.maximum(change, 0.0)
         elif part.pattern.caustics is None:
-            light = np.minimum(light, 0.0)
-        found += light
+            change = np.minimum(change, 0.0)
+        found += change
     return found
