@@ -5,7 +5,7 @@ truth: contrast of a ball's shadow in the water against a path tracer of single 
 function and attenuation is worth against one of all scattering. grid: froxels against rays of 4096 segments in six
 scenes, over size and time; draws docs/shafts-pareto.png. bands: three averaged bands against all wavelengths. cookie:
 two scrolling maps instead of waves. cost: of a frame's layer without and with them. pictures FOLDER: equirectangular
-pictures of shafts, amplified.
+pictures of shafts, amplified, and docs/shafts.jpg.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ from mr360uw.medium.shafts.deviation import march  # noqa: E402
 from mr360uw.medium.shafts.froxels import DEFAULT_GRID  # noqa: E402
 from mr360uw.medium.shafts.ray_segments import ray_ends_m, view_directions  # noqa: E402
 from mr360uw.medium.small_angles import spread_of  # noqa: E402
+from mr360uw.preview.live import LivePreview  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_facts  # noqa: E402
 from mr360uw.render.frame import finished, frame_stages  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.sample import sample_dive  # noqa: E402
+from mr360uw.sample import DiveSettings, sample_dive  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
@@ -395,6 +396,26 @@ def pictures(folder: str) -> None:
             print(path, "99.5 % of |D|:", scale)
 
 
+_TORCH = (
+    'lamp=[{kind="spot", position_m=[0.8, 0.4, -0.5], rotation_deg=[25, -12, 0], lumen=9000, cone_deg=24}]',
+    "light.white_cd_m2=200",
+)
+
+
+def dive_picture(file: str) -> None:
+    """Write a dive's frame with shafts over the plate, three times as strong as they are, and with a torch."""
+    import cv2
+
+    with tempfile.TemporaryDirectory() as folder, LivePreview("gl") as preview:
+        path = sample_dive(Path(folder) / "dive", DiveSettings(6.0, 9.5, "II"), width=1600, frames=2).scene
+        frames = []
+        for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH):
+            light = preview.frame(load_scene(path, sets), 1).picture.image_linear[100:660, 420:1180]
+            frames.append(encode(np.clip(light, 0.0, 1.0), "srgb"))
+        both = np.round(255.0 * np.hstack(frames)[..., ::-1]).astype(np.uint8)
+        cv2.imwrite(file, both, [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
 SECTIONS: dict[str, Callable[[], None]] = {
     "truth": section_truth,
     "grid": section_grid,
@@ -406,6 +427,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
 if __name__ == "__main__":
     if sys.argv[1:2] == ["pictures"]:
         pictures(sys.argv[2])
+        dive_picture(str(ROOT / "docs" / "shafts.jpg"))
     else:
         for name in sys.argv[1:] or SECTIONS:
             print(f"\n{name}: {SECTIONS[name].__doc__}")
