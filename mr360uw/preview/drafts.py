@@ -20,6 +20,7 @@ def coarse(scene: Scene) -> Scene:
     """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
 
     Edges, soft shadows, caustics and shafts are drawn with fewer samples, and the water is solved at fewer wavelengths.
+    Shafts of waves and bodies alone are left out: at their physical strength a draft would hardly show them.
     """
     draw, caustics, water = scene.draw, scene.caustics, scene.water
     fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
@@ -28,10 +29,12 @@ def coarse(scene: Scene) -> Scene:
         "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
         "planes": min(caustics.planes, _PLANES),
     }
-    shafts = {
+    shafts: dict[str, int | str] = {
         "resolution": min(scene.shafts.resolution, _SHAFT_NODES),
         "slices": min(scene.shafts.slices, _SHAFT_SLICES),
     }
+    if not (scene.lamps or scene.shafts.on_plate or scene.shafts.strength > 1.0):
+        shafts = {"mode": "off"}
     drafts = {
         "shafts": scene.shafts.model_copy(update=shafts),
         "draw": draw.model_copy(update=fewer),

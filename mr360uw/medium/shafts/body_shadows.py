@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 
 DISC_PIXELS, HALO_PIXELS = 256, 64
 """Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees."""
+_SMALL_RAD = 0.01
+"""Radius of a disc up to which one direction stands for it: 10 m behind a body its shadow's edge is then 20 cm wide at
+most, less than half a segment."""
 DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
@@ -64,15 +67,13 @@ class Outlines:
     radius: Array
 
     @classmethod
-    def of(cls, bodies: Bodies, towards_sun: Array) -> Outlines:
-        """Return the outlines of bodies with bounding spheres."""
-        frame, size = basis(towards_sun), DISC_PIXELS
-        spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        covered = [np.isfinite(_top(body, centre, radius, frame, size)) for body, centre, radius in spheres]
-        pixel = 2.0 * bodies.radius / size
+    def of(cls, bodies: Bodies, middle: ShadowMaps) -> Outlines:
+        """Return the outlines of bodies from their maps for the middle of the disc."""
+        covered = np.isfinite(middle.top[:, 0])
+        pixel = 2.0 * bodies.radius / covered.shape[1]
         apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
         metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-        return cls(frame, metres, bodies.centre, bodies.radius)
+        return cls(middle.frame[0], metres, bodies.centre, bodies.radius)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +92,10 @@ def shadows_of(pattern: BeamPattern, kept: Cache) -> Shadows | None:
         return None
 
     def made() -> Shadows:
-        disc = ShadowMaps.of(bodies, towards, pattern.disc, DISC_PIXELS)
-        halo = ShadowMaps.of(bodies, towards, pattern.halo, HALO_PIXELS)
-        return Shadows(disc, halo, Outlines.of(bodies, towards))
+        middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
+        wide = pattern.sun.half_angle_rad > _SMALL_RAD
+        disc = ShadowMaps.of(bodies, towards, pattern.disc, DISC_PIXELS) if wide else middle
+        return Shadows(disc, ShadowMaps.of(bodies, towards, pattern.halo, HALO_PIXELS), Outlines.of(bodies, middle))
 
     return kept.get("shaft shadows", (Same(bodies), pattern.disc.tobytes(), pattern.halo.tobytes()), made)
 
