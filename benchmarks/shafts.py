@@ -252,7 +252,7 @@ def scenes() -> dict[str, ShaftScene]:
     return found
 
 
-GRIDS = (FroxelGrid(64, 256, 48), FroxelGrid(128, 512, 48), DEFAULT_GRID)
+GRIDS = (FroxelGrid(96, 256, 32), FroxelGrid(192, 512, 32), DEFAULT_GRID)
 _RAYS, _STEPS = 384, 4096
 
 
@@ -260,7 +260,7 @@ def section_grid() -> None:
     """Error of the grid over the rms of the deviation, rays spread evenly over the sphere, and its processor time."""
     rng = np.random.default_rng(5)
     directions = unit(rng.normal(size=(_RAYS, 3)))
-    print(f"{'scene':32}" + "".join(f"{g.rows:>6} x {g.columns} x {g.slices} x {g.samples}" for g in GRIDS))
+    print(f"{'scene':32}" + "".join(f"{g.rows:>6} x {g.columns} x {g.slices}  " for g in GRIDS))
     errors = {}
     for name, scene in scenes().items():
         ends = ray_ends(scene, directions)
