@@ -262,7 +262,10 @@ def section_grid() -> None:
     directions = unit(rng.normal(size=(_RAYS, 3)))
     print(f"{'scene':32}" + "".join(f"{g.rows:>6} x {g.columns} x {g.slices}  " for g in GRIDS))
     errors = {}
-    for name, scene in scenes().items():
+    everything = scenes()
+    for scene in everything.values():
+        shaft_field(scene, GRIDS[0], directions[:9])  # compiles and reads in what is compiled
+    for name, scene in everything.items():
         ends = ray_ends(scene, directions)
         truth = march(scene, directions, ends, _STEPS)
         cells, errors[name] = "", []
