@@ -70,11 +70,6 @@ def number_between(low_m: float, high_m: float, exponent: float, scattering: flo
     return _scale(exponent, scattering) * _integral(low_m, high_m, -exponent)
 
 
-def cross_section_between(low_m: float, high_m: float, exponent: float, scattering: float) -> float:
-    """Return the geometric cross-section [1/m] of the particles with diameters between two, in a cubic metre."""
-    return 0.25 * PI * _scale(exponent, scattering) * _integral(low_m, high_m, 2.0 - exponent)
-
-
 def size_classes(settings: SnowSettings, scattering: float) -> tuple[SizeClass, ...]:
     """Return the classes of a scene's particles, from the smallest on. scattering: by the water's particles [1/m]."""
     smallest, largest = 1e-3 * settings.smallest_mm, 1e-3 * settings.largest_mm
