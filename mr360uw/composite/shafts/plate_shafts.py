@@ -57,6 +57,9 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     for part in even_tiles(parts, view.width, view.height):
         tile = tile_of(layer, part)
         where = marked[tile.window] & (tile.alpha < 1.0)
+        if not np.any(where):
+            drawn.append(tile)
+            continue
         shafts = settings.strength * sum(blocks.pixels(part) for blocks in found) * where[..., None]
         if shot.holdout is not None:
             shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
