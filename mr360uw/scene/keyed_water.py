@@ -16,6 +16,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.parameters import bounds_of
 from mr360uw.scene.key_problems import key_times
@@ -29,8 +30,6 @@ chlorophyll). The largest error of a veil is 0.03 % for visibilities of 10 to 20
 gives up to four times that."""
 _STEPS = 64.0
 """Steps of any other parameter over its whole range. The largest error of a veil is 1.8 %, for mean cosines to 0.95."""
-_CLOSED_FORMS = ("kd", "kd+", "rgb")
-"""Modes whose tables take two hundredths of a second: they are made for each frame."""
 TABLE_S = 0.35
 """About how long [s] it takes to tabulate a water, on a core of 2.5 GHz."""
 _HALVINGS = 60
@@ -61,7 +60,7 @@ def _ways(scene: Scene) -> list[_Way]:
     """Return the ways of the water from each key to the next."""
     targets = [(key, target_of(scene, key.parameter)) for key in scene.keys]
     keyed = [(k, t) for k, t in targets if t.path[0] == "water" and t.path[1] != "gain"]
-    if not keyed or scene.water.mode in _CLOSED_FORMS:
+    if not keyed or scene.water.mode in CLOSED_FORMS:  # quick enough for each frame
         return []
     times = key_times(key for key, _ in keyed)
     return [_Way(scene, keyed, start, stop) for start, stop in itertools.pairwise(times)]

@@ -77,6 +77,18 @@ def test_a_body_darkens_the_water_below_it_and_nothing_turns_negative() -> None:
     np.testing.assert_array_equal(layer.alpha, 0.0)
 
 
+def test_a_matte_with_distances_ends_shafts_before_the_plate() -> None:
+    """A wall before the body's shadow leaves nothing of it, one behind it leaves a part."""
+    medium = water()
+    open_water = taken(medium, placed(sphere(rows=8), BALL))
+    changes = []
+    for wall_m in (0.5, 4.0, np.inf):
+        walled = replace(open_water, holdout_distance_m=np.full((SIZE // 2, SIZE), wall_m))
+        changes.append(-drawn(walled, ShaftSettings(), medium).shafts.sum())
+    assert changes[0] == 0.0
+    assert 0.0 < changes[1] < 0.9 * changes[2]
+
+
 def test_pixels_that_may_change_hold_all_that_do() -> None:
     size = 128
     medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.02)

@@ -21,6 +21,7 @@ from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import SMOOTH, corner_light, enlarged, free_images
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
     CoarseGrid,
@@ -89,8 +90,7 @@ class ReceiverPass:
     # --- cached geometry ---------------------------------------------------------------------------------------------
 
     def _shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
-        key = (receiver, shot.view.position.tobytes())
-        return self._cache.get("receiver shape", key, lambda: ReceiverShape(receiver, shot.view.position))
+        return kept_shape(receiver, shot.view.position, self._cache)
 
     def _coarse_grid(self, shot: Shot, receiver: Receiver) -> CoarseGrid:
         # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate

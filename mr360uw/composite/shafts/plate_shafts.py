@@ -16,15 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Same
 from mr360uw.composite.over import tile_of
-from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.receiver.plate_distance import plate_distance
 from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
 from mr360uw.composite.shafts.shaft_reach import shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.types import Floats, Layer, Rectangle
+from mr360uw.types import Layer, Rectangle
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,7 +32,7 @@ Mask = NDArray[np.bool_]
 _SPARE_PX = 4096
 """Pixels that a rectangle of the frame must save to be cut in two."""
 _BLOCKS = 512
-"""Blocks around the horizon, as many as nodes of the default grid around the sun."""
+"""Blocks around the horizon in wide frames, as many as the columns of the default grid before the plate."""
 
 
 def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, kept: Cache) -> Layer:
@@ -81,7 +81,8 @@ class _Blocks:
         side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
         some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
         near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
-        key: Hashable = part.key, shot.view.key, shot.receiver, light.settings, near.tobytes()
+        surfaces = shot.receiver, Same(shot.holdout_distance_m)
+        key: Hashable = part.key, shot.view.key, surfaces, light.settings, near.tobytes()
         change = kept.get("plate shafts", key, partial(_change, shot, light, part, near, side, kept), keep=2)
         return cls(change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side)
 
@@ -105,17 +106,7 @@ def _change(
     row, column = np.nonzero(near)
     x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
     rays = np.asarray(shot.view.directions(x, y), np.float64)
-    ends = np.minimum(_receiver_m(shot, x, y, rays, kept), light.settings.range_m)
+    ends = np.minimum(plate_distance(shot, x, y, rays, kept), light.settings.range_m)
     blocks = np.zeros((*near.shape, 3), np.float32)
     blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept, plate=True)
     return blocks
-
-
-def _receiver_m(shot: Shot, x: Floats, y: Floats, rays: Array, kept: Cache) -> Array:
-    """Return the distances (n,) of the receiver at frame coordinates (n,), infinite where there is none."""
-    receiver = shot.receiver
-    if receiver is None:
-        return np.full(len(rays), np.inf)
-    position = shot.view.position
-    shape = kept.get("shape", (receiver, position.tobytes()), lambda: ReceiverShape(receiver, position))
-    return np.asarray(shape.meet_along(shot.view, x, y, rays)[0], np.float64)

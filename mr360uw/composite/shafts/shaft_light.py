@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
 from mr360uw.composite.lighting.sun import spread_rad, sun_of
-from mr360uw.composite.raycast.geometry import occluding
+from mr360uw.composite.raycast.casting_bodies import casting_bodies
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
-from mr360uw.medium.shafts.occluders import bodies_of
 from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import CausticStack, Lamp
@@ -61,11 +60,7 @@ class ShaftLight:
 
     def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
         """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
-        settings, nowhere = self.settings, np.zeros(3)
-        standing = tuple((placed.key, placed.casts_shadow) for placed in shot.casters)
-        bodies = kept.get(
-            "shaft bodies", standing, lambda: bodies_of([occluding([placed], nowhere) for placed in shot.casters])
-        )
+        settings, bodies = self.settings, casting_bodies(shot, kept)
         lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
         phase = None if settings.phase == "water" else ("hg", settings.phase)
         before = ShaftScene.of(

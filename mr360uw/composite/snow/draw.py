@@ -19,7 +19,7 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.caustics.settings import Sea
-from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.receiver.plate_distance import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.merge import merged
@@ -179,17 +179,6 @@ def _seen(view: View, position: Floats) -> Floats:
 
 def _plate_m(shot: Shot, point: Floats, distance_m: Floats, kept: Cache) -> Floats:
     """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
-    receiver, matte, view = shot.receiver, shot.holdout_distance_m, shot.view
-    nearest = np.full(len(point), np.inf)
-    if receiver is None and matte is None:
-        return nearest
-    direction = point / np.maximum(distance_m, 1e-9)[:, None]
+    view, direction = shot.view, point / np.maximum(distance_m, 1e-9)[:, None]
     x, y = frame_from_direction(direction @ view.world_from_camera, view.width, view.height)
-    if receiver is not None:
-        key = receiver, view.position.tobytes()
-        shape = kept.get("snow receiver", key, lambda: ReceiverShape(receiver, view.position))
-        nearest = shape.meet_along(view, x, y, direction)[0]
-    if matte is not None:
-        found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
-        nearest = np.minimum(nearest, found)
-    return nearest
+    return plate_distance(shot, x, y, direction, kept)

@@ -12,7 +12,6 @@ is the fraction of a pixel that particles cover. A white ball's phase function i
 from __future__ import annotations
 
 import functools
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +20,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.lighting.lamps import LampSource, lamps_of
 from mr360uw.composite.lighting.sun import SunSource, sun_of
 from mr360uw.composite.lighting.surfaces import water_ahead
+from mr360uw.composite.raycast.casting_bodies import casting_bodies
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.settings import SnowPhase
 from mr360uw.constants import PI
@@ -28,7 +28,6 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.lookup import ambient_ratio, linear
 from mr360uw.medium.phase import phase_function
 from mr360uw.medium.shafts.lamp_rays import nearest_m
-from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.sphere import directions, disc_directions, row_solid_angle
 from mr360uw.types import Environment, Floats
 
@@ -53,7 +52,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     depths = _Depths.of(shot, point)
     if shot.medium is not None:
         light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))
-    bodies = _bodies(shot, kept)
+    bodies = casting_bodies(shot, kept)
     world = point + shot.view.position
     if (sun := sun_of(shot)) is not None:
         source = _SunOnPoints(sun, shot, None)
@@ -134,8 +133,3 @@ def _weights(phase: SnowPhase, rows: int, columns: int) -> Floats:
     seen, sources = directions(2 * _ROWS, _ROWS).reshape(-1, 3), directions(columns, rows).reshape(-1, 3)
     weights = particle_phase(phase, seen @ sources.T) * np.repeat(row_solid_angle(columns, rows), columns)
     return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
-
-
-def _bodies(shot: Shot, kept: Cache) -> Bodies:
-    key: Hashable = tuple(placed.key for placed in shot.casters)
-    return kept.get("snow bodies", key, lambda: bodies_of(shot.casters))

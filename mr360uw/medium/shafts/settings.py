@@ -7,12 +7,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.parameters import Parameters, parameter
 
 MeanCosine = Annotated[float, Field(ge=-0.95, le=0.99)]
 
-CLOSED_FORMS = ("kd", "kd+", "rgb")
-"""Modes of the water whose veil scatters isotropically and counts all scattered light as lost."""
 LEAST_NODES = 16
 """Least nodes around the sun."""
 LONGEST_M = 500.0

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.medium import Medium
+from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
-from mr360uw.medium.shafts.settings import CLOSED_FORMS
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mr360uw.cache import Cache
+from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.rays import RayScene, barycentric
@@ -28,8 +29,7 @@ def ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) ->
     if mesh is not None:
         scene = cache.get("ambient ground", receiver, lambda: RayScene(mesh))
         return [_below(scene, placed) for placed in objects]
-    key = (receiver, shot.view.position.tobytes())
-    shape = cache.get("receiver shape", key, lambda: ReceiverShape(receiver, shot.view.position))
+    shape = kept_shape(receiver, shot.view.position, cache)
     return [_seen(shot, shape, placed) for placed in objects]
 
 
