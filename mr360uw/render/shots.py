@@ -104,11 +104,13 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
     medium = loaded.surroundings.medium_at(time_s)
     if medium is None:
         return None
+    from mr360uw.composite.shafts.code_change import waves_show
     from mr360uw.composite.shafts.shaft_light import ShaftLight
 
+    still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths
-    if sun_in_air is None:
-        return ShaftLight(settings, medium)
+    if sun_in_air is None or not waves_show(shot, still):
+        return still
     deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
     of_water = depths.of_water

@@ -15,6 +15,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.cache import Cache
 from mr360uw.composite.over import over
+from mr360uw.composite.shafts.code_change import code_change
 from mr360uw.composite.shafts.shaft_layer import with_shafts
 from mr360uw.composite.shafts.shaft_light import ShaftLight
 from mr360uw.composite.shafts.shaft_reach import shaft_pixels
@@ -91,17 +92,16 @@ def test_a_matte_with_distances_ends_shafts_before_the_plate() -> None:
 
 def test_pixels_that_may_change_hold_all_that_do() -> None:
     size = 128
-    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.02)
+    medium, settings = water("IB", 8.0), ShaftSettings(threshold=0.5)
     for place, sun in ((BALL, HIGH), ((0.0, -2.0, 0.5), HIGH), (BALL, replace(HIGH, direction=unit([0.9, 0.44, 0.1])))):
         taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,), width=size)
         light = ShaftLight(settings, medium)
         _, scene = light.scenes(taken_shot, Cache())
-        marked = shaft_pixels(taken_shot, scene, 100.0, settings.threshold, Cache())
+        marked = shaft_pixels(taken_shot, scene, 100.0, settings.least_codes, Cache())
         rays = directions(size, size // 2).reshape(-1, 3)
         found = shaft_field(scene, DEFAULT_GRID, rays).radiance(rays, np.full(len(rays), 100.0))
-        change = np.abs(found).reshape(-1, size, 3)
-        veil = medium.veil(100.0, 8.0, rays[:, 1]).reshape(-1, size, 3)
-        seen = np.any(change > settings.threshold * veil, axis=-1)
+        veil = medium.veil(100.0, 8.0, rays[:, 1])
+        seen = code_change(veil, found).reshape(-1, size) > settings.least_codes
         assert 0 < seen.sum() <= (seen & marked).sum() + 0.02 * seen.sum()  # slack: of cells that are partly above it
         assert marked.sum() < 0.7 * marked.size
 
@@ -235,7 +235,7 @@ def test_the_beams_share_of_the_veil_falls_with_depth_and_murk() -> None:
         (
             {"water": {"type": "9C"}},
             False,
-            " % of the veil is light of the beam scattered once, below shafts.threshold 1 %",
+            " % of the veil is light of the beam scattered once, below 1 %",
         ),
         ({"water": {"type": "9C"}, "shafts": {"mode": "on"}}, True, "by waves, bodies; 0."),
         ({"water": {"type": "9C"}, "lamp": [{}]}, True, "lamps"),

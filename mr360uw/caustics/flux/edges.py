@@ -35,7 +35,9 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
         ax, ay, bx, by, light = bx, by, ax, ay, -light
     run = (bx - ax) / (by - ay)
     bottom = np.floor(ay)
-    row = int(bottom) % size
+    row = int(bottom)
+    if row < 0 or row >= size:
+        row %= size
     x0, y0 = ax, ay
     while y0 < by:
         bottom += 1.0
@@ -44,9 +46,11 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
         height = light * (y1 - y0)
         left, right = min(x0, x1), max(x0, x1)
         pixel = np.floor(left)
-        tile = int(pixel) // size
-        column = int(pixel) - tile * size
-        start[row] -= height * tile
+        column = int(pixel)
+        if column < 0 or column >= size:  # divisions are slow, and most edges lie in the first tile
+            tile = column // size
+            column -= tile * size
+            start[row] -= height * tile
         before = 0.0
         if right > pixel + 1.0:
             slope = height / (right - left)

@@ -8,6 +8,7 @@ the map stays: light that has turned is counted in the beam already, as the rest
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -48,10 +49,16 @@ def soft_light(ratio: Array, blurs: list[tuple[float, Array]], tile_m: float) ->
     """Return a periodic map (size, size) convolved with a sum of `gaussians`, in float64; the mean stays."""
     from scipy.fft import irfft2, rfft2
 
-    size = len(ratio)
+    exact = tuple((weight, tuple(matrix.ravel().tolist())) for weight, matrix in blurs)
+    factor = _kept_transform(exact, len(ratio), tile_m)
+    return np.maximum(irfft2(rfft2(ratio) * factor, s=ratio.shape), 0.0)
+
+
+@functools.lru_cache(maxsize=32)
+def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: int, tile_m: float) -> Array:
+    """Return the real Fourier transform (size, size/2 + 1) of a sum of `gaussians`."""
     x, z = np.fft.rfftfreq(size, tile_m / size), np.fft.fftfreq(size, tile_m / size)[:, None]
     factor = np.zeros((size, size // 2 + 1))
-    for weight, matrix in blurs:
-        along = [matrix[0, i] * x + matrix[1, i] * z for i in (0, 1)]
-        factor += weight * np.exp(-2.0 * np.pi**2 * (along[0] ** 2 + along[1] ** 2))
-    return np.maximum(irfft2(rfft2(ratio) * factor, s=ratio.shape), 0.0)
+    for weight, (xx, xz, zx, zz) in blurs:
+        factor += weight * np.exp(-2.0 * np.pi**2 * ((xx * x + zx * z) ** 2 + (xz * x + zz * z) ** 2))
+    return factor

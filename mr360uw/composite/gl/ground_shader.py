@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,11 @@ class GroundShader:
     def of_sun(self) -> frozenset[str]:
         """Features of the sun in the shot: SHADOW, CAUSTICS."""
         return frozenset(self._light.defines) & {"SHADOW", "CAUSTICS"}
+
+    @property
+    def sun_key(self) -> Hashable:
+        """A value that is equal where the same of the sun is seen from the same places."""
+        return self._light.sun_key
 
     def sun_at(self, places: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""

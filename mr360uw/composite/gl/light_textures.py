@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Same
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
@@ -32,6 +32,12 @@ _NARROW = 512
 with 24, noise at the edges of shadows exceeds two code values in one pixel of five hundred at a width of 128."""
 _BIASED_SLOT = 256
 """Texels across a slot in which `PlacedObject.bias_m` is 1.5 texels."""
+
+_OF_SIGHT = (
+    "sun__direction", "sun__half_angle", "sun__halo_angle", "sun__axes", "sun__slope", "sun__casters",
+    "shadows__samples", "shadows__slot_size", "shadows__bias_scale",
+)  # fmt: skip
+"""Uniforms that what is seen of the sun depends on."""
 
 
 class LightTextures:
@@ -70,6 +76,14 @@ class LightTextures:
         self._update_medium(shot)
         self._update_caustics(shot.caustics)
         self._update_shadows(shot)
+
+    @property
+    def sun_key(self) -> Hashable:
+        """A value that is equal where the same of the sun is seen from the same places."""
+        of_sun = (
+            by if not isinstance(by := self._uniforms.get(name), np.ndarray) else by.tobytes() for name in _OF_SIGHT
+        )
+        return Same(self.textures["sun_map"]), Same(self.textures["casters"]), *of_sun
 
     def set(self, shader: moderngl.Program) -> None:
         """Set the uniforms of the light in a program."""

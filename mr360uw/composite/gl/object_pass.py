@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Same
 from mr360uw.composite.ambient.knot_values import UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
@@ -28,17 +29,32 @@ from mr360uw.composite.gl.upload import MeshBuffers, list_texture
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import set_uniforms
+from mr360uw.gl.context import gl_context, set_uniforms
 from mr360uw.types import Floats, Rectangle, Tile
 
 if TYPE_CHECKING:
     import moderngl
 
-_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
-"""Outputs of layer.frag: radiance and distance, and both halves of the output variables."""
+_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
+"""Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
+_SEEN = 3
+"""Number of the last of them."""
 _AT_ONCE = 1 << 19
 _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFragments:
+    """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all. entries: texture of the list.
+
+    name: of this part of the shot's fragments.
+    """
+
+    mesh: Mesh
+    chosen: NDArray[np.int64]
+    entries: moderngl.Texture
+    name: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,12 +86,13 @@ class ObjectPass:
         objects = [placed for placed in shot.objects if placed.visible]
         layers, first = self._find(shot, objects)
         bodies = self._body_list(shot, objects, ambient)
+        kept = self._cache.get("fragments", Same(layers), Cache)
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            triangle = fragments.triangle - first[body]
-            lit = (shot, objects, bodies, fragments, body, triangle, number < len(layers) - 1)
+            parts = kept.get(f"parts {number}", None, partial(_parts, objects, fragments, first, body, number))
+            lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, kept)
             values = self._light_up(*lit, 0)
             share = fragments.weight * values[:, 3]
             if frame is not None:
@@ -91,6 +108,7 @@ class ObjectPass:
         layers, first = self._cache.get("surfaces", key, lambda: self._surfaces.find(shot, objects))
         if sum(len(layer) for layer in layers) > _KEPT:
             self._cache.drop("surfaces")
+            self._cache.drop("fragments")
         return layers, first
 
     def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
@@ -116,45 +134,62 @@ class ObjectPass:
     def _light_up(
         self,
         shot: Shot,
-        objects: Sequence[PlacedObject],
+        parts: Sequence[MeshFragments],
         bodies: BodyList,
-        fragments: Fragments,
-        body: NDArray[np.int64],
-        triangle: NDArray[np.int64],
+        count: int,
         blended: bool,
+        kept: Cache,
         outputs: int,
     ) -> Floats:
-        """Return the outputs of layer.frag (n, channels) for every fragment.
-
-        body: (n,) object of each, triangle: (n,) number in its mesh. outputs: see `_CHANNELS`.
-        """
-        entries = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
-        meshes = list(dict.fromkeys(placed.mesh for placed in objects))
-        of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
-        values = np.empty((len(fragments), sum(_CHANNELS[outputs])), np.float32)
-        for number, mesh in enumerate(meshes):
-            chosen = np.flatnonzero(of_mesh == number)
-            for start in range(0, len(chosen), _AT_ONCE):
-                part = chosen[start : start + _AT_ONCE]
-                values[part] = self._light_mesh(shot, mesh, entries[part], bodies, blended, outputs)
+        """Return the outputs of layer.frag (count, channels) for every fragment. outputs: see `_CHANNELS`."""
+        values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+        for part in parts:
+            extra = {}
+            if "SHADOW" in self._light.defines:
+                see = partial(self._see_sun, shot, part, bodies)
+                extra["sun_seen"] = kept.get(f"sun seen {part.name}", self._light.sun_key, see)
+            rows = lane_rows(len(part.chosen))
+            target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
+            self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)
+            images = [
+                read_attachment(target, k, Rectangle(0, 0, LANE_COLUMNS, rows)) for k in range(len(_CHANNELS[outputs]))
+            ]
+            found = [in_lane_order(image)[: len(part.chosen)] for image in images]
+            values[part.chosen] = np.concatenate(found, axis=1)
         return values
 
-    def _light_mesh(
-        self, shot: Shot, mesh: Mesh, entries: Floats, bodies: BodyList, blended: bool, outputs: int
-    ) -> Floats:
+    def _see_sun(self, shot: Shot, part: MeshFragments, bodies: BodyList) -> moderngl.Texture:
+        """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
+        seen = gl_context().texture((LANE_COLUMNS, lane_rows(len(part.chosen))), 2, dtype="f4")
+        self._shade(shot, part, bodies, gl_context().framebuffer([seen]), {}, {}, _SEEN)
+        return seen
+
+    def _shade(
+        self,
+        shot: Shot,
+        part: MeshFragments,
+        bodies: BodyList,
+        target: moderngl.Framebuffer,
+        defines: dict[str, int],
+        textures: dict[str, moderngl.Texture],
+        outputs: int,
+    ) -> None:
+        """Run layer.frag for a part of the fragments."""
+        mesh, count = part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies.among else {}
-        defines |= {"SMOOTH": 1} if mesh.glossy else {}
+        defines = defines | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies.among and outputs != _SEEN else {}
+        defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
-                "fragments": list_texture(entries, 3),
+                "fragments": part.entries,
                 "bodies": bodies.texture,
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
+                **textures,
                 **self._light.textures,
             },
         )
@@ -163,16 +198,31 @@ class ObjectPass:
             shader,
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
-            count=len(entries),
+            count=count,
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
-            blended=blended,
         )
-        rows = lane_rows(len(entries))
-        target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
-        part = Rectangle(0, 0, LANE_COLUMNS, rows)
-        self._targets.fill(target, shader, part)
-        images = [read_attachment(target, k, part) for k in range(len(_CHANNELS[outputs]))]
-        return np.concatenate([in_lane_order(image)[: len(entries)] for image in images], axis=1)
+        self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))
+
+
+def _parts(
+    objects: Sequence[PlacedObject],
+    fragments: Fragments,
+    first: NDArray[np.int64],
+    body: NDArray[np.int64],
+    number: int,
+) -> list[MeshFragments]:
+    """Return the fragments of layer `number` by mesh. first: number of each object's first triangle. body: (n,)."""
+    triangle = fragments.triangle - first[body]
+    entries = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
+    meshes = list(dict.fromkeys(placed.mesh for placed in objects))
+    of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
+    parts = []
+    for k, mesh in enumerate(meshes):
+        chosen = np.flatnonzero(of_mesh == k)
+        for start in range(0, len(chosen), _AT_ONCE):
+            part = chosen[start : start + _AT_ONCE]
+            parts.append(MeshFragments(mesh, part, list_texture(entries[part], 3), f"{number} {k} {start}"))
+    return parts
 
 
 def _add_variables(

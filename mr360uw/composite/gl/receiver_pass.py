@@ -7,8 +7,9 @@ shadow's edge, caustics or an uneven shape are drawn pixel by pixel; only those 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
+from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, sun_sight
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
-from mr360uw.composite.receiver.block_light import SMOOTH, corner_light, enlarged, free_images
+from mr360uw.composite.receiver.block_light import corner_light, enlarged, free_images
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
@@ -34,16 +35,6 @@ from mr360uw.composite.receiver.shape import (
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Rectangle, Tile
-
-_NO_EDGE, _SOFT, _SHARP = 0, 1, 2
-_PART_OF_DISC, _WHOLE_DISC = 2.0, 3.0
-"""Occlusion codes of coarse.frag: bodies may occlude part of the sun's disc, or occlude all of it."""
-_WIDE = 1.5
-"""Width of a penumbra, in radii of a block, above which corners and middle represent it. Half as large, narrow
-penumbrae are missed; twice as large, more blocks are drawn pixel by pixel."""
-_HALVED = 12.0
-"""Interpolation error at a block's middle, over `SMOOTH`, up to which samples at every second pixel are enough. The
-error grows with the square of the spacing, so they allow 16; the margin is for penumbrae of uneven curvature."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,17 +112,20 @@ class ReceiverPass:
         rough = ground.rough[j, i] | lamplit
         corner = corner_light(shot, ground, blocks, ambient, self._cache)
         free = free_images(shot, ground, corner, j, i, ambient, self._cache, gaps)
-        edge, umbra, halo = self._see_sun(shot, ground, shaded, corner, j, i)
+        of_sight = self._of_sight(shot, ground, blocks, shaded)
+        sight = self._cache.get("sun on ground", of_sight, partial(sun_sight, self._shader, shot, ground, shaded))
+        corner[(*sight.at, SEEN)] = sight.value
+        edge, umbra, halo = sight.edge[j, i], sight.umbra[j, i], sight.halo[j, i]
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)
         if receiver.plane_y is None:
-            edge[edge == _SOFT] = _SHARP  # other shapes are given at pixels only
+            edge = np.where(edge == SOFT, SHARP, edge)  # other shapes are given at pixels only
         # kinds of blocks: mask, features to compute, samples along a block
         kinds = (
-            (~rough & (edge == _SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
-            (~rough & (edge == _SHARP) & ~wavy, {"SHADOW"}, BLOCK),
-            (~rough & (edge != _NO_EDGE) & wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
-            (~rough & (edge == _NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
+            (~rough & (edge == SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
+            (~rough & (edge == SHARP) & ~wavy, {"SHADOW"}, BLOCK),
+            (~rough & (edge != NO_EDGE) & wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
+            (~rough & (edge == NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
             (rough & ~lamplit, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
             (lamplit, {"ROUGH", "SHADOW", "CAUSTICS", "LAMPS"}, BLOCK),
         )
@@ -143,12 +137,9 @@ class ReceiverPass:
             if not np.any(which):
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
-            falls, *own = self._shader.pixels(shot, ground, j[which], i[which], halo[which], wanted, side)
-            some, block = ground.gaps_in(gaps, j[which], i[which])
-            if len(block) and side == BLOCK:
-                at = block, some.row % BLOCK, some.column % BLOCK
-                for image, values in zip([falls, *own], self._shader.at_gaps(shot, ground, some, wanted), strict=True):
-                    image[at] = values
+            make = partial(self._pixels, shot, ground, gaps, j[which], i[which], halo[which], wanted, side)
+            of_pixels = of_sight, Same(gaps), which.tobytes()
+            falls, *own = self._cache.get(f"ground {side}", of_pixels, make) if wanted == {"SHADOW"} else make()
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))
             if "CAUSTICS" in wanted:
@@ -160,47 +151,32 @@ class ReceiverPass:
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, corner, free, *own_pixels)
 
-    def _see_sun(
+    def _of_sight(
+        self, shot: Shot, ground: Ground, blocks: NDArray[np.bool_], shaded: NDArray[np.bool_]
+    ) -> tuple[Hashable, ...]:
+        """Return the key of what blocks (R, C) of the ground see of the sun."""
+        through = None if shot.medium is None else Same(shot.medium.unscattered)
+        return Same(ground), self._shader.sun_key, through, blocks.tobytes(), shaded.tobytes(), shot.receiver
+
+    def _pixels(
         self,
         shot: Shot,
         ground: Ground,
-        shaded: NDArray[np.bool_],
-        corner: NDArray[np.float32],
+        gaps: Gaps,
         j: Indices,
         i: Indices,
-    ) -> tuple[NDArray[np.int8], NDArray[np.bool_], NDArray[np.float32]]:
-        """Set the visible fraction of the sun at the corners of the shaded blocks (R, C).
-
-        Returns, for each of the blocks (j, i): the kind of shadow edge inside that interpolation does not represent;
-        whether it lies in the umbra; and the visible fraction of the halo at its corners (n, 4), negative where block
-        corners do not represent the pixels inside.
-        """
-        edge, umbra = np.full(shaded.shape, _NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
-        halo = np.full((*shaded.shape, 4), -1.0, np.float32)
-        if np.any(shaded) and (sun := sun_of(shot)) is not None:
-            cj, ci = np.nonzero(ground.corners_of(shaded))
-            mj, mi = np.nonzero(shaded)
-            places = np.zeros((len(cj) + len(mj), 4), np.float32)
-            places[: len(cj), :3] = ground.corner_point[cj, ci]
-            places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-            visible = self._shader.sun_at(places)
-            corner[cj, ci, SEEN] = visible[: len(cj), 0]
-            at_corners = np.zeros(corner.shape[:2], np.float32)
-            at_corners[cj, ci] = visible[: len(cj), 1]
-            seen, halo_seen, kept, gap = visible[len(cj) :].T
-            reach = ground.reach_m[mj, mi]
-            of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
-            missed = np.abs(seen - ground.middle_between(corner[..., SEEN], mj, mi))
-            narrow = np.where(kept == _PART_OF_DISC, of_disc, of_halo) < _WIDE * reach
-            sharp = narrow | (missed > _HALVED * SMOOTH)
-            found = np.where(sharp, _SHARP, np.where(missed > SMOOTH, _SOFT, _NO_EDGE))
-            umbra[mj, mi] = kept == _WHOLE_DISC
-            edge[mj, mi] = np.where((kept > 0.0) & (kept < _WHOLE_DISC), found, _NO_EDGE)
-            missed = np.abs(halo_seen - ground.middle_between(at_corners, mj, mi))
-            missed *= scattered_share(shot, ground.middle_point[mj, mi])
-            interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
-            halo[mj, mi] = np.where(interpolable[:, None], ground.four(at_corners, mj, mi), -1.0)
-        return edge[j, i], umbra[j, i], halo[j, i]
+        halo: NDArray[np.float32],
+        wanted: frozenset[str],
+        side: int,
+    ) -> list[NDArray[np.float32]]:
+        """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
+        images = self._shader.pixels(shot, ground, j, i, halo, wanted, side)
+        some, block = ground.gaps_in(gaps, j, i)
+        if len(block) and side == BLOCK:
+            at = block, some.row % BLOCK, some.column % BLOCK
+            for image, values in zip(images, self._shader.at_gaps(shot, ground, some, wanted), strict=True):
+                image[at] = values
+        return images
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:

@@ -47,14 +47,18 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     settings = light.settings
     marked = (
         np.ones((view.height, view.width), np.bool_) if waves
-        else shaft_pixels(shot, scene, settings.range_m, settings.threshold, kept)
+        else shaft_pixels(shot, scene, settings.range_m, settings.least_codes / max(settings.strength, 1e-9), kept)
     )  # fmt: skip
     if not np.any(marked):
         return layer
     found = [_Blocks.of(shot, light, part, marked, kept) for part in scene.parts]
-    parts = [tile.rectangle for tile in layer.tiles] + rectangles_of_mask(marked, _SPARE_PX)
+    of_layer = tuple(tile.rectangle for tile in layer.tiles)
+
+    def cut() -> list[Rectangle]:
+        return even_tiles([*of_layer, *rectangles_of_mask(marked, _SPARE_PX)], view.width, view.height)
+
     drawn = []
-    for part in even_tiles(parts, view.width, view.height):
+    for part in kept.get("shaft tiles", (of_layer, marked.tobytes()), cut):
         tile = tile_of(layer, part)
         where = marked[tile.window] & (tile.alpha < 1.0)
         if not np.any(where):

@@ -11,6 +11,7 @@ it: it needs the layer's distances alone.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,12 @@ def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m:
     """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
     settings, sun = light.settings, sun_of(shot)
     end_m = np.minimum(end_m, settings.range_m)
-    found = change_along(scene, light, shot.view.width, rays, end_m, kept)
+    of_rays = shot.view.key, light.settings, rays.tobytes(), end_m.tobytes()
+    found = np.zeros((len(rays), 3))
+    for part in scene.parts:
+        make = partial(change_along, part.per_unit, light, shot.view.width, rays, end_m, kept)
+        change = kept.get("light before objects", (part.key, of_rays), make, keep=2)
+        found += change if part.pattern is None else change * part.pattern.sun.irradiance
     if settings.whole and sun is not None:
         cosine = rays @ unit(sun.direction)
         found = found + sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))

@@ -7,6 +7,9 @@ from collections.abc import Callable
 
 from mr360uw.medium.shafts.settings import ShaftSettings
 
+_LEAST_SHARE = 0.01
+"""Fraction of the veil that the beam's first scattering must add: what shafts change is less than that."""
+
 
 def in_words(
     settings: ShaftSettings, share: Callable[[], float] | None, lit: bool, waves: bool, shading: bool, lamps: int
@@ -23,6 +26,7 @@ def in_words(
         return False, "the water does not scatter"
     by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
     number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
-    if settings.mode == "auto" and of_beam < settings.threshold and not lamps:
-        return False, f"{number}, below shafts.threshold {100 * settings.threshold:g} %"
-    return True, f"by {', '.join(by)}; {number}"
+    if settings.mode == "auto" and of_beam < _LEAST_SHARE and not lamps:
+        return False, f"{number}, below {100 * _LEAST_SHARE:g} %"
+    least = f"; where codes change by {settings.least_codes:g}" if settings.least_codes else ""
+    return True, f"by {', '.join(by)}; {number}{least}"

@@ -38,7 +38,7 @@ class ShaftSettings(Parameters):
     range_m: float = parameter(100.0, "distance from the camera up to which they are seen", unit="m", low=0.0,
                                high=LONGEST_M)  # fmt: skip
     threshold: float = parameter(
-        0.01, "fraction of the veil below which they are left out", unit="1", low=0.0, high=1.0
+        1.0, "change of 8-bit code values below which auto leaves them out", unit="1", low=0.0, high=255.0
     )
     resolution: int = parameter(
         1024,
@@ -55,6 +55,11 @@ class ShaftSettings(Parameters):
                 f"shafts.whole - the veil has the beam's light already (got water.mode {water_mode!r}) - take one of "
                 f"{', '.join(CLOSED_FORMS)}, or remove it"
             )
+
+    @property
+    def least_codes(self) -> float:
+        """Change of an 8-bit code value from which on they are drawn."""
+        return self.threshold if self.mode == "auto" else 0.0
 
     @property
     def why_off(self) -> str:

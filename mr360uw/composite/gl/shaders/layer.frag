@@ -10,7 +10,9 @@ uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int count;
 uniform float filter_width;
-uniform bool blended;
+#if defined(SHADOW) && OUTPUTS != 3
+uniform sampler2D sun_seen;  // of each fragment: visible fractions of the disc and of the halo, by OUTPUTS 3
+#endif
 uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform float glossy_roughness[MAXIMUM_GLOSSY_LEVELS];
 uniform View view;
@@ -25,6 +27,8 @@ uniform CausticStack stack;
 layout(location = 0) out vec4 parts_out[6];
 #elif OUTPUTS == 2
 layout(location = 0) out vec4 parts_out[4];
+#elif OUTPUTS == 3
+layout(location = 0) out vec2 seen_out;
 #else
 layout(location = 0) out vec4 radiance;
 layout(location = 1) out float distance_m;
@@ -44,16 +48,33 @@ float glossy_level(float roughness) {
     return level;
 }
 
+bool faces_sun(Surface s) {
+    return dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
+}
+
+#if OUTPUTS == 3
+vec2 sun_seen_from(Surface s, Footprint area, float bias_m) {
+    area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
+    vec3 p = in_sun_axes(sun, view, area.middle);
+    mat2x3 sides = sun.axes * area.sides;
+    vec2 seen = vec2(disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.half_angle, 1, faces_sun(s)), 0.0);
+#if defined(HALO)
+    seen.y = disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.halo_angle, HALO_EVERY, faces_sun(s));
+#endif
+    return seen;
+}
+#else
 Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
     Coat coat = make_coat(s, outside_index);
     vec3 scale = ambient_factor(view, medium, diffuse, s.point);
     Parts parts = ambient_light(coat, s, among, ambient, glossy, glossy_level(s.roughness), scale);
     area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
-    bool faces = dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
+    bool faces = faces_sun(s);
     float free = 1.0;
 #if defined(SHADOW)
-    free = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, -1.0, HALO_EVERY, faces);
+    vec2 seen = texelFetch(sun_seen, ivec2(gl_FragCoord.xy), 0).rg;
+    free = mix(seen.x, seen.y, scattered_at(sun, view, medium, beam, area.middle));
 #endif
     vec3 waves = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     vec3 irradiance = beam_at(sun, view, medium, beam, s.point) * waves * (faces ? free : 0.0);
@@ -73,6 +94,7 @@ Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
 #endif
     return parts;
 }
+#endif
 
 void main() {
     int number = lane_number(ivec2(gl_FragCoord.xy));
@@ -92,6 +114,9 @@ void main() {
     mat2x3 steps = mat2x3(pixel_step(s.point, s.geometric_normal, right, filter_width),
                           pixel_step(s.point, s.geometric_normal, below, filter_width));
     Footprint area = footprint_of(s.point, steps, more.yz, matrix);
+#if OUTPUTS == 3
+    seen_out = sun_seen_from(s, area, numbers.x);
+#else
     Among among = Among(vec3(1.0), vec3(1.0), vec3(0.0));
 #if defined(AMONG_BODIES)
     int first_value = int(numbers.y) + (s.behind ? 3 * int(numbers.z) : 0);
@@ -103,7 +128,11 @@ void main() {
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);
     haze = veil_lookup(medium, veil, s.distance_m, s.direction.y);
 #endif
-    float alpha = blended ? s.base.a : 1.0;
+#if defined(BLENDED)
+    float alpha = s.base.a;
+#else
+    float alpha = 1.0;
+#endif
 #if OUTPUTS == 1
     parts_out[0] = vec4(through * p.diffuse, alpha);
     parts_out[1] = vec4(through * p.glossy, alpha);
@@ -119,5 +148,6 @@ void main() {
 #else
     radiance = vec4(through * (p.diffuse + p.glossy + p.sun + p.lamps + p.emission) + haze, alpha);
     distance_m = s.distance_m;
+#endif
 #endif
 }
