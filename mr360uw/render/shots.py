@@ -14,6 +14,7 @@ from mr360uw.cache import Cache, Same, by_value
 from mr360uw.caustics import refract_to_air
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import PlacedObject, Shot
+from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
@@ -94,7 +95,7 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, k
 
 
 def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> ShaftLight | None:
-    """Return what the shafts of a shot depend on beside it; None where the plan has none, or the camera is not below.
+    """Return what the shafts of a shot depend on beside it; None where none show, or the camera is not below.
 
     kept: holds caustics of the same backend.
     """
@@ -104,13 +105,13 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
     medium = loaded.surroundings.medium_at(time_s)
     if medium is None:
         return None
-    from mr360uw.composite.shafts.code_change import waves_show
+    from mr360uw.composite.shafts.code_change import bodies_show, waves_show
     from mr360uw.composite.shafts.shaft_light import ShaftLight
 
     still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths
     if sun_in_air is None or not waves_show(shot, still):
-        return still
+        return still if lamps_of(shot) or settings.whole or bodies_show(shot, still) else None
     deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
     of_water = depths.of_water

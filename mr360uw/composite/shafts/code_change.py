@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a change of light shows in a picture of 8 bits, and whether the waves' shafts before objects show at all."""
+"""How much a change of light shows in a picture of 8 bits, and whether a shot's shafts show at all."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ from mr360uw.types import Floats
 _WAVES = 0.15
 """Most that waves change of the beam's light before an object, as a fraction: a ray crosses many filaments. Over
 whales at 4 and 10 m in four waters, 3 and 8 m deep, the 99th percentile is 0.02 to 0.15."""
+_SHADOW_M = np.concatenate([[0.0], np.geomspace(0.25, 60.0, 24)])
+"""Distances [m] behind a body at which its shadow in the water is looked at."""
+_LONGEST_M = 20.0
+"""Longest way [m] of a ray through a shadow that is reckoned with: of rays along it."""
 
 
 def code_change(level: Floats, change: Floats) -> Floats:
@@ -45,9 +49,43 @@ def waves_show(shot: Shot, light: ShaftLight) -> bool:
     to = np.array([placed.to_world(placed.mesh.center_m) for placed in visible]) - shot.view.position
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays, end = to / distance[:, None], np.minimum(distance, settings.range_m)
-    depth = float(shot.view.depth_of(np.zeros(3)))
-    water = ShaftWater.of(light.medium)
-    beam = sun.irradiance * unoccluded(water, rays @ unit(sun.direction), rays[:, 1], end, depth, sun_up(sun))
+    beam = _beam_before(shot, light, rays, end)
     _, veil = water_ahead(shot, end, rays[:, 1])
     change = settings.strength * _WAVES * beam
     return bool(np.max(code_change(veil, change)) >= settings.least_codes)
+
+
+def bodies_show(shot: Shot, light: ShaftLight) -> bool:
+    """Return whether a body's shadow in the water may change a code by `ShaftSettings.least_codes`.
+
+    The shadow is taken as a cylinder as wide as the mean of the body's two shorter extents, before the veil. Of a whale
+    at six places in three waters the true change is 0.1 to 1.5 times as large where it is below 2 codes.
+    """
+    sun, settings = sun_of(shot), light.settings
+    if settings.least_codes == 0.0:
+        return True
+    if sun is None or not shot.casters:
+        return False
+    towards = unit(sun.direction)
+    middle = np.array([placed.to_world(placed.mesh.center_m) for placed in shot.casters]) - shot.view.position
+    wide = np.array([np.mean(np.sort(placed.mesh.extent_m)[:2]) * placed.scale for placed in shot.casters])
+    to = (middle[:, None] - _SHADOW_M[:, None] * towards).reshape(-1, 3)
+    distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
+    rays = to / distance[:, None]
+    sine = np.sqrt(np.maximum(1.0 - (rays @ towards) ** 2, 1e-6))
+    half = np.minimum(0.5 * np.repeat(wide, len(_SHADOW_M)) / sine, 0.5 * _LONGEST_M)
+    ends = np.clip(np.stack([distance - half, distance + half]), 0.0, settings.range_m)
+    near, far = (_beam_before(shot, light, rays, end) for end in ends)
+    _, veil = water_ahead(shot, np.full(len(rays), settings.range_m), rays[:, 1])
+    return bool(np.max(code_change(veil, settings.strength * (near - far))) >= settings.least_codes)
+
+
+def _beam_before(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats) -> Floats:
+    """Return the beam's light scattered once (n, 3) on rays (n, 3) from the camera up to ends (n,) [m]."""
+    sun = sun_of(shot)
+    assert sun is not None
+    depth_m = float(shot.view.depth_of(np.zeros(3)))
+    end_m = np.minimum(end_m, np.where(rays[:, 1] > 0.0, depth_m / np.maximum(rays[:, 1], 1e-9), np.inf))
+    cosine, up, end = (np.asarray(a, np.float64) for a in (rays @ unit(sun.direction), rays[:, 1], end_m))
+    beam = unoccluded(ShaftWater.of(light.medium), cosine, up, end, depth_m, sun_up(sun))
+    return np.asarray(np.asarray(sun.irradiance, np.float64) * beam)

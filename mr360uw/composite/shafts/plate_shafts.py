@@ -112,5 +112,5 @@ def _change(
     rays = np.asarray(shot.view.directions(x, y), np.float64)
     ends = np.minimum(plate_distance(shot, x, y, rays, kept), light.settings.range_m)
     blocks = np.zeros((*near.shape, 3), np.float32)
-    blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept, plate=True)
+    blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept)
     return blocks

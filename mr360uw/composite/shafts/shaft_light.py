@@ -43,18 +43,18 @@ class ShaftLight:
         """A value that is equal for the same light in the water of the same shot."""
         return self.settings, Same(self.medium), Same(self.caustics)
 
-    def grid(self, width: int, part: ShaftScene, *, plate: bool = False) -> FroxelGrid:
+    def grid(self, width: int, part: ShaftScene) -> FroxelGrid:
         """Return the size of the grid of one kind of light for a frame that is `width` pixels wide.
 
-        At most one node for two pixels, of lamps one for each, as a beam is thin at its lamp; half as many before the
-        plate, where no waves make fine shafts.
+        At most one node for two pixels, of lamps one for each, as a beam is thin at its lamp; half as many where no
+        waves make fine shafts.
         """
         most, slices = min(self.settings.resolution, width // 2), self.settings.slices
         if part.pattern is None:
             columns = max(2 * most, LEAST_NODES) // 8 * 8
             return FroxelGrid(columns // 2, columns, slices)
         columns = max(most, LEAST_NODES) // 8 * 8
-        if plate and part.pattern.caustics is None:
+        if part.pattern.caustics is None:
             return FroxelGrid(3 * columns // 16, columns // 4 * 2, max(slices // 2, 2))
         return FroxelGrid(3 * columns // 8, columns, slices)
 
@@ -72,17 +72,15 @@ class ShaftLight:
         return before, dataclasses.replace(before, pattern=None if still.even else still)
 
 
-def change_along(
-    scene: ShaftScene, light: ShaftLight, width: int, rays: Array, end_m: Array, kept: Cache, *, plate: bool = False
-) -> Array:
+def change_along(scene: ShaftScene, light: ShaftLight, width: int, rays: Array, end_m: Array, kept: Cache) -> Array:
     """Return how light in the water deviates (n, 3) along rays (n, 3) from the camera up to ends (n,) [m].
 
     Beside bright and dark edges the cubic between the grid's nodes overshoots: bodies add no light of the sun, and
-    lamps take none away. width, plate: see `ShaftLight.grid`.
+    lamps take none away. width: see `ShaftLight.grid`.
     """
     found = np.zeros((len(rays), 3))
     for part in scene.parts if len(rays) else ():
-        change = shaft_field(part, light.grid(width, part, plate=plate), rays, kept).radiance(rays, end_m)
+        change = shaft_field(part, light.grid(width, part), rays, kept).radiance(rays, end_m)
         if part.pattern is None:
             change = np.maximum(change, 0.0)
         elif part.pattern.caustics is None:

@@ -2,8 +2,8 @@
 """Parts of the frame in which light in the water before the plate changes enough to be drawn.
 
 The frame is divided into cells, and the light in their middles is read from a coarse grid. A cell is drawn where that
-light, or that of a cell near it, changes a code by a third of the threshold. A shaft too thin for the coarse grid is too thin to
-be seen: what it adds falls with the length of the ray within it, as its width does.
+light, or that of a cell near it, changes a code by a third of the threshold. A shaft too thin for the coarse grid is
+too thin to be seen: what it adds falls with the length of the ray within it, as its width does.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class ShaftSettings(Parameters):
     range_m: float = parameter(100.0, "distance from the camera up to which they are seen", unit="m", low=0.0,
                                high=LONGEST_M)  # fmt: skip
     threshold: float = parameter(
-        1.0, "change of 8-bit code values below which auto leaves them out", unit="1", low=0.0, high=255.0
+        2.0, "change of 8-bit code values below which auto leaves them out", unit="1", low=0.0, high=255.0
     )
     resolution: int = parameter(
         1024,
