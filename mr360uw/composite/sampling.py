@@ -89,10 +89,11 @@ def nearest_to_mean(
 
     among: (n, s) samples that may be taken, the members if not given.
     """
-    x, y = samples.cells.T.astype(np.float64)
-    count, sum_x, sum_y = (member @ np.stack([np.ones_like(x), x, y], axis=-1)).T[..., None]
-    of = member if among is None else among
-    return np.argmin(np.where(of, count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y), np.inf), axis=1)
+    from mr360uw.composite.sample_kernel import find_nearest
+
+    found = np.zeros(len(member), np.int64)
+    find_nearest(samples.cells.astype(np.float64), member, member if among is None else among, found)
+    return found
 
 
 def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np.int64]) -> Floats:
@@ -102,15 +103,11 @@ def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np
     sides are the columns of the symmetric root of 12 C, the unit matrix for a whole pixel. offset: from the sample
     `nearest` (n,) to the mean.
     """
-    x, y = samples.positions.T
-    sums = member @ np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    mean_x, mean_y, xx, xy, yy = sums[:, 1:].T / sums[:, 0]
-    own = 1.0 / (12.0 * samples.count)
-    xx, xy, yy = xx - mean_x**2 + own, xy - mean_x * mean_y, yy - mean_y**2 + own
-    root = np.sqrt(np.maximum(xx * yy - xy * xy, own * own))
-    scale = np.sqrt(12.0 / (xx + yy + 2.0 * root))
-    offset = np.stack([mean_x, mean_y], axis=-1) - samples.positions[nearest]
-    return np.concatenate([offset, np.stack([xx + root, xy, yy + root], axis=-1) * scale[:, None]], axis=1)
+    from mr360uw.composite.sample_kernel import write_areas
+
+    areas = np.zeros((len(member), 5))
+    write_areas(np.ascontiguousarray(samples.positions, np.float64), member, nearest, areas)
+    return areas
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Means and second moments of groups of samples, compiled: see `sampling`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True)
+def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
+    """Write the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
+
+    cells: (s, 2) whole numbers, so that ties are exact; the first of equals is taken.
+    """
+    for n in range(len(member)):
+        count, sum_x, sum_y = 0.0, 0.0, 0.0
+        for k in range(len(cells)):
+            if member[n, k]:
+                count += 1.0
+                sum_x += cells[k, 0]
+                sum_y += cells[k, 1]
+        least, found[n] = math.inf, 0
+        for k in range(len(cells)):
+            if among[n, k]:
+                x, y = cells[k, 0], cells[k, 1]
+                value = count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y)
+                if value < least:
+                    least, found[n] = value, k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], areas: Array) -> None:
+    """Write `sampling.frame_areas` (n, 5) of members (n, s) at positions (s, 2)."""
+    own = 1.0 / (12.0 * len(positions))
+    for n in range(len(member)):
+        count, sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(len(positions)):
+            if member[n, k]:
+                x, y = positions[k, 0], positions[k, 1]
+                count += 1.0
+                sum_x += x
+                sum_y += y
+                sum_xx += x * x
+                sum_xy += x * y
+                sum_yy += y * y
+        mean_x, mean_y = sum_x / count, sum_y / count
+        xx, yy = sum_xx / count - mean_x * mean_x + own, sum_yy / count - mean_y * mean_y + own
+        xy = sum_xy / count - mean_x * mean_y
+        root = math.sqrt(max(xx * yy - xy * xy, own * own))
+        scale = math.sqrt(12.0 / (xx + yy + 2.0 * root))
+        areas[n, 0], areas[n, 1] = mean_x - positions[nearest[n], 0], mean_y - positions[nearest[n], 1]
+        areas[n, 2], areas[n, 3], areas[n, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
