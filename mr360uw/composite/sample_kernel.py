@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@njit(cache=True, nogil=True)
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
 def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
     """Write the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
 
@@ -35,7 +35,7 @@ def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int6
                     least, found[n] = value, k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], areas: Array) -> None:
     """Write `sampling.frame_areas` (n, 5) of members (n, s) at positions (s, 2)."""
     own = 1.0 / (12.0 * len(positions))
