@@ -46,9 +46,10 @@ class ZonalFilter:
         solid_angle = row_solid_angle(width * samples, height * samples)[:, None]
         normals = directions(COLUMNS, ROWS)[:, 0]
         matrix = np.empty((ROWS, height, width), np.float64)
-        for row, normal in enumerate(normals):
+        for row, normal in enumerate(normals[: ROWS // 2]):
             values = kernel(fine @ normal) * solid_angle
             matrix[row] = values.reshape(height, samples, width, samples).sum(axis=(1, 3))
+            matrix[ROWS - 1 - row] = matrix[row, ::-1]  # the mirror image of the normal sees that of the world
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)
         self.scale = scale

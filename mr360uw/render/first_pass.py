@@ -13,6 +13,7 @@ import numpy as np
 
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
+from mr360uw.ibl.sun.series import SunSeries
 from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.progress import Progress
@@ -23,7 +24,7 @@ from mr360uw.render.plate_pattern import calm_series
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
-from mr360uw.video import VideoReader
+from mr360uw.video import VideoFrame, VideoReader
 
 MARGIN_S = 10.0
 """Time [s] on either side of the frames asked for that is measured too: several times what the sun and the gain are
@@ -151,15 +152,20 @@ def _measured(
         end = min(end, begin + FRAMES)
     if calm is not None:
         calm.clear()
-    suns: list[SunMeasurement] = []
+
+    def measured(frame: VideoFrame) -> SunMeasurement:
+        now = surroundings if keyed is None else keyed(frame.time_s)
+        light = now.light.of(frame.pixels, time_s=frame.time_s)
+        return measure_sun(light, frame.time_s, camera.at(frame.time_s)[1])
+
+    suns = SunSeries(measured, float(video.frame_rate))
     maps = _MapSeries()
     with one_blas_thread():
         for frame in prefetch(video.frames(begin, end)):
             world_from_camera = camera.at(frame.time_s)[1]
             now = surroundings if keyed is None else keyed(frame.time_s)
             if wanted.sun:
-                light = now.light.of(frame.pixels, time_s=frame.time_s)
-                suns.append(measure_sun(light, frame.time_s, world_from_camera))
+                suns.add(frame, frame.time_s)
             if wanted.gain and (medium := now.medium) is not None:
                 here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
                 up = world_from_camera[1]
@@ -170,7 +176,7 @@ def _measured(
                 progress(frame.index + 1 - begin, None if end is None else end - begin)
     confidence = surroundings.settings.minimum_confidence
     return ClipFacts(
-        track_suns(suns, minimum_confidence=confidence, camera=camera.rotation_known) if suns else None,
+        track_suns(suns.every(), minimum_confidence=confidence, camera=camera.rotation_known) if wanted.sun else None,
         maps.gain(float(video.frame_rate)) if wanted.gain else None,
         calm.result() if calm is not None else None,
         tuple(filter(None, [maps.doubt()])) if wanted.gain else (),

@@ -30,7 +30,7 @@ _MEDIAN = 5
 """Frames on either side whose median direction a jump is judged by; shorter disturbances are no cut."""
 _JUMP_RAD = np.radians(6.0)
 """Least change [rad] of the sun's direction that is a cut, where there are no pictures to compare."""
-_PICTURE_CHANGE = 0.25
+PICTURE_CHANGE = 0.25
 """Least change of the thumbnail that is a cut: mean |change of log luminance| between frames, exposure left out."""
 _FORGET_FRAMES = 30.0
 """Frames without a measured sun over which the confidence falls by 1/e."""
@@ -187,7 +187,7 @@ def find_cuts(direction: Array, weight: Array, thumbnails: Sequence[Floats | Non
     count = len(weight)
     if count > 1 and all(t is not None for t in thumbnails):
         change = np.abs(np.diff(np.stack([np.asarray(t) for t in thumbnails]), axis=0)).mean(axis=(1, 2))
-        limit = max(_PICTURE_CHANGE, 6.0 * float(np.median(change)))
+        limit = max(PICTURE_CHANGE, 6.0 * float(np.median(change)))
         return tuple(int(k) + 1 for k in np.flatnonzero(change > limit))
     seen = np.flatnonzero(weight > 0.0)
     if len(seen) < 2 * _MEDIAN:
