@@ -25,14 +25,12 @@ from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite (h, w, 3) of the plate's pixels below one tile, linear, in the plate's type."""
-    veil = np.minimum(tile.veil, plate_linear)
-    background = veil + (plate_linear - veil) * tile.ratio
-    # ratio 1: the plate is copied bit for bit, whatever the rounding of veil + (plate - veil)
-    background = np.where(tile.ratio == 1.0, plate_linear, background)
-    if tile.shafts is not None:
-        background = np.maximum(background + tile.shafts, np.minimum(background, 0.0))
-    image = tile.radiance + (1.0 - tile.alpha[..., None]) * background
-    return image.astype(plate_linear.dtype, copy=False)
+    from mr360uw.composite.over_kernel import lay_over
+
+    image = np.empty_like(plate_linear)
+    shafts = np.zeros((0, 0, 3), tile.radiance.dtype) if tile.shafts is None else tile.shafts
+    lay_over(plate_linear, tile.radiance, tile.alpha, tile.ratio, tile.veil, shafts, plate_linear.dtype.type(1), image)
+    return image
 
 
 def over(plate_linear: Floats, layer: Layer) -> Floats:
