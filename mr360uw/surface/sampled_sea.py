@@ -84,17 +84,18 @@ class SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
-        spectra = [np.fft.fft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        spectra = [np.fft.rfft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
-        k = 2.0 * np.pi / tile * np.fft.fftfreq(n, 1.0 / n)
+        k, kx = (2.0 * np.pi / tile * f(n, 1.0 / n) for f in (np.fft.fftfreq, np.fft.rfftfreq))
         slope = np.abs(spectra[0]) ** 2
+        slope[:, 1:-1] *= 2.0  # waves and their conjugates, of which the spectrum has one
         parts, sizes, lost = [], [], []
         for level in range(levels):
             sigma = 0.0 if level == 0 else tile / n * 2.0 ** (level - 1)
-            kept = np.exp(-0.5 * (sigma * k) ** 2)
-            both = kept[:, None] * kept
+            both = np.exp(-0.5 * (sigma * k[:, None]) ** 2) * np.exp(-0.5 * (sigma * kx) ** 2)
             gone = slope * (1.0 - both**2)
-            lost.append([np.sum(gone * k * k), np.sum(gone * k * k[:, None]), np.sum(gone * k[:, None] ** 2)])
+            by_x, by_z = gone.sum(axis=0), gone.sum(axis=1)
+            lost.append([by_x @ kx**2, k @ gone @ kx, by_z @ k**2])
             size = min(n, max(2 * n >> max(level - 1, 0), 4))
             parts.append(np.stack([_coefficients(s * both, size) for s in spectra], axis=-1).reshape(-1, 3))
             sizes.append(size)
@@ -186,6 +187,8 @@ def _coefficients(spectrum: Any, size: int) -> Array:
     n = len(spectrum)
     half = size // 2
     keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])
-    cut = spectrum[keep[:, None], keep] * size**2
-    basis = (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(size))) / 3.0
-    return np.asarray(np.fft.ifft2(cut / (basis[:, None] * basis)).real)
+    cut = spectrum[keep, : half + 1] * size**2
+    if size < n:
+        cut[:, half] = 0.0  # a wave of two points, which the Gaussian has taken
+    along_z, along_x = ((2.0 + np.cos(2.0 * np.pi * f(size))) / 3.0 for f in (np.fft.fftfreq, np.fft.rfftfreq))
+    return np.fft.irfft2(cut / (along_z[:, None] * along_x), s=(size, size))
