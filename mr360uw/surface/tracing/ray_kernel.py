@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays that part at the surface, compiled: each hit sends one on by reflection and one by refraction, in water and air.
+
+A ray and all that becomes of it are followed one after the other, the rest waiting in `stack`, a row for each: origin
+and direction, weight of its radiance in the pixel's, width of its footprint, its growth per metre, the angle between
+samples of facets, the key of its random numbers, the hits behind it, and its side, 1 in the air and -1 in the water.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.surface.intersection import NOWHERE, Hit, Waves, first_hit
+from mr360uw.surface.ray_tree import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
+from mr360uw.surface.tracing.facet_draws import drawn, facets_of
+from mr360uw.surface.tracing.floor_light import Ground, floor_radiance
+from mr360uw.surface.tracing.random_keys import next_key
+from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
+from mr360uw.surface.tracing.relief import Relief, relief_distance
+from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted
+from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
+from mr360uw.surface.tracing.table_reads import WaterTable, add, sky_radiance, times, transmittance, veil
+
+STACK = GENERATIONS + 2, 15
+"""Rows and columns of the stack."""
+
+
+class Murk(NamedTuple):
+    """The numbers of the water. dims: whether it does. sky, beam: where the tables are of the sky's and of the sun's
+    light, from the surface and from the camera. sky_below, beam_below: the irradiance that each is times.
+    """
+
+    dims: bool
+    sky: tuple[WaterTable, WaterTable]
+    beam: tuple[WaterTable, WaterTable]
+    sky_below: Vector
+    beam_below: Vector
+
+
+class World(NamedTuple):
+    """The numbers of what rays can meet. samples: rays of one pixel, which take different facets."""
+
+    sea: Waves
+    ripples: Ripples
+    ground: Ground
+    sun: Disc
+    half_angle: float
+    refractive_index: float
+    samples: int
+    murk: Murk
+
+
+@compiled
+def met(
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, sea: Waves, floor: Relief, origin: Vector,
+    direction: Vector, side: float, width: float, spread: float, start: Hit, known: bool,
+) -> tuple[Hit, float]:  # fmt: skip
+    """Return where a ray meets the surface, and the distance at which it meets the floor instead, infinity for neither.
+
+    c to steepest: of `first_hit`; e: of `relief`. start: the first, if it is known.
+    """
+    up, high = direction[1], origin[1] - floor.y
+    reach = math.inf
+    if up < 0.0 and (side < 0.0 or floor.y + floor.high > sea.lowest_m):
+        reach = max((floor.low - high) / up, 0.0)
+    if known:
+        hit = start
+    else:
+        hit = first_hit(
+            c, n, h, s, m, steepest, sea, origin, direction, side, width, spread, min(reach, FARTHEST_M)
+        )  # fmt: skip
+    if floor.low < floor.high and (reach < math.inf or (up >= 0.0 and high < floor.high)):
+        reach = relief_distance(e, floor, origin, direction, min(hit.distance, reach, FARTHEST_M))
+        if reach < hit.distance:
+            return NOWHERE, reach
+    return hit, math.inf if hit.distance < math.inf else reach
+
+
+@compiled
+def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
+    """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
+    at = 1 if first else 0
+    sky = w.sky[at]
+    light = times(w.sky_below, veil(wv, sky, distance, up))
+    if w.beam_below[0] + w.beam_below[1] + w.beam_below[2] > 0.0:
+        light = add(light, times(w.beam_below, veil(wv, w.beam[at], distance, up)), 1.0)
+    if distance == math.inf:
+        return (0.0, 0.0, 0.0), light
+    return transmittance(wa, sky, distance, up), light
+
+
+@compiled
+def put(
+    stack: Any, row: int, origin: Vector, direction: Vector, weight: Vector, footprint: Vector, key: int,
+    generation: int, side: float,
+) -> None:  # fmt: skip
+    """Write a ray into a row of the stack. footprint: width, its growth per metre, angle between samples."""
+    s = stack[row]
+    s[0], s[1], s[2] = origin
+    s[3], s[4], s[5] = direction
+    s[6], s[7], s[8] = weight
+    s[9], s[10], s[11] = footprint
+    s[12], s[13], s[14] = key, generation, side
+
+
+@compiled
+def followed(
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
+    d: Any, dn: Any, wv: Any, wa: Any, w: World, stack: Any, start: Hit, known: bool,
+) -> Vector:  # fmt: skip
+    """Return the radiance of the ray in the first row of the stack times its weight.
+
+    c to steepest: of `first_hit`. lost: (L, 3) of `SampledSea.lost_slope`; r: slopes of ripples; f to e: of
+    `floor_radiance`; d, dn: texels and table of the dome; wv, wa: the water's veils and attenuations. start: what the
+    ray meets first, if that is known.
+    """
+    waiting, light = 1, (0.0, 0.0, 0.0)
+    while waiting > 0:
+        waiting -= 1
+        ray = stack[waiting]
+        o, v, weight = (ray[0], ray[1], ray[2]), (ray[3], ray[4], ray[5]), (ray[6], ray[7], ray[8])
+        width, spread, lobe, generation, side = ray[9], ray[10], ray[11], int(ray[13]), ray[14]
+        key, in_water = int(ray[12]), side < 0.0
+        hit, floor = met(
+            c, n, h, s, m, steepest, e, w.sea, w.ground.relief, o, v, side, width, spread, start,
+            known and generation == 0,
+        )  # fmt: skip
+        distance = min(hit.distance, floor)
+        if in_water and w.murk.dims:
+            passed, scattered = through_water(wv, wa, w.murk, distance, v[1], generation == 0)
+            light = add(light, times(weight, scattered), 1.0)
+            weight = times(weight, passed)
+        if hit.distance < math.inf:
+            glint, waiting = _part(
+                lost, r, w.ripples, w.sun, w.refractive_index, w.samples, stack, waiting, o, v, weight, width, spread,
+                lobe, key, generation, side, hit,
+            )  # fmt: skip
+            light = add(light, (weight[0] * w.sun.red, weight[1] * w.sun.green, weight[2] * w.sun.blue), glint)
+        elif floor < math.inf:
+            x, z = o[0] + floor * v[0], o[2] + floor * v[2]
+            wide = (width + math.hypot(spread, lobe) * floor) / math.sqrt(max(-v[1], 1e-3))
+            light = add(light, times(weight, floor_radiance(f, fn, fk, fe, e, w.ground, x, z, wide, not in_water)), 1.0)
+        elif not in_water:
+            light = add(light, times(weight, sky_radiance(d, dn, v[0], v[1], v[2], math.hypot(spread, lobe))), 1.0)
+            if generation == 0 and w.sun.solid_angle > 0.0:
+                seen = sun_seen(w.sun, w.half_angle, v[0], v[1], v[2], spread)
+                light = add(light, (weight[0] * w.sun.red, weight[1] * w.sun.green, weight[2] * w.sun.blue), seen)
+        elif not w.murk.dims:  # level rays in clear water: the floor and its mirror image, far away
+            light = add(
+                light, times(weight, floor_radiance(f, fn, fk, fe, e, w.ground, 0.0, 0.0, FARTHEST_M, False)), 1.0
+            )
+    return light
+
+
+@compiled
+def _part(
+    lost: Any, r: Any, ripples: Ripples, sun: Disc, index: float, samples: int, stack: Any, waiting: int, o: Vector,
+    v: Vector, weight: Vector, width: float, spread: float, lobe: float, key: int, generation: int, side: float,
+    hit: Hit,
+) -> tuple[float, int]:  # fmt: skip
+    """Add the reflected and the refracted ray of a hit to the stack; return the sun's light that comes back along the
+    ray, over that of its disc, and the rows that wait then.
+    """
+    normal, rippled = tilted(r, ripples, hit.normal, hit.a, hit.b, hit.sigma_m)
+    xx, xz, zz = level_slopes(lost, ripples.blur, hit.level)
+    covariance = xx + rippled, xz, zz + rippled
+    facets = facets_of(v, normal, covariance, side)
+    glint = sunlight(sun, v, normal, facets, side, index) if sun.solid_angle > 0.0 else 0.0
+    generation += 1
+    brightest = samples * max(weight[0], weight[1], weight[2])
+    if generation >= GENERATIONS or brightest <= FAINTEST:
+        return glint, waiting
+    if covariance[0] > 0.0 or covariance[2] > 0.0:
+        normal = drawn(facets, key)
+    nx, ny, nz = side * normal[0], side * normal[1], side * normal[2]
+    cosine = min(max(-(v[0] * nx + v[1] * ny + v[2] * nz), 0.0), 1.0)
+    mx = index if side > 0.0 else 1.0 / index
+    back, behind = reflectance(cosine, mx)
+    t, wide = hit.distance, width + spread * hit.distance
+    x, y, z = o[0] + t * v[0], o[1] + t * v[1], o[2] + t * v[2]
+    apart = math.sqrt(max(covariance[0] + covariance[2], 0.0) / samples)  # slopes of neighbouring samples
+    if brightest * back > FAINTEST:
+        to = mirrored(v[0], v[1], v[2], nx, ny, nz)
+        at = x + OFF_M * to[0], y + OFF_M * to[1], z + OFF_M * to[2]
+        share = weight[0] * back, weight[1] * back, weight[2] * back
+        put(
+            stack, waiting, at, to, share, (wide, spread, math.hypot(lobe, 2.0 * apart)), next_key(key, 1), generation,
+            side,
+        )  # fmt: skip
+        waiting += 1
+    on = (1.0 - back) / (mx * mx)
+    if brightest * on > FAINTEST:
+        to = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / mx)
+        at = x + OFF_M * to[0], y + OFF_M * to[1], z + OFF_M * to[2]
+        share = weight[0] * on, weight[1] * on, weight[2] * on
+        flux = mx * mx * behind
+        growth = min(math.sqrt(max(cosine, 1e-9) / flux), WIDEST) if flux > 0.0 else WIDEST
+        put(
+            stack, waiting, at, to, share, (wide, spread * growth, math.hypot(lobe, abs(1.0 - 1.0 / mx) * apart)),
+            next_key(key, 2), generation, -side,
+        )  # fmt: skip
+        waiting += 1
+    return glint, waiting
