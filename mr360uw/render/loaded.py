@@ -24,7 +24,8 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.placement import placement_notes
-from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
+from mr360uw.render.plan import Plan, joined_plan, make_plan
+from mr360uw.render.plan_stages import ObjectFacts
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.key_settings import KeyedParameter

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from mr360uw.render.loaded import load
-from mr360uw.render.plan import ObjectFacts, Plan, make_plan
+from mr360uw.render.plan import Plan, make_plan
+from mr360uw.render.plan_stages import ObjectFacts
 from tests.scenes import scene_with
 
 OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern", "snow"}

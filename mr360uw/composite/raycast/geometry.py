@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
+from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.rays import barycentric
@@ -170,7 +171,25 @@ def surface(
     """
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-    corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]
+    return surface_along(geometry, triangle, np.zeros(3), direction, neighbours, area, pixel, shot.view.height)
+
+
+def surface_along(
+    geometry: Geometry,
+    triangle: NDArray[np.int64],
+    origin: Floats,
+    direction: Floats,
+    neighbours: Floats,
+    area: Floats,
+    pixel: float,
+    height: Floats | int,
+) -> Hits:
+    """Return the surfaces (n,) that rays meet on given triangles.
+
+    origin: (3,) or (n, 3) [m] of the rays, from the camera. direction: (n, 3). neighbours: (n, 2, 3) directions `pixel`
+    pixels to the right and below, of a frame of so many rows, `height`, a number or (n,). area: as of `surface`.
+    """
+    corners, uv_corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3)), geometry.uv[triangle]
     weights, distance = barycentric(corners, direction)
     change = uv_change(corners, uv_corners, weights, neighbours)
     color = base_color(geometry, triangle, weights, change)
@@ -206,7 +225,7 @@ def surface(
         object=geometry.object[triangle],
         weights=weights,
         behind=side[:, 0] < 0.0,
-        point=point,
+        point=origin + point,
         distance_m=distance,
         direction=direction,
         geometric_normal=flat * side,
@@ -218,26 +237,7 @@ def surface(
         emission=emission,
         occlusion=occlusion,
         refractive_index=index,
-        footprint_m=distance * np.pi / shot.view.height * pixel,
+        footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
-        footprint=footprint(point, pixel_steps(point, flat, neighbours, pixel), area),
+        footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),
     )
-
-
-def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:
-    """Return unit normals (n, 3) turned by a tangent space normal (n, 3) whose y points up the image.
-
-    The tangents are those of the triangle's own texture coordinates (n, 3, 2), made perpendicular to the normal.
-    """
-    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    determinant = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
-    sign = np.sign(determinant)
-    tangent = sign * (e1 * d2[:, 1:] - e2 * d1[:, 1:])
-    up = -sign * (e2 * d1[:, :1] - e1 * d2[:, :1])
-    tangent = tangent - normal * np.sum(normal * tangent, -1, keepdims=True)
-    up = up - normal * np.sum(normal * up, -1, keepdims=True)
-    tangent = tangent / np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-20)
-    up = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-20)
-    turned = bump[:, :1] * tangent + bump[:, 1:2] * up + bump[:, 2:] * normal
-    length = np.linalg.norm(turned, axis=-1, keepdims=True)
-    return np.where(length > 1e-6, turned / np.maximum(length, 1e-6), normal)
