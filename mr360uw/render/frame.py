@@ -22,7 +22,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
 from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics, with_snow
-from mr360uw.render.surface_stage import with_surface
+from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 

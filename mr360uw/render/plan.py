@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.render.plan_stages import (
+from mr360uw.render.stages.plan_stages import (
     Facts,
     Share,
     Stage,

@@ -10,10 +10,10 @@ import pytest
 
 from mr360uw.render.loaded import load
 from mr360uw.render.plan import Plan, make_plan
-from mr360uw.render.plan_stages import ObjectFacts
+from mr360uw.render.stages.plan_stages import ObjectFacts
 from tests.scenes import scene_with
 
-OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern", "snow"}
+OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern", "surface", "snow"}
 
 
 def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:

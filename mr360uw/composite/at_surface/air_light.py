@@ -6,8 +6,8 @@
     t, R    transmittance and reflectance of a level surface for irradiance (Fresnel), at an angle in the air
     L_w     radiance just below the surface: the plate's, with what the water above the camera has taken
 
-Radiance over the squared index is kept but for reflection, so the sky is L = L_w/(n^2 t), seen in the refracted
-direction. From below comes what the surface reflects of the sky and what leaves the water, R L + t L_w/n^2. The sun's
+Radiance over the squared index is kept but for reflection, so the sky is L = (L_w - R D)/(n^2 t), seen in the refracted
+direction, with D the water's light that the surface mirrors there. From below comes R L + t D/n^2. The sun's
 beam has the power per level area that passes the surface, E cos = E_w cos_w/t.
 """
 
@@ -19,10 +19,9 @@ import numpy as np
 
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.plate import COARSE_SCALE
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio
 from mr360uw.optics import fresnel_transmittance, refract_to_air, refract_to_water
 from mr360uw.sphere import directions
@@ -53,15 +52,15 @@ def _sky(shot: Shot) -> Floats:
     """Return the radiance (128, 256, 3) of all directions in the air, without the sun."""
     n, medium = shot.refractive_index, shot.medium
     assert medium is not None
-    towards = directions(ENVIRONMENT_COLUMNS * COARSE_SCALE, ENVIRONMENT_ROWS * COARSE_SCALE)
+    towards = directions(COARSE_COLUMNS, COARSE_ROWS)
     up = towards * np.array([1.0, 0.0, 1.0]) + np.abs(towards) * np.array([0.0, 1.0, 0.0])
     passed = fresnel_transmittance(up[..., 1], n)[..., None]
     below = refract_to_water(up, n)
     at_surface = ambient_ratio(medium, 0.0)
-    sky = (
-        environment_lookup(shot.environment.residual, below) * at_surface / (n * n * np.maximum(passed, _LEAST_PASSED))
-    )
-    deep = environment_lookup(shot.environment.residual, below * np.array([1.0, -1.0, 1.0])) * at_surface
+    residual = shot.environment.residual
+    deep = environment_lookup(residual, below * np.array([1.0, -1.0, 1.0])) * at_surface
+    sent = environment_lookup(residual, below) * at_surface - (1.0 - passed) * deep
+    sky = np.maximum(sent, 0.0) / (n * n * np.maximum(passed, _LEAST_PASSED))
     under = (1.0 - passed) * sky + passed * deep / (n * n)
     return np.where(towards[..., 1:2] > 0.0, sky, under).astype(np.float32)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import SeenSurface, cast
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.shot import PlacedObject
@@ -23,8 +24,6 @@ from mr360uw.types import Floats
 
 Mask = NDArray[np.bool_]
 
-FAINTEST = 1e-3
-"""Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
 _CELLS = 128
 """Rows of the coarse grid."""
 _DEVIATIONS = 3.0

@@ -8,6 +8,9 @@ from typing import Literal
 from mr360uw.composite.settings import Samples
 from mr360uw.parameters import Parameters, parameter
 
+FAINTEST = 1e-3
+"""Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
+
 
 class SurfaceSettings(Parameters):
     """Objects at the water's surface: mirrored in it, seen through it, cut by it."""

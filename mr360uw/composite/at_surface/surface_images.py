@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.ambient.at_hits import ambient_at
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.at_surface.body_rays import first_surfaces, surfaces_met
-from mr360uw.composite.at_surface.image_reach import FAINTEST
+from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import OFF_M, SeenSurface, SurfaceSamples
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.lighting.arrival import Arrival, LightSource

@@ -11,7 +11,7 @@ needs the layer's coverage and distances alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +23,18 @@ from mr360uw.composite.at_surface.air_light import in_air
 from mr360uw.composite.at_surface.body_rays import first_surfaces
 from mr360uw.composite.at_surface.image_reach import find_reach
 from mr360uw.composite.at_surface.settings import SurfaceSettings
+from mr360uw.composite.at_surface.surface_behind import SurfacePicture, blank_picture, laid_over
 from mr360uw.composite.at_surface.surface_images import Bodies, Images, LitBodies, PlainShadows, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water
-from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.sources import light_sources
-from mr360uw.composite.over import empty_tile
 from mr360uw.composite.raycast.geometry import Geometry, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.snow.merge import rest_of
-from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.rays import RayScene
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
-from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
+from mr360uw.types import Floats, Layer, MediumTable
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -50,22 +47,6 @@ _SUN_SAMPLES = 2
 """Directions over a light's disc in images, of which the reference takes four times as many."""
 _SMOOTH_FROM, _SMOOTH_FULL = 2.0, 6.0
 """Blur [pixels] of an image from which on it is averaged over neighbours, whose facets differ, and where wholly."""
-_SPARE_PX = 4096
-"""Pixels that a rectangle of images must save to be cut in two."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfacePicture:
-    """Bodies in the surface and the cut through them, for a whole frame.
-
-    radiance: (H, W, 3) premultiplied, alpha: (H, W). distance_m: (H, W) of the surface, 0 where it is not known. kept:
-    (H, W) fraction of the bodies' samples before the surface.
-    """
-
-    radiance: Floats
-    alpha: Floats
-    distance_m: Floats
-    kept: Floats
 
 
 def with_bodies(
@@ -84,7 +65,9 @@ def with_bodies(
     waves = cache.get("waves at the surface", (sea, time_s), lambda: SampledSea.of(sea, time_s))
     if not camera_in_water(shot, waves):
         return layer
-    sides = WaterSides(shot, in_air(shot), waves, from_surface, True, shot.refractive_index)
+    highest_m = max((float(top) for top in _tops(shot)), default=-np.inf) - shot.view.surface_y_m
+    dry = in_air(shot) if highest_m > waves.lowest_m else shot  # of what is wholly under water it is never asked for
+    sides = WaterSides(shot, dry, waves, from_surface, True, shot.refractive_index)
     return with_surface(sides, settings, layer, cache)
 
 
@@ -99,16 +82,20 @@ def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cac
     if not near:
         return layer
     picture = _picture(sides, settings, layer, presence, near, cache)
-    return layer if picture is None else _laid(shot, layer, picture)
+    return layer if picture is None else laid_over(shot, layer, picture)
 
 
 def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
     """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
-    tops = [o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in _visible(shot)]
-    depth = shot.view.surface_y_m - np.array(tops)
+    depth = shot.view.surface_y_m - _tops(shot)
     if settings.objects == "all":
         return np.ones(len(depth))
     return np.clip(4.0 * (1.0 - depth / settings.within_m), 0.0, 1.0)
+
+
+def _tops(shot: Shot) -> Floats:
+    """Return the height (n,) [m] in the world of the highest point of each visible object."""
+    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in _visible(shot)])
 
 
 def _visible(shot: Shot) -> tuple[PlacedObject, ...]:
@@ -127,7 +114,7 @@ def _picture(
     kept, cut = _before_surface(sides, layer)
     where = reach.mirrored | reach.refracted | cut
     if not np.any(where):
-        return None if np.all(kept == 1.0) else SurfacePicture(*_blank(layer), kept)
+        return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
     bodies = _bodies(sides, presence, cache)
     samples = pattern(settings.samples)
@@ -142,15 +129,10 @@ def _picture(
         kept[j, i] = np.where(covered[part], share, kept[j, i])
         shows = reach.mirrored[j, i], reach.refracted[j, i]
         images.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
-    radiance, opacity, met = _blank(layer)
+    radiance, opacity, met = blank_picture(layer)
     light, share = _smoothed(sides, rows, columns, images)
     radiance[rows, columns], opacity[rows, columns], met[rows, columns] = light, share, seen.distance_m
     return SurfacePicture(radiance, opacity, met, kept)
-
-
-def _blank(layer: Layer) -> tuple[Floats, Floats, Floats]:
-    size = layer.height, layer.width
-    return np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
 
 
 def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> Bodies:
@@ -232,43 +214,3 @@ def _smoothed(sides: WaterSides, rows: Indices, columns: Indices, images: Sequen
     t = np.clip((widest - _SMOOTH_FROM) / (_SMOOTH_FULL - _SMOOTH_FROM), 0.0, 1.0)[:, None]
     values = values + t * (total / TURNS**2 - values)
     return values[:, :3], values[:, 3]
-
-
-def _laid(shot: Shot, layer: Layer, picture: SurfacePicture) -> Layer:
-    """Return a layer with its bodies cut, over the images."""
-    tiles = [_over_images(tile, _images_tile(shot, picture, tile.rectangle), picture) for tile in layer.tiles]
-    shown = np.any(picture.radiance != 0.0, axis=-1) | (picture.alpha > 0.0)
-    parts = even_tiles(rectangles_of_mask(shown, _SPARE_PX), layer.width, layer.height)
-    free = rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height)
-    for part in parts:
-        tiles += [_images_tile(shot, picture, both) for one in free if (both := _common(part, one)) is not None]
-    return replace(layer, tiles=tuple(tiles))
-
-
-def _common(a: Rectangle, b: Rectangle) -> Rectangle | None:
-    """Return the rectangle that two have in common, if any."""
-    column, row = max(a.column, b.column), max(a.row, b.row)
-    width = min(a.column + a.width, b.column + b.width) - column
-    height = min(a.row + a.height, b.row + b.height) - row
-    return Rectangle(column, row, width, height) if min(width, height) > 0 else None
-
-
-def _images_tile(shot: Shot, picture: SurfacePicture, part: Rectangle) -> Tile:
-    """Return the images in a part of the frame as a tile of their own, behind the shot's mattes."""
-    blank = empty_tile(part)
-    at = blank.window
-    distance = np.where(picture.alpha[at] > 0.0, picture.distance_m[at], np.inf).astype(np.float32)
-    tile = replace(blank, radiance=picture.radiance[at].copy(), alpha=picture.alpha[at].copy(), distance_m=distance)
-    return hold_out(shot, tile)
-
-
-def _over_images(tile: Tile, images: Tile, picture: SurfacePicture) -> Tile:
-    kept = picture.kept[tile.window]
-    alpha = kept * tile.alpha
-    through = 1.0 - alpha
-    return replace(
-        tile,
-        radiance=kept[..., None] * tile.radiance + through[..., None] * images.radiance,
-        alpha=alpha + through * images.alpha,
-        distance_m=np.where(alpha > 0.0, tile.distance_m, images.distance_m),
-    )

@@ -186,8 +186,8 @@ def surface_along(
 ) -> Hits:
     """Return the surfaces (n,) that rays meet on given triangles.
 
-    origin: (3,) or (n, 3) [m] of the rays, from the camera. direction: (n, 3). neighbours: (n, 2, 3) directions `pixel`
-    pixels to the right and below, of a frame of so many rows, `height`, a number or (n,). area: as of `surface`.
+    origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
+    right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
     """
     corners, uv_corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3)), geometry.uv[triangle]
     weights, distance = barycentric(corners, direction)
@@ -202,21 +202,10 @@ def surface_along(
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
-    metallic, roughness, occlusion, index = np.empty((4, len(triangle)))
-    emission = np.empty((len(triangle), 3))
+    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, uv, change)
     for number, material in enumerate(geometry.materials):
-        of = np.flatnonzero(geometry.material[triangle] == number)
-        metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
-        index[of], emission[of] = material.refractive_index, material.emission
-        if material.metallic_roughness_map is not None:
-            texel = _lookup(material.metallic_roughness_map, uv[of], change[of])
-            metallic[of], roughness[of] = metallic[of] * texel[:, 2], roughness[of] * texel[:, 1]
-        if material.occlusion_map is not None:
-            texel = _lookup(material.occlusion_map, uv[of], change[of])
-            occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
-        if material.emission_map is not None:
-            emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
         if material.normal_map is not None:
+            of = np.flatnonzero(geometry.material[triangle] == number)
             bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
             normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
@@ -241,3 +230,22 @@ def surface_along(
         normal_change=turning * side[..., None],
         footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),
     )
+
+
+def _material_values(geometry: Geometry, triangle: NDArray[np.int64], uv: Floats, change: Floats) -> tuple[Floats, ...]:
+    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3) at places (n, 2)."""
+    metallic, roughness, occlusion, index = np.empty((4, len(triangle)))
+    emission = np.empty((len(triangle), 3))
+    for number, material in enumerate(geometry.materials):
+        of = np.flatnonzero(geometry.material[triangle] == number)
+        metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
+        index[of], emission[of] = material.refractive_index, material.emission
+        if material.metallic_roughness_map is not None:
+            texel = _lookup(material.metallic_roughness_map, uv[of], change[of])
+            metallic[of], roughness[of] = metallic[of] * texel[:, 2], roughness[of] * texel[:, 1]
+        if material.occlusion_map is not None:
+            texel = _lookup(material.occlusion_map, uv[of], change[of])
+            occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
+        if material.emission_map is not None:
+            emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
+    return metallic, roughness, occlusion, index, emission

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.at_surface.image_reach import FAINTEST
+from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
 from mr360uw.scene.model import Scene
