@@ -87,7 +87,9 @@ def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Float
     mirrored, bent = reflect(seen.direction, against), refract_clamped(seen.direction, against, 1.0 / m)
     to = centres - view.position - point[:, None]  # (n, m, 3)
     away = np.linalg.norm(to, axis=-1)
-    size = np.arcsin(np.clip(radii / np.maximum(away, 1e-9), 0.0, 1.0)) + 2.0 * cell_rad
+    # neighbouring rays part all the way from the camera: seen from the surface a cell is wider than from there
+    cell = cell_rad * (1.0 + seen.distance_m[:, None] / np.maximum(away, 1e-9))
+    size = np.arcsin(np.clip(radii / np.maximum(away, 1e-9), 0.0, 1.0)) + 2.0 * cell
     over, nearest = centres[:, 1] - view.surface_y_m, np.maximum(away - radii, 0.0)
     wet, dry = over - radii < sides.sea.highest_m, over + radii > sides.sea.lowest_m
     first = np.broadcast_to(seen.distance_m[:, None] if sides.in_water else 0.0, away.shape)
