@@ -142,7 +142,7 @@ def test_bodies_are_hidden_behind_the_surface_and_seen_through_it_from_above() -
     wet = replace(shot, medium=water(0.01))
     sides = WaterSides(wet, shot, SampledSea.of(LEVEL, 0.0), water(0.01), False, INDEX)
     bare = render_layer(shot)
-    image, _ = with_surface(sides, ALL, bare, Cache())
+    image = with_surface(sides, ALL, bare, Cache())
     rows, columns = np.nonzero(image.alpha > 0.5)
     row = np.average(rows + 0.5, weights=image.alpha[rows, columns])
     # apparent depth: the place at which the ray that meets the ball's middle crosses the surface

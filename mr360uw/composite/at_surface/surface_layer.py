@@ -58,7 +58,7 @@ def with_bodies(
     layer: Layer,
     cache: Cache,
 ) -> tuple[Layer, Floats | None]:
-    """Return the layer of a shot of a camera in the water with the surface at a time [s], as `with_surface` does.
+    """Return the layer of a shot of a camera in the water with the surface at a time [s], as `cut_at_surface` does.
 
     from_surface: the water's table for rays that start there. cache: holds what shots share.
     """
@@ -68,10 +68,18 @@ def with_bodies(
     highest_m = max((float(top) for top in _tops(shot)), default=-np.inf) - shot.view.surface_y_m
     dry = in_air(shot) if highest_m > waves.lowest_m else shot  # of what is wholly under water it is never asked for
     sides = WaterSides(shot, dry, waves, from_surface, True, shot.refractive_index)
-    return with_surface(sides, settings, layer, cache)
+    return cut_at_surface(sides, settings, layer, cache)
 
 
-def with_surface(
+def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache) -> Layer:
+    """Return a layer with the surface: the layer itself where it shows no body and cuts none.
+
+    cache: holds what shots of the same bodies share.
+    """
+    return cut_at_surface(sides, settings, layer, cache)[0]
+
+
+def cut_at_surface(
     sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache
 ) -> tuple[Layer, Floats | None]:
     """Return a layer with the surface, and the fraction (H, W) of the bodies' samples that is before it.
