@@ -234,8 +234,7 @@ def surface_along(
 
 def _material_values(geometry: Geometry, triangle: NDArray[np.int64], uv: Floats, change: Floats) -> tuple[Floats, ...]:
     """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3) at places (n, 2)."""
-    metallic, roughness, occlusion, index = np.empty((4, len(triangle)))
-    emission = np.empty((len(triangle), 3))
+    (metallic, roughness, occlusion, index), emission = np.empty((4, len(triangle))), np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
         of = np.flatnonzero(geometry.material[triangle] == number)
         metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
