@@ -25,7 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
     "surface": {"caustic_lookup", *PHYSICS},
-    "composite": {"gl", "threads", "rays", "caustic_lookup", *PHYSICS},
+    "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
     "gl": set(),
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
