@@ -26,7 +26,7 @@ FAINTEST = 1e-3
 """Fraction of a sample's radiance below which a ray is not followed further."""
 FARTHEST_M = 1e5
 """Length [m] of the longest ray."""
-_WIDEST = 4.0
+WIDEST = 4.0
 """Most that a footprint's angle grows at a refraction, which is unbounded at the edge of Snell's window."""
 _OFF_M = 1e-6
 """Distance [m] along its direction that a ray starts from the surface."""
@@ -204,7 +204,7 @@ def _part(
     )  # fmt: skip
     bent = refract_clamped(d, against, 1.0 / m).astype(np.float64, copy=False)
     bent /= np.maximum(np.linalg.norm(bent, axis=-1, keepdims=True), 1e-12)
-    growth = np.minimum(np.sqrt(solid_angle_change(np.maximum(cosine, 1e-9), m)), _WIDEST)
+    growth = np.minimum(np.sqrt(solid_angle_change(np.maximum(cosine, 1e-9), m)), WIDEST)
     through = replace(
         rays, key=next_keys(rays.key, 2), origin=point + _OFF_M * bent, direction=bent, width_m=width,
         spread=rays.spread * growth, lobe_rad=np.hypot(rays.lobe_rad, abs(1.0 - 1.0 / m) * apart),

@@ -131,7 +131,7 @@ class SampledSea:
         if self.detail is None:
             return normal, np.zeros(len(normal))
         slopes, repeats = self.detail.slopes, self.detail.repeats
-        wave = 2.0 * np.pi * _DOMINANT_WAVES * repeats.max() / self.tile_m
+        wave = 2.0 * np.pi * DOMINANT_WAVES * repeats.max() / self.tile_m
         kept = np.exp(-0.5 * (wave * sigma_m) ** 2)
         added = kept[:, None] * detail_slope(self.detail, rest[:, 0], rest[:, 1])
         tilted = normal - normal[:, 1:2] * np.stack([added[:, 0], np.zeros(len(added)), added[:, 1]], axis=-1)
@@ -141,7 +141,7 @@ class SampledSea:
 
 _LEAST_ACROSS, _STEEPEST = 0.05, 8.0
 """Bounds of the greatest slope, which is infinite at a cusp: rays go in steps that a slope of 83 degrees allows."""
-_DOMINANT_WAVES = 6.0
+DOMINANT_WAVES = 6.0
 """Waves of the dominant length in one repeat of the ripples' map."""
 
 

@@ -8,8 +8,6 @@ function of the time and of the view alone, so a picture of a film is the same a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,7 +15,7 @@ from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.errors import ParameterError
+from mr360uw.errors import GlError, ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
@@ -85,7 +83,7 @@ class SeaScene:
             object.__setattr__(self, name, value)
 
     def picture(
-        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: Literal["reference"] = "reference"
+        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: str = "reference"
     ) -> SurfacePicture:
         """Return what a camera below or above the sea sees at a time [s], in float64.
 
@@ -94,9 +92,18 @@ class SeaScene:
         """
         if not 1 <= samples <= _MOST_SAMPLES:
             raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
+        if backend not in ("auto", "gl", "reference"):
+            raise ParameterError(f"backend - is not known (got {backend!r}) - take auto, gl or reference")
+        stage = self.stage(view, time_s, samples * samples)
         if backend != "reference":
-            raise ParameterError(f"backend - unknown (got {backend!r}) - take 'reference'")
-        return rendered(self.stage(view, time_s, samples * samples), view, samples)
+            from mr360uw.surface.gl.picture_renderer import picture_renderer
+
+            try:
+                return picture_renderer().render(stage, view, samples)
+            except GlError:
+                if backend == "gl":
+                    raise
+        return rendered(stage, view, samples)
 
     def stage(self, view: View, time_s: float, samples: int) -> Stage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""

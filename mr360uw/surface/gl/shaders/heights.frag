@@ -1,0 +1,34 @@
+// Height and slopes of the surface over places (x, z) instead of rest positions: one level of the atlas, with a border
+// of one texel from its other side. Held to surface/spline.py
+#include "particles.glsl"
+
+uniform sampler2D coefficients;
+uniform int first, points;
+uniform float tile_m, top;
+
+layout(location = 0) out vec4 height;
+layout(location = 1) out vec4 shift;
+
+const int MOST_STEPS = 8;
+const float LEAST_ACROSS = 0.05;  // of the surface's area over its rest area: slopes at cusps are bounded by it
+
+void main() {
+    float per_m = float(points) / tile_m;
+    vec2 place = gl_FragCoord.xy - vec2(0.5, top + 0.5) - 1.0;
+    vec2 rest = place;
+    Displacement d;
+    float across, close = 1e-4;
+    int step = 0;
+    do {
+        d = displacement(coefficients, first, points, per_m, rest);
+        vec2 off = rest + d.value.yz * per_m - place;
+        vec2 along = vec2(1.0 + d.by_a.y, d.by_a.z), aside = vec2(d.by_b.y, 1.0 + d.by_b.z);
+        across = along.x * aside.y - aside.x * along.y;
+        if (abs(off.x) + abs(off.y) < close) break;
+        rest -= across < 0.1 ? 0.5 * off
+                             : vec2(aside.y * off.x - aside.x * off.y, along.x * off.y - along.y * off.x) / across;
+    } while (++step < MOST_STEPS);
+    vec2 slope = vec2((1.0 + d.by_b.z) * d.by_a.x - d.by_a.z * d.by_b.x, (1.0 + d.by_a.y) * d.by_b.x - d.by_b.y * d.by_a.x);
+    height = vec4(d.value.x, slope / max(across, LEAST_ACROSS), 0.0);
+    shift = vec4(d.value.yz, 0.0, 0.0);
+}
