@@ -44,9 +44,9 @@ def stage_inputs(stage: Stage, view: View, cache: Cache) -> Inputs:
     lost = sea.lost_slope + sea.blur_variance * np.array([1.0, 0.0, 1.0])
     found = Inputs(
         {"lost_slopes": cache.get("lost slopes", sea, lambda: texture_from_array(lost[None]))},
-        {**_camera(view), **_waves(sea), "floor_y_m": stage.floor_y_m, "refractive_index": stage.refractive_index,
-         "camera_in_water": stage.camera_in_water},
-        {},
+        {**_camera(view), **_waves(sea), "floor_y_m": stage.floor_y_m, "refractive_index": stage.refractive_index},
+        {"CAMERA_IN_WATER": "true" if stage.camera_in_water else "false",
+         "WATER_ENDS": 1.0 if stage.water.sky is None else 0.0},
     )  # fmt: skip
     sun, detail = stage.sun, sea.detail
     if sun is not None and sun.direction[1] > 0.0:

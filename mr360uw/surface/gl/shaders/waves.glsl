@@ -20,7 +20,7 @@ const float LEAST_UP = 0.05;
 const float PIXEL_SIGMA = 0.288675135;  // 1/sqrt(12)
 const float NO_HIT = -1.0;
 const int MOST_STEPS = 400;
-const int NEWTON_STEPS = 4;
+const int NEWTON_STEPS = 3;
 
 float sigma_at(float width, float spread, float t, float up) {
     return PIXEL_SIGMA * (width + spread * t) * inversesqrt(max(abs(up), LEAST_UP));
@@ -43,11 +43,15 @@ vec4 waves_texel(Waves waves, sampler2D atlas, int level, vec2 tiles) {
 
 // of heights.frag: height and slopes, or the shift of particles
 vec4 waves_at(Waves waves, sampler2D atlas, vec2 place, float level) {
-    vec2 tiles = place / waves.tile_m;
-    tiles -= floor(tiles);
+    vec2 tiles = fract(place / waves.tile_m);
     int lower = min(int(level), waves.last - 1);
     return mix(waves_texel(waves, atlas, lower, tiles), waves_texel(waves, atlas, lower + 1, tiles),
                level - float(lower));
+}
+
+// steeper than any wave: a ray that crosses the surface at most once, and never after it has left it
+bool is_steep(Waves waves, vec3 direction) {
+    return abs(direction.y) > waves.steepest * length(direction.xz);
 }
 
 // side: 1 for rays in air, -1 in water. leaves: the ray starts on the surface
@@ -64,51 +68,39 @@ Hit first_hit(Waves waves, sampler2D atlas, vec3 origin, vec3 direction, float s
     } else if (origin.y < waves.lowest_m || origin.y > waves.highest_m) {
         return hit;
     }
-    float low = t, high = end;
-    // steeper than any wave: it crosses the surface at most once, and never again after it has left it
-    bool steep = abs(dy) > waves.steepest * across;
+    bool steep = is_steep(waves, direction);
     if (t > end || (steep && (leaves || side * dy > 0.0))) return hit;
-    vec4 here = vec4(0.0);
-    if (steep) {
-        t = -origin.y / dy;
-        hit.distance = t;
-        if (end == reach) {  // it may end before the surface
-            float s = sigma_at(width, spread, end, dy);
-            here = waves_at(waves, atlas, origin.xz + end * direction.xz, level_at(waves, s));
-            if (side * (origin.y + end * dy - here.x) > 0.0) return Hit(NO_HIT, vec2(0.0), 0.0, 0.0);
+    float low = t, high = (dy > 0.0 ? waves.highest_m : waves.lowest_m) - origin.y;
+    high = steep ? high / dy : end;
+    float speed = abs(dy) + waves.steepest * across, before = t, was = 0.0;
+    bool ended = steep;
+    if (leaves && t == 0.0) t = min(0.5 * max(waves.step_m, sigma_at(width, spread, t, dy)), end);
+    for (int step = 0; step < MOST_STEPS && !ended; ++step) {
+        float s = sigma_at(width, spread, t, dy);
+        int level = int(level_at(waves, s) + 0.5);
+        float height = waves_texel(waves, atlas, level, fract((origin.xz + t * direction.xz) / waves.tile_m)).x;
+        float over = side * (origin.y + t * dy - height);
+        if (over <= 0.0 && was > 0.0) {
+            low = before;
+            high = t;
+            hit.distance = mix(before, t, was / (was - over));
         }
-    } else {
-        float speed = abs(dy) + waves.steepest * across;
-        float before = t, was = 0.0;
-        bool ended = false;
-        if (leaves && t == 0.0) t = min(0.5 * max(waves.step_m, sigma_at(width, spread, t, dy)), end);
-        for (int step = 0; step < MOST_STEPS && !ended; ++step) {
-            float s = sigma_at(width, spread, t, dy);
-            here = waves_at(waves, atlas, origin.xz + t * direction.xz, level_at(waves, s));
-            float over = side * (origin.y + t * dy - here.x);
-            if (over <= 0.0 && was > 0.0) {
-                low = before;
-                high = t;
-                hit.distance = mix(before, t, was / (was - over));
-            }
-            ended = hit.distance >= 0.0 || t >= end;
-            before = t;
-            was = over <= 0.0 ? was : over;
-            t = min(t + max(abs(over) / speed, 0.5 * max(waves.step_m, s)), end);
-        }
-        if (hit.distance < 0.0) return hit;
-        t = hit.distance;
+        ended = hit.distance >= 0.0 || t >= end;
+        before = t;
+        was = over <= 0.0 ? was : over;
+        t = min(t + max(abs(over) / speed, 0.5 * max(waves.step_m, s)), end);
     }
-    t = clamp(t, low, high);
+    if (!steep && hit.distance < 0.0) return hit;
+    t = clamp(steep ? -origin.y / dy : hit.distance, low, high);
+    vec4 here;
     for (int step = 0; step < NEWTON_STEPS; ++step) {
         hit.sigma_m = sigma_at(width, spread, t, dy);
         hit.level = level_at(waves, hit.sigma_m);
         here = waves_at(waves, atlas, origin.xz + t * direction.xz, hit.level);
-        hit.distance = t;
         float rate = dy - dot(here.yz, direction.xz);
         t = clamp(t - (origin.y + t * dy - here.x) / (abs(rate) < 1e-6 ? 1e-6 : rate), low, high);
     }
-    hit.distance = t;
+    hit.distance = t > reach ? NO_HIT : t;
     hit.slope = here.yz;
     return hit;
 }
