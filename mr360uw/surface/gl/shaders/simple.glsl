@@ -45,13 +45,15 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     float down = met || !CAMERA_IN_WATER ? floor_distance(wet.origin, wet.direction, true) : far;
     float dry_down = floor_distance(dry.origin, dry.direction, false);
     bool wet_seen = brightest(wet.weight) > FAINTEST, dry_seen = brightest(dry.weight) > FAINTEST;
-    bool again = false;
-    if (met) {
-        bool wet_again = wet_seen && next_hit(wet, down).distance >= 0.0;
-        bool dry_again = dry_seen && (dry_down >= 0.0 || next_hit(dry, dry_down).distance >= 0.0);
-        again = wet_again || dry_again;
-    }
-    whole = whole && !again;
+    // of the two at most one is so flat that it may meet another wave: the other is far from the horizon
+    bool wet_flat = wet_seen && !is_steep(waves, wet.direction), dry_flat = dry_seen && !is_steep(waves, dry.direction);
+    bool both = wet_flat && dry_flat;
+    vec3 flat_ = wet_flat ? wet.direction : dry.direction;
+    float reach = wet_flat ? down : dry_down;
+    reach = !met || !(wet_flat || dry_flat) ? -1.0 : reach < 0.0 ? FARTHEST_M : min(reach, FARTHEST_M);
+    bool again = meets_again(waves, heights, wet.origin, flat_, wet_flat ? -1.0 : 1.0, wet.width,
+                             wet_flat ? wet.spread : dry.spread, reach);
+    whole = whole && !(met && (both || again || (dry_seen && dry_down >= 0.0)));
     Passage second = from_surface_on(down < 0.0 ? FOREVER_M : down, wet.direction.y);
     if (down < 0.0) second.passed *= WATER_ENDS;
     if (!met) second = Passage(vec3(0.0), vec3(1.0));

@@ -21,6 +21,7 @@ const float PIXEL_SIGMA = 0.288675135;  // 1/sqrt(12)
 const float NO_HIT = -1.0;
 const int MOST_STEPS = 400;
 const int NEWTON_STEPS = 3;
+const float COARSE = 2.0;
 
 float sigma_at(float width, float spread, float t, float up) {
     return PIXEL_SIGMA * (width + spread * t) * inversesqrt(max(abs(up), LEAST_UP));
@@ -54,53 +55,83 @@ bool is_steep(Waves waves, vec3 direction) {
     return abs(direction.y) > waves.steepest * length(direction.xz);
 }
 
+// from .. to: a part of a ray
+struct Span {
+    float from;
+    float to;
+};
+
+// the part in the layer between trough and crest, empty with to < from
+Span in_layer(Waves waves, vec3 origin, vec3 direction, float reach) {
+    float dy = direction.y, entry = dy > 0.0 ? waves.lowest_m : waves.highest_m;
+    float exit = dy > 0.0 ? waves.highest_m : waves.lowest_m;
+    if (dy == 0.0) {
+        bool inside = origin.y >= waves.lowest_m && origin.y <= waves.highest_m;
+        return Span(0.0, inside ? reach : -1.0);
+    }
+    return Span(max((entry - origin.y) / dy, 0.0), min(reach, (exit - origin.y) / dy));
+}
+
+// The step in which a ray first crosses the surface, and the place in it by linear interpolation, negative for none.
+// least: length of the shortest step in widths of points or of the footprint
+float crossing(Waves waves, sampler2D atlas, vec3 origin, vec3 direction, float side, float width, float spread,
+               bool leaves, float least, Span layer, out Span step_) {
+    float t = layer.from, speed = abs(direction.y) + waves.steepest * length(direction.xz), found = NO_HIT;
+    if (leaves && t == 0.0) {
+        t = min(least * max(waves.step_m, sigma_at(width, spread, 0.0, direction.y)), layer.to);
+    }
+    step_ = Span(t, t);
+    float was = 0.0;
+    bool ended = t > layer.to;
+    for (int k = 0; k < MOST_STEPS && !ended; ++k) {
+        float s = sigma_at(width, spread, t, direction.y);
+        int level = int(level_at(waves, s) + 0.5);
+        float height = waves_texel(waves, atlas, level, fract((origin.xz + t * direction.xz) / waves.tile_m)).x;
+        float over = side * (origin.y + t * direction.y - height);
+        if (over <= 0.0 && was > 0.0) found = mix(step_.from, t, was / (was - over));
+        ended = found >= 0.0 || t >= layer.to;
+        step_.to = t;
+        if (!ended) step_.from = t;
+        was = over <= 0.0 ? was : over;
+        t = min(t + max(abs(over) / speed, least * max(waves.step_m, s)), layer.to);
+    }
+    return found;
+}
+
 // side: 1 for rays in air, -1 in water. leaves: the ray starts on the surface
 Hit first_hit(Waves waves, sampler2D atlas, vec3 origin, vec3 direction, float side, float width, float spread,
               float reach, bool leaves) {
-    Hit hit = Hit(NO_HIT, vec2(0.0), 0.0, 0.0);
-    float dy = direction.y, across = length(direction.xz), t = 0.0, end = reach;
-    if (dy > 0.0) {
-        t = max((waves.lowest_m - origin.y) / dy, 0.0);
-        end = min(end, (waves.highest_m - origin.y) / dy);
-    } else if (dy < 0.0) {
-        t = max((waves.highest_m - origin.y) / dy, 0.0);
-        end = min(end, (waves.lowest_m - origin.y) / dy);
-    } else if (origin.y < waves.lowest_m || origin.y > waves.highest_m) {
-        return hit;
-    }
+    Span layer = in_layer(waves, origin, direction, reach), step_;
     bool steep = is_steep(waves, direction);
-    if (t > end || (steep && (leaves || side * dy > 0.0))) return hit;
-    float low = t, high = (dy > 0.0 ? waves.highest_m : waves.lowest_m) - origin.y;
-    high = steep ? high / dy : end;
-    float speed = abs(dy) + waves.steepest * across, before = t, was = 0.0;
-    bool ended = steep;
-    if (leaves && t == 0.0) t = min(0.5 * max(waves.step_m, sigma_at(width, spread, t, dy)), end);
-    for (int step = 0; step < MOST_STEPS && !ended; ++step) {
-        float s = sigma_at(width, spread, t, dy);
-        int level = int(level_at(waves, s) + 0.5);
-        float height = waves_texel(waves, atlas, level, fract((origin.xz + t * direction.xz) / waves.tile_m)).x;
-        float over = side * (origin.y + t * dy - height);
-        if (over <= 0.0 && was > 0.0) {
-            low = before;
-            high = t;
-            hit.distance = mix(before, t, was / (was - over));
-        }
-        ended = hit.distance >= 0.0 || t >= end;
-        before = t;
-        was = over <= 0.0 ? was : over;
-        t = min(t + max(abs(over) / speed, 0.5 * max(waves.step_m, s)), end);
+    bool free = layer.to < layer.from || (steep && (leaves || side * direction.y > 0.0));
+    Span marched = Span(layer.from, free || steep ? -1.0 : layer.to);
+    float t = crossing(waves, atlas, origin, direction, side, width, spread, leaves, 0.5, marched, step_);
+    bool met = !free && (steep || t >= 0.0);
+    float slack = 0.5 * max(waves.step_m, sigma_at(width, spread, step_.to, direction.y));
+    Span allowed = Span(max(step_.from - slack, 0.0), step_.to + slack);
+    if (steep) {
+        allowed = in_layer(waves, origin, direction, FARTHEST_M);
+        t = -origin.y / direction.y;
     }
-    if (!steep && hit.distance < 0.0) return hit;
-    t = clamp(steep ? -origin.y / dy : hit.distance, low, high);
+    Hit hit;
     vec4 here;
-    for (int step = 0; step < NEWTON_STEPS; ++step) {
-        hit.sigma_m = sigma_at(width, spread, t, dy);
+    for (int k = 0; k < NEWTON_STEPS; ++k) {
+        t = clamp(t, allowed.from, allowed.to);
+        hit.sigma_m = sigma_at(width, spread, t, direction.y);
         hit.level = level_at(waves, hit.sigma_m);
         here = waves_at(waves, atlas, origin.xz + t * direction.xz, hit.level);
-        float rate = dy - dot(here.yz, direction.xz);
-        t = clamp(t - (origin.y + t * dy - here.x) / (abs(rate) < 1e-6 ? 1e-6 : rate), low, high);
+        float rate = direction.y - dot(here.yz, direction.xz);
+        t -= (origin.y + t * direction.y - here.x) / (abs(rate) < 1e-6 ? 1e-6 : rate);
     }
-    hit.distance = t > reach ? NO_HIT : t;
+    t = clamp(t, allowed.from, allowed.to);
+    hit.distance = met && t <= reach ? t : NO_HIT;
     hit.slope = here.yz;
     return hit;
+}
+
+// whether a ray that starts on the surface meets it again
+bool meets_again(Waves waves, sampler2D atlas, vec3 origin, vec3 direction, float side, float width, float spread,
+                 float reach) {
+    Span layer = in_layer(waves, origin, direction, reach), step_;
+    return crossing(waves, atlas, origin, direction, side, width, spread, true, COARSE, layer, step_) >= 0.0;
 }
