@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
 from mr360uw.surface.spline import heights_at
@@ -82,17 +83,19 @@ class SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
-        spectra = [np.fft.fft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        spectra = [fft.rfft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
         k = 2.0 * np.pi / tile * np.fft.fftfreq(n, 1.0 / n)
+        kx = np.abs(k[: n // 2 + 1])
         slope = np.abs(spectra[0]) ** 2
+        slope[:, 1:-1] *= 2.0  # waves and those of the opposite sign
         parts, sizes, lost = [], [], []
         for level in range(levels):
             sigma = 0.0 if level == 0 else tile / n * 2.0 ** (level - 1)
             kept = np.exp(-0.5 * (sigma * k) ** 2)
-            both = kept[:, None] * kept
+            both = kept[:, None] * kept[: n // 2 + 1]
             gone = slope * (1.0 - both**2)
-            lost.append([np.sum(gone * k * k), np.sum(gone * k * k[:, None]), np.sum(gone * k[:, None] ** 2)])
+            lost.append([np.sum(gone * kx * kx), np.sum(gone * kx * k[:, None]), np.sum(gone * k[:, None] ** 2)])
             size = min(n, max(2 * n >> max(level - 1, 0), 4))
             parts.append(np.stack([_coefficients(s * both, size) for s in spectra], axis=-1).reshape(-1, 3))
             sizes.append(size)
@@ -156,10 +159,11 @@ def points_across(sea: MovingSea) -> int:
 
 
 def _coefficients(spectrum: Any, size: int) -> Array:
-    """Return the coefficients (size, size) of the periodic cubic spline through a spectrum's field, cut to `size`."""
-    n = len(spectrum)
-    half = size // 2
+    """Return the coefficients (size, size) of the periodic cubic spline through the field of a spectrum of real numbers (n,
+    n/2 + 1), cut to `size`.
+    """
+    n, half = len(spectrum), size // 2
     keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])
-    cut = spectrum[keep[:, None], keep] * size**2
     basis = (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(size))) / 3.0
-    return np.asarray(np.fft.ifft2(cut / (basis[:, None] * basis)).real)
+    cut = spectrum[keep, : half + 1] * (size**2 / (basis[:, None] * basis[: half + 1]))
+    return np.asarray(fft.irfft2(cut, (size, size)))

@@ -18,8 +18,6 @@ from mr360uw.surface.sampled_sea import SampledSea
 if TYPE_CHECKING:
     import moderngl
 
-_WIDTH = 2048
-"""Coefficients in a row of their texture."""
 _EDGE = 2
 """Texels of border of a level, both sides."""
 
@@ -45,16 +43,18 @@ class HeightAtlas:
         return {"heights": heights, "shifts": shifts}
 
     def _draw(self, sea: SampledSea, target: moderngl.Framebuffer) -> None:
-        count = len(sea.coefficients)
-        filled = np.zeros((-(-count // _WIDTH) * _WIDTH, 3), np.float32)
-        filled[:count] = sea.coefficients
-        coefficients = texture_from_array(filled.reshape(-1, _WIDTH, 3))
-        coefficients.use(0)
+        width, rows = int(sea.size[0]), np.concatenate([[0], np.cumsum(sea.size)]).tolist()
+        image = np.zeros((rows[-1], width, 3), np.float32)
+        for first, size, row in zip(sea.start.tolist(), sea.size.tolist(), rows[:-1], strict=True):
+            image[row : row + size, :size] = sea.coefficients[first : first + size**2].reshape(size, size, 3)
+        texture_from_array(image).use(0)
         triangle = gl_context().vertex_array(self._program, [])
         target.use()
         top = 0
-        for first, size in zip(sea.start.tolist(), sea.size.tolist(), strict=True):
-            set_uniforms(self._program, coefficients=0, first=first, points=size, tile_m=sea.tile_m, top=float(top))
+        for row, size in zip(rows[:-1], sea.size.tolist(), strict=True):
+            set_uniforms(
+                self._program, coefficients=0, first_row=row, points=size, tile_m=sea.tile_m, top=float(top)
+            )
             target.viewport = 0, top, size + _EDGE, size + _EDGE
             triangle.render(vertices=3)
             top += size + _EDGE

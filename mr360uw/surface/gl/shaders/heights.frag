@@ -3,32 +3,38 @@
 #include "particles.glsl"
 
 uniform sampler2D coefficients;
-uniform int first, points;
+uniform int first_row, points;
 uniform float tile_m, top;
 
 layout(location = 0) out vec4 height;
 layout(location = 1) out vec4 shift;
 
 const int MOST_STEPS = 8;
+const float CLOSE = 0.02;  // points: the rest is linear
 const float LEAST_ACROSS = 0.05;  // of the surface's area over its rest area: slopes at cusps are bounded by it
 
 void main() {
     float per_m = float(points) / tile_m;
     vec2 place = gl_FragCoord.xy - vec2(0.5, top + 0.5) - 1.0;
-    vec2 rest = place;
+    vec2 rest = place - per_m * nearest_shift(coefficients, first_row, points, place);
+    rest = place - per_m * nearest_shift(coefficients, first_row, points, rest);
     Displacement d;
-    float across, close = 1e-4;
+    vec2 off;
+    float across;
     int step = 0;
+    bool close;
     do {
-        d = displacement(coefficients, first, points, per_m, rest);
-        vec2 off = rest + d.value.yz * per_m - place;
+        d = displacement(coefficients, first_row, points, per_m, rest);
+        off = rest + d.value.yz * per_m - place;
         vec2 along = vec2(1.0 + d.by_a.y, d.by_a.z), aside = vec2(d.by_b.y, 1.0 + d.by_b.z);
         across = along.x * aside.y - aside.x * along.y;
-        if (abs(off.x) + abs(off.y) < close) break;
-        rest -= across < 0.1 ? 0.5 * off
-                             : vec2(aside.y * off.x - aside.x * off.y, along.x * off.y - along.y * off.x) / across;
-    } while (++step < MOST_STEPS);
+        off = across < 0.1 ? 0.5 * off
+                           : vec2(aside.y * off.x - aside.x * off.y, along.x * off.y - along.y * off.x) / across;
+        close = abs(off.x) + abs(off.y) < CLOSE;
+        if (!close) rest -= off;
+    } while (!close && ++step < MOST_STEPS);
     vec2 slope = vec2((1.0 + d.by_b.z) * d.by_a.x - d.by_a.z * d.by_b.x, (1.0 + d.by_a.y) * d.by_b.x - d.by_b.y * d.by_a.x);
-    height = vec4(d.value.x, slope / max(across, LEAST_ACROSS), 0.0);
-    shift = vec4(d.value.yz, 0.0, 0.0);
+    vec3 value = d.value - (off.x * d.by_a + off.y * d.by_b) / per_m;
+    height = vec4(value.x, slope / max(across, LEAST_ACROSS), 0.0);
+    shift = vec4(value.yz, 0.0, 0.0);
 }

@@ -15,27 +15,36 @@ struct Displacement {
     vec3 by_b;
 };
 
-// `coefficients` holds them one after the other in rows of its width, those of the level from `first` on, n across the
-// tile. `rest` is in points.
-Displacement displacement(sampler2D coefficients, int first, int n, float per_m, vec2 rest) {
+// four neighbouring points of n, which repeat
+ivec4 periodic_four(float first, int n) {
+    ivec4 i = int(first) + ivec4(-1, 0, 1, 2);
+    return i + n * (ivec4(lessThan(i, ivec4(0))) - ivec4(greaterThanEqual(i, ivec4(n))));
+}
+
+// `coefficients` holds those of the level from row `top` on, n across the tile. `rest` is in points.
+Displacement displacement(sampler2D coefficients, int top, int n, float per_m, vec2 rest) {
     vec2 i = floor(rest);
     vec2 f = rest - i;
     i -= float(n) * floor(i / float(n));
     vec4 x = spline_basis(f.x), dx = spline_slope(f.x), z = spline_basis(f.y), dz = spline_slope(f.y);
+    ivec4 column = periodic_four(i.x, n), row = top + periodic_four(i.y, n);
     Displacement d = Displacement(vec3(0.0), vec3(0.0), vec3(0.0));
-    int width = textureSize(coefficients, 0).x;
-    for (int row = 0; row < 4; ++row) {
-        int line = first + (int(i.y) + row + n - 1) % n * n;
+    for (int r = 0; r < 4; ++r) {
         vec3 value = vec3(0.0), slope = vec3(0.0);
-        for (int column = 0; column < 4; ++column) {
-            int at = line + (int(i.x) + column + n - 1) % n;
-            vec3 c = texelFetch(coefficients, ivec2(at % width, at / width), 0).rgb;
-            value += x[column] * c;
-            slope += dx[column] * c;
+        for (int k = 0; k < 4; ++k) {
+            vec3 c = texelFetch(coefficients, ivec2(column[k], row[r]), 0).rgb;
+            value += x[k] * c;
+            slope += dx[k] * c;
         }
-        d.value += z[row] * value;
-        d.by_a += z[row] * per_m * slope;
-        d.by_b += dz[row] * per_m * value;
+        d.value += z[r] * value;
+        d.by_a += z[r] * per_m * slope;
+        d.by_b += dz[r] * per_m * value;
     }
     return d;
+}
+
+// shift of the particle nearest to a rest position
+vec2 nearest_shift(sampler2D coefficients, int top, int n, vec2 rest) {
+    ivec2 i = ivec2(floor(rest + 0.5 - float(n) * floor((rest + 0.5) / float(n))));
+    return texelFetch(coefficients, ivec2(i.x, top + i.y), 0).gb;
 }

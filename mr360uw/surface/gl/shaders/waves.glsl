@@ -21,7 +21,7 @@ const float PIXEL_SIGMA = 0.288675135;  // 1/sqrt(12)
 const float NO_HIT = -1.0;
 const int MOST_STEPS = 400;
 const int NEWTON_STEPS = 3;
-const float COARSE = 2.0;
+const float COARSE = 4.0;
 
 float sigma_at(float width, float spread, float t, float up) {
     return PIXEL_SIGMA * (width + spread * t) * inversesqrt(max(abs(up), LEAST_UP));
