@@ -27,11 +27,12 @@ class HeightAtlas:
 
     def __init__(self) -> None:
         self._program = program(fragment="surface/gl/shaders/heights.frag")
+        self._coefficients: moderngl.Texture | None = None
         self._sea: SampledSea | None = None
         self._target: moderngl.Framebuffer | None = None
 
     def of(self, sea: SampledSea) -> dict[str, Any]:
-        """Return the textures `heights` and `shifts` of a sea."""
+        """Return the textures `heights` and `shifts` of a sea, and the `coefficients` that they are of."""
         width = int(sea.size[0]) + _EDGE
         height = int(np.sum(sea.size + _EDGE))
         if self._target is None or self._target.size != (width, height):
@@ -40,14 +41,15 @@ class HeightAtlas:
             self._draw(sea, self._target)
             self._sea = sea
         heights, shifts = self._target.color_attachments
-        return {"heights": heights, "shifts": shifts}
+        return {"heights": heights, "shifts": shifts, "coefficients": self._coefficients}
 
     def _draw(self, sea: SampledSea, target: moderngl.Framebuffer) -> None:
         width, rows = int(sea.size[0]), np.concatenate([[0], np.cumsum(sea.size)]).tolist()
         image = np.zeros((rows[-1], width, 3), np.float32)
         for first, size, row in zip(sea.start.tolist(), sea.size.tolist(), rows[:-1], strict=True):
             image[row : row + size, :size] = sea.coefficients[first : first + size**2].reshape(size, size, 3)
-        texture_from_array(image).use(0)
+        self._coefficients = texture_from_array(image)
+        self._coefficients.use(0)
         triangle = gl_context().vertex_array(self._program, [])
         target.use()
         top = 0

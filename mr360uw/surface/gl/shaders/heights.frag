@@ -11,7 +11,6 @@ layout(location = 1) out vec4 shift;
 
 const int MOST_STEPS = 8;
 const float CLOSE = 0.02;  // points: the rest is linear
-const float LEAST_ACROSS = 0.05;  // of the surface's area over its rest area: slopes at cusps are bounded by it
 
 void main() {
     float per_m = float(points) / tile_m;
@@ -27,14 +26,13 @@ void main() {
         d = displacement(coefficients, first_row, points, per_m, rest);
         off = rest + d.value.yz * per_m - place;
         vec2 along = vec2(1.0 + d.by_a.y, d.by_a.z), aside = vec2(d.by_b.y, 1.0 + d.by_b.z);
-        across = along.x * aside.y - aside.x * along.y;
+        across = area_ratio(d);
         off = across < 0.1 ? 0.5 * off
                            : vec2(aside.y * off.x - aside.x * off.y, along.x * off.y - along.y * off.x) / across;
         close = abs(off.x) + abs(off.y) < CLOSE;
         if (!close) rest -= off;
     } while (!close && ++step < MOST_STEPS);
-    vec2 slope = vec2((1.0 + d.by_b.z) * d.by_a.x - d.by_a.z * d.by_b.x, (1.0 + d.by_a.y) * d.by_b.x - d.by_b.y * d.by_a.x);
     vec3 value = d.value - (off.x * d.by_a + off.y * d.by_b) / per_m;
-    height = vec4(value.x, slope / max(across, LEAST_ACROSS), 0.0);
+    height = vec4(value.x, slope_over_places(d, across), 0.0);
     shift = vec4(value.yz, 0.0, 0.0);
 }

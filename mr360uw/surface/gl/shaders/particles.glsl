@@ -43,6 +43,18 @@ Displacement displacement(sampler2D coefficients, int top, int n, float per_m, v
     return d;
 }
 
+// of the surface over places (x, z), where its area over the rest area is `across`, at least LEAST_ACROSS
+const float LEAST_ACROSS = 0.05;
+vec2 slope_over_places(Displacement d, float across) {
+    vec2 slope = vec2((1.0 + d.by_b.z) * d.by_a.x - d.by_a.z * d.by_b.x,
+                      (1.0 + d.by_a.y) * d.by_b.x - d.by_b.y * d.by_a.x);
+    return slope / max(across, LEAST_ACROSS);
+}
+
+float area_ratio(Displacement d) {
+    return (1.0 + d.by_a.y) * (1.0 + d.by_b.z) - d.by_b.y * d.by_a.z;
+}
+
 // shift of the particle nearest to a rest position
 vec2 nearest_shift(sampler2D coefficients, int top, int n, vec2 rest) {
     ivec2 i = ivec2(floor(rest + 0.5 - float(n) * floor((rest + 0.5) / float(n))));

@@ -1,5 +1,6 @@
 // Radiance of the sea's picture. Three programs: DIRECT for pixels whose rays cannot meet the surface; SIMPLE for rays
-// that meet it once, with alpha 0 where that is not all; TREE, which follows all rays of listed pixels. Software drivers
+// that meet it once, with alpha 0 where that is not all or not exact enough; TREE, which follows all rays of listed
+// pixels. Software drivers
 // run both sides of every branch, so what a program does not need is not in it. Held to surface/ray_tree.py
 #include "medium/lookup.glsl"
 #include "camera.glsl"
@@ -34,6 +35,8 @@ layout(location = 2) out vec4 normal;
 
 #include "parting.glsl"
 #ifdef TREE
+uniform sampler2D coefficients;
+#include "particles.glsl"
 #include "tree.glsl"
 #else
 #include "simple.glsl"

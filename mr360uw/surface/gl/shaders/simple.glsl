@@ -31,7 +31,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
         wet = two.reflected;
         dry = two.refracted;
     }
-    vec3 light = first.veil + (met ? ray.weight * two.glitter : vec3(0.0));
+    vec3 light = first.veil, glitter = met ? ray.weight * two.glitter : vec3(0.0);
     // one ray in the water and one in the air: of a pixel that does not meet the surface the camera's own is one of them
     if (!met) {
         wet.weight = dry.weight = vec3(0.0);
@@ -59,6 +59,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     if (!met) second = Passage(vec3(0.0), vec3(1.0));
     light += wet_seen ? wet.weight * (second.veil + second.passed * wet_end(wet, down)) : vec3(0.0);
     light += dry_seen ? dry.weight * sky_light(dry) : vec3(0.0);
-    return light;
+    whole = whole && brightest(glitter) <= GLARE * brightest(light);
+    return light + glitter;
 }
 #endif

@@ -20,6 +20,24 @@ Ray taken() {
     return Ray(o.xyz, d.xyz, w.xyz, o.w, d.w, w.w, state.x, int(state.y >> 1u), (state.y & 1u) == 1u);
 }
 
+Displacement level_displacement(int level, vec2 rest) {
+    int full = waves.points, halved = max(level - 3, 0), n = max(full >> max(level - 2, 0), 4);
+    int top = min(level, 3) * full + full - (full >> halved);
+    float per_m = float(n) / waves.tile_m;
+    return displacement(coefficients, top, n, per_m, rest * per_m);
+}
+
+// slopes by the splines themselves: between the points of the atlas they are linear, off by 1e-3
+vec2 exact_slope(Ray ray, Hit hit) {
+    vec2 place = ray.origin.xz + hit.distance * ray.direction.xz;
+    vec2 rest = waves.tile_m * fract((place - waves_at(waves, shifts, place, hit.level).xy) / waves.tile_m);
+    int lower = min(int(hit.level), waves.last - 1);
+    Displacement a = level_displacement(lower, rest), b = level_displacement(lower + 1, rest);
+    float share = hit.level - float(lower);
+    Displacement d = Displacement(mix(a.value, b.value, share), mix(a.by_a, b.by_a, share), mix(a.by_b, b.by_b, share));
+    return slope_over_places(d, area_ratio(d));
+}
+
 vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     vec3 total = vec3(0.0);
     bool more;
@@ -38,6 +56,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
         }
         more = false;
         if (met) {
+            hit.slope = exact_slope(ray, hit);
             Parting two = parting(ray, hit);
             total += ray.weight * two.glitter;
             bool back = brightest(two.reflected.weight) > brightest(two.refracted.weight);
