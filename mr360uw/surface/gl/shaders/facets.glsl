@@ -111,18 +111,18 @@ float mean_facing(Facets facets, sampler2D seen_slopes) {
     return exp(seen_entry(seen_slopes, 0.0, seen_row(mean, spread)).y) * length(vec2(mean, spread));
 }
 
-// the sun's disc over its radiance, by facets of the mean slope alone
-float sun_disc(Facets facets, Sun sun, float n) {
+// the sun's disc over its radiance, by facets of the mean slope alone; the disc is wider by `slack` radians
+float sun_disc(Facets facets, Sun sun, float n, float slack) {
     vec3 against = facets.side * normal_of(facets.slope);
     float cosine = clamp(-dot(facets.travel, against), 0.0, 1.0);
     bool below = facets.side < 0.0;
     vec3 outward = below ? refract_clamped(facets.travel, against, n) : reflect(facets.travel, against);
     float factor = below ? radiance_factor(cosine, 1.0 / n) * n * n * n * n : fresnel(cosine, n);
     // the cosine of so small an angle is 1 in single precision
-    return length(outward - sun.direction) <= 2.0 * sin(0.5 * sun.half_angle_rad) ? factor : 0.0;
+    return length(outward - sun.direction) <= 2.0 * sin(0.5 * (sun.half_angle_rad + slack)) ? factor : 0.0;
 }
 
-vec3 sunlight(Facets facets, Sun sun, sampler2D seen_slopes, float n) {
+vec3 sunlight(Facets facets, Sun sun, sampler2D seen_slopes, float n, float slack) {
     vec3 d = facets.travel;
     float half_sine = sin(0.5 * sun.half_angle_rad), solid_angle = 4.0 * PI * half_sine * half_sine;
     bool below = facets.side < 0.0;
@@ -135,7 +135,7 @@ vec3 sunlight(Facets facets, Sun sun, sampler2D seen_slopes, float n) {
     float own = image / (4.0 * PI);
     float light = 0.0;
     if (sqrt(max(c.x * c.z - c.y * c.y, 0.0)) < SHARP * own) {
-        light = sun_disc(facets, sun, n);
+        light = sun_disc(facets, sun, n, slack);
     } else if (cosine > 0.0 && normal.y > 0.0 && at_sun > 0.0) {
         vec2 slope = -normal.xz / max(normal.y, LEAST), off = slope - facets.slope;
         float xx = c.x + own, xz = c.y, zz = c.z + own, determinant = max(xx * zz - xz * xz, 1e-30);
