@@ -51,6 +51,7 @@ class Dome:
 
     @functools.cached_property
     def levels(self) -> list[Array]:
+        """The map and its halves, by solid angle."""
         levels = [self.radiance]
         while min(levels[-1].shape[:2]) >= 8 and levels[-1].shape[0] % 2 == 0 and levels[-1].shape[1] % 4 == 0:
             m = levels[-1]

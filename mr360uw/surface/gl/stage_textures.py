@@ -15,7 +15,7 @@ from mr360uw.gl.context import gl_context, texture_from_array
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.tabulate import lengths
 from mr360uw.surface.ray_tree import FARTHEST_M, Stage
-from mr360uw.surface.sampled_sea import DOMINANT_WAVES, SampledSea
+from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Floats, MediumTable, View
@@ -60,8 +60,7 @@ def stage_inputs(stage: Stage, view: View, cache: Cache) -> Inputs:
         )
         found.uniforms.update({
             "detail__repeats": detail.repeats, "detail__offset": detail.offset,
-            "ripple_wave": 2.0 * np.pi * DOMINANT_WAVES * float(detail.repeats.max()) / sea.tile_m,
-            "ripple_variance": float(np.mean(np.sum(detail.slopes**2, axis=-1))),
+            "ripple_wave": sea.ripple_wave, "ripple_variance": sea.ripple_variance,
         })  # fmt: skip
     _add_sky(found, stage, cache)
     _add_floor(found, stage, cache)
