@@ -180,8 +180,8 @@ def points_across(sea: MovingSea) -> int:
 
 
 def _coefficients(spectrum: Any, size: int) -> Array:
-    """Return the coefficients (size, size) of the periodic cubic spline through the field of a spectrum (n, n/2 + 1), cut
-    to `size`.
+    """Return the coefficients (size, size) of the periodic cubic spline through the field of a spectrum (n, n/2 + 1),
+    cut to `size`.
     """
     n, half = len(spectrum), size // 2
     keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])

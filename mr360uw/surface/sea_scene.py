@@ -8,6 +8,7 @@ function of the time and of the view alone, so a picture of a film is the same a
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 

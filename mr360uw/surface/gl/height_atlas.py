@@ -54,9 +54,7 @@ class HeightAtlas:
         target.use()
         top = 0
         for row, size in zip(rows[:-1], sea.size.tolist(), strict=True):
-            set_uniforms(
-                self._program, coefficients=0, first_row=row, points=size, tile_m=sea.tile_m, top=float(top)
-            )
+            set_uniforms(self._program, coefficients=0, first_row=row, points=size, tile_m=sea.tile_m, top=float(top))
             target.viewport = 0, top, size + _EDGE, size + _EDGE
             triangle.render(vertices=3)
             top += size + _EDGE
@@ -67,7 +65,7 @@ def _target(width: int, height: int) -> moderngl.Framebuffer:
     limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
     if max(width, height) > limit:
         raise GlError(
-            f"sea - its shortest waves need more points than this OpenGL's textures hold (got {width - _EDGE} across) - "
+            f"sea - its shortest waves need more points than this OpenGL's textures hold (got {width - _EDGE}) - "
             "take a smaller tile or backend='reference'"
         )
     textures = [context.texture((width, height), components, dtype="f4") for components in (4, 2)]

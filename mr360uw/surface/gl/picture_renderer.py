@@ -8,6 +8,7 @@ pass follows all of their rays, by a stack of those that wait.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,11 @@ class PictureRenderer:
         self._seen = texture_from_array(seen_slopes(), nearest=False)
         self._programs: dict[str, moderngl.Program] = {}
 
+    @property
+    def made(self) -> Counter[str]:
+        """How often each texture was made."""
+        return self._cache.made
+
     def render(self, stage: Stage, view: View, samples: int) -> SurfacePicture:
         """Return the picture, float32. samples: per pixel and axis."""
         gl_context().gc()
@@ -83,10 +89,12 @@ class PictureRenderer:
 
     def target(self, name: str, count: int, width: int, rows: int) -> moderngl.Framebuffer:
         """Return a target of `count` textures, kept by its name."""
-        return self._cache.get(
-            name, (count, width, rows),
-            lambda: gl_context().framebuffer([gl_context().texture((width, rows), 4, dtype="f4") for _ in range(count)]),
-        )  # fmt: skip
+
+        def make() -> moderngl.Framebuffer:
+            textures = [gl_context().texture((width, rows), 4, dtype="f4") for _ in range(count)]
+            return gl_context().framebuffer(textures)
+
+        return self._cache.get(name, (count, width, rows), make)
 
     def program(self, name: str, defines: Mapping[str, Any]) -> moderngl.Program:
         """Return a program of this folder, compiled once for its defines."""

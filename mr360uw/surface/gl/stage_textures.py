@@ -137,7 +137,7 @@ def _water_textures(water: WaterLight, *, from_camera: bool) -> tuple[MediumTabl
 
 def sky_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
     """Return levels (h, w, 3) below each other, each with a border of the pixels beyond the seam and the poles."""
-    height, width = levels[0].shape[:2]
+    width = levels[0].shape[1]
     atlas = np.zeros((sum(len(level) + 2 for level in levels), width + 2, 3), np.float32)
     top = 0
     for level in levels:
