@@ -86,10 +86,11 @@ class SeaScene:
     def picture(
         self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: str = "reference"
     ) -> SurfacePicture:
-        """Return what a camera below or above the sea sees at a time [s], in float64.
+        """Return what a camera below or above the sea sees at a time [s]: float64, or float32 from OpenGL.
 
         view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. backend:
-        "reference", without OpenGL. Raises `ParameterError`, also for cameras below the floor.
+        "reference", "gl", or "auto" for OpenGL where there is one. Raises `ParameterError`, also for cameras below the
+        floor, and `GlError` where "gl" is not to be had.
         """
         if not 1 <= samples <= _MOST_SAMPLES:
             raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
@@ -144,10 +145,11 @@ def picture(
     samples: int = 2,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     caustics: CausticSettings | None = None,
+    backend: str = "reference",
 ) -> SurfacePicture:
     """Return one picture of a scene: see `SeaScene` and `SeaScene.picture`."""
     scene = SeaScene(sea, dome, floor, water, sun=sun, refractive_index=refractive_index, caustics=caustics)
-    return scene.picture(view, time_s, samples=samples)
+    return scene.picture(view, time_s, samples=samples, backend=backend)
 
 
 def _checked(sun: Sun | None) -> Sun | None:

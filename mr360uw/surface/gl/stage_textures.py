@@ -170,10 +170,12 @@ def light_patterns(light: FloorLight) -> list[Tiled]:
         groups.setdefault((pattern.tile_m, pattern.origin, len(pattern.levels)), []).append((pattern, factor))
     sums = []
     for (tile_m, origin, count), group in groups.items():
-        levels: list[Floats] = [
-            sum((factor.astype(np.float32) * p.levels[k].astype(np.float32) for p, factor in group), np.float32(0.0))
-            for k in range(count)
-        ]
+        levels: list[Floats] = []
+        for k in range(count):
+            level = np.zeros((1, 1, 1, 3), np.float32)
+            for pattern, factor in group:
+                level = level + factor.astype(np.float32) * pattern.levels[k].astype(np.float32)
+            levels.append(level)
         sums.append(Tiled(levels, tile_m, origin))
     return sums
 

@@ -31,7 +31,7 @@ float uniform_number(uint k) {
     return (float(k >> 8u) + 0.5) / 16777216.0;
 }
 
-// deviation below which a share of a normal density lies (Giles 2010, single precision)
+// deviation below which a share of a normal density lies (Giles 2011, single precision)
 float normal_quantile(float share) {
     float x = 2.0 * share - 1.0;
     float w = -log((1.0 - x) * (1.0 + x)), p;
