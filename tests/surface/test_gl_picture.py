@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 from mr360uw.caustics import CausticSettings, GerstnerSea
-from mr360uw.errors import ParameterError
+from mr360uw.errors import GlError, ParameterError
 from mr360uw.medium import Water
 from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.surface.gl.facet_table import QUANTILES, seen_slopes
@@ -106,6 +106,17 @@ def test_heights_over_places() -> None:
     np.testing.assert_allclose(image[1 : n + 1, 0], image[1 : n + 1, n], atol=tol.GL_HEIGHT_M)  # the other side
 
 
+@pytest.mark.usefixtures("gl")
+def test_a_floor_with_relief_is_the_reference_s() -> None:
+    floor = Floor(-5.0, 0.3, 8.0, relief=np.random.default_rng(3).uniform(0.0, 0.5, (8, 8)))
+    sea = SeaScene(WAVES, SKY, floor, Water.jerlov("IB"), caustics=FEW)
+    view = View(8, 4, np.array([0.3, -2.0, 0.2]), surface_y_m=0.0)
+    with pytest.raises(GlError, match="level floors alone"):
+        sea.picture(view, samples=1, backend="gl")
+    auto, truth = (sea.picture(view, samples=1, backend=name) for name in ("auto", "reference"))
+    np.testing.assert_array_equal(auto.radiance, truth.radiance)
+
+
 def test_unknown_backends(murky: SeaScene) -> None:
     with pytest.raises(ParameterError, match="backend - is not known"):
         murky.picture(at(-2.0), backend="vulkan")
@@ -136,7 +147,7 @@ def test_the_sky_closes_at_its_seam_and_over_its_poles(rng: np.random.Generator)
 
 def test_patterns_in_one_place_are_summed(rng: np.random.Generator) -> None:
     a, b, c = (Tiled.of(rng.uniform(0.0, 2.0, (8, 8, 3)), 8.0, place) for place in ((0.1, 0.2), (0.1, 0.2), (0.0, 0.0)))
-    light = FloorLight(np.ones(3), ((a, np.full(3, 2.0)), (b, np.ones(3)), (c, np.ones(3))), np.ones(3))
+    light = FloorLight(np.ones(3), ((a, np.full(3, 2.0)), (b, np.ones(3)), (c, np.ones(3))), np.ones(3), np.zeros(3))
     sums = light_patterns(light)
     assert [s.origin for s in sums] == [(0.1, 0.2), (0.0, 0.0)]
     x, z, wide = rng.uniform(-20.0, 20.0, (3, 40))

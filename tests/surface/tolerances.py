@@ -52,3 +52,5 @@ GL_HEIGHT_M = 2e-6
 """Heights at the points of the atlas: single precision, and the last step of Newton's method, which is linear."""
 GL_SLOPE = 2e-3
 """Slopes there: those of a particle up to 0.02 points aside, times curvatures of up to 5/m."""
+SHADOW_STEP = 0.05
+"""Least step of a ray towards the sun over the distance of pixels: it may pass through the tip of a ridge there."""

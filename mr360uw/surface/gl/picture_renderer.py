@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.errors import GlError
 from mr360uw.gl.context import gl_context, per_thread, program, set_uniforms, texture_from_array
 from mr360uw.surface.gl.facet_table import QUANTILES, seen_slopes
 from mr360uw.surface.gl.height_atlas import HeightAtlas
@@ -69,7 +70,9 @@ class PictureRenderer:
         return self._cache.made
 
     def render(self, stage: Stage, view: View, samples: int) -> SurfacePicture:
-        """Return the picture, float32. samples: per pixel and axis."""
+        """Return the picture, float32. samples: per pixel and axis. Raises `GlError` for a floor with relief."""
+        if stage.planes:
+            raise GlError("floor - OpenGL has level floors alone (got a relief) - take backend='reference'")
         gl_context().gc()
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         inputs = stage_inputs(stage, view, self._cache)
