@@ -17,7 +17,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
 from mr360uw.surface.height_map import HeightMaps, height_maps
@@ -85,19 +84,18 @@ class SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
-        spectra = [fft.rfft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        spectra = [np.fft.rfft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
-        k = 2.0 * np.pi / tile * np.fft.fftfreq(n, 1.0 / n)
-        kx = np.abs(k[: n // 2 + 1])
+        k, kx = (2.0 * np.pi / tile * f(n, 1.0 / n) for f in (np.fft.fftfreq, np.fft.rfftfreq))
         slope = np.abs(spectra[0]) ** 2
-        slope[:, 1:-1] *= 2.0  # waves and those of the opposite sign
+        slope[:, 1:-1] *= 2.0  # waves and their conjugates, of which the spectrum has one
         parts, sizes, lost = [], [], []
         for level in range(levels):
             sigma = 0.0 if level == 0 else tile / n * 2.0 ** (level - 1)
-            kept = np.exp(-0.5 * (sigma * k) ** 2)
-            both = kept[:, None] * kept[: n // 2 + 1]
+            both = np.exp(-0.5 * (sigma * k[:, None]) ** 2) * np.exp(-0.5 * (sigma * kx) ** 2)
             gone = slope * (1.0 - both**2)
-            lost.append([np.sum(gone * kx * kx), np.sum(gone * kx * k[:, None]), np.sum(gone * k[:, None] ** 2)])
+            by_x, by_z = gone.sum(axis=0), gone.sum(axis=1)
+            lost.append([by_x @ kx**2, k @ gone @ kx, by_z @ k**2])
             size = min(n, max(2 * n >> max(level - 1, 0), 4))
             parts.append(np.stack([_coefficients(s * both, size) for s in spectra], axis=-1).reshape(-1, 3))
             sizes.append(size)
@@ -185,11 +183,12 @@ def points_across(sea: MovingSea) -> int:
 
 
 def _coefficients(spectrum: Any, size: int) -> Array:
-    """Return the coefficients (size, size) of the periodic cubic spline through the field of a spectrum (n, n/2 + 1),
-    cut to `size`.
-    """
-    n, half = len(spectrum), size // 2
+    """Return the coefficients (size, size) of the periodic cubic spline through a spectrum's field, cut to `size`."""
+    n = len(spectrum)
+    half = size // 2
     keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])
-    basis = (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(size))) / 3.0
-    cut = spectrum[keep, : half + 1] * (size**2 / (basis[:, None] * basis[: half + 1]))
-    return np.asarray(fft.irfft2(cut, (size, size)))
+    cut = spectrum[keep, : half + 1] * size**2
+    if size < n:
+        cut[:, half] = 0.0  # a wave of two points, which the Gaussian has taken
+    along_z, along_x = ((2.0 + np.cos(2.0 * np.pi * f(size))) / 3.0 for f in (np.fft.fftfreq, np.fft.rfftfreq))
+    return np.fft.irfft2(cut / (along_z[:, None] * along_x), s=(size, size))

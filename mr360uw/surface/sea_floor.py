@@ -58,6 +58,9 @@ class Floor:
         albedo_tile_m: float | None = None,
     ) -> None:
         self.height_m = number("floor.height_m", height_m)
+        for name, length in (("tile_m", tile_m), ("albedo_tile_m", albedo_tile_m)):
+            if length is not None:
+                number(f"floor.{name}", length)
         image = numbers("floor.albedo", albedo).astype(np.float64)
         if image.size == 0 or image.min() < 0.0 or image.max() > 1.0:
             raise ParameterError(f"floor.albedo - must lie in [0, 1] (got {image.ravel()[:3]}) - give fractions")
