@@ -46,6 +46,29 @@ float fresnel_from_below(float cos_water, float refractive_index) {
     return 0.5 * (s * s + p * p);
 }
 
+float cosine_behind(float cosine, float relative_index) {
+    return sqrt(max(1.0 - (1.0 - cosine * cosine) / (relative_index * relative_index), 0.0));
+}
+
+float fresnel(float cosine, float relative_index) {
+    float before = max(cosine, 1e-30);
+    float m = relative_index;
+    float behind = cosine_behind(before, m);
+    float s = (before - m * behind) / (before + m * behind);
+    float p = (m * before - behind) / (m * before + behind);
+    return 0.5 * (s * s + p * p);
+}
+
+float radiance_factor(float cosine, float relative_index) {
+    return (1.0 - fresnel(cosine, relative_index)) * relative_index * relative_index;
+}
+
+// 3e38 stands for infinity
+float solid_angle_change(float cosine, float relative_index) {
+    float flux = relative_index * relative_index * cosine_behind(cosine, relative_index);
+    return flux > 0.0 ? cosine / flux : 3e38;
+}
+
 float sea_water_index(float wavelength_nm, float temperature_c, float salinity) {
     float w = wavelength_nm;
     float t = temperature_c;

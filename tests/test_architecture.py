@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "ibl": {"gl"},
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
-    "surface": {"caustic_lookup", *PHYSICS},
+    "surface": {"gl", "caustic_lookup", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
     "gl": set(),
     "video": set(),
@@ -79,7 +79,7 @@ def test_no_module_name_stands_twice() -> None:
     assert {name for name in names if names.count(name) > 1} == {"settings", "lookup"}
 
 
-@pytest.mark.parametrize("package", ["ibl", "caustics", "medium", "composite"])
+@pytest.mark.parametrize("package", ["ibl", "caustics", "medium", "composite", "surface"])
 def test_only_gl_modules_of_a_physics_package_import_opengl(package: str) -> None:
     for path in (ROOT / package).rglob("*.py"):
         if "gl" not in path.relative_to(ROOT).parts:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,7 @@ from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.errors import ParameterError
+from mr360uw.errors import GlError, ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
@@ -89,18 +88,28 @@ class SeaScene:
             object.__setattr__(self, name, value)
 
     def picture(
-        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: Literal["reference"] = "reference"
+        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: str = "reference"
     ) -> SurfacePicture:
-        """Return what a camera below or above the sea sees at a time [s], in float64.
+        """Return what a camera below or above the sea sees at a time [s]: float64, or float32 from OpenGL.
 
         view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. backend:
-        "reference", without OpenGL. Raises `ParameterError`, also for cameras below the floor.
+        "reference", "gl", or "auto" for OpenGL where there is one. Raises `ParameterError`, also for cameras below the
+        floor, and `GlError` where "gl" is not to be had.
         """
         if not 1 <= samples <= _MOST_SAMPLES:
             raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
+        if backend not in ("auto", "gl", "reference"):
+            raise ParameterError(f"backend - is not known (got {backend!r}) - take auto, gl or reference")
+        stage = self.stage(view, time_s, samples * samples)
         if backend != "reference":
-            raise ParameterError(f"backend - unknown (got {backend!r}) - take 'reference'")
-        return rendered(self.stage(view, time_s, samples * samples), view, samples)
+            from mr360uw.surface.gl.picture_renderer import picture_renderer
+
+            try:
+                return picture_renderer().render(stage, view, samples)
+            except GlError:
+                if backend == "gl":
+                    raise
+        return rendered(stage, view, samples)
 
     def stage(self, view: View, time_s: float, samples: int) -> Stage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
@@ -155,10 +164,11 @@ def picture(
     samples: int = 2,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     caustics: CausticSettings | None = None,
+    backend: str = "reference",
 ) -> SurfacePicture:
     """Return one picture of a scene: see `SeaScene` and `SeaScene.picture`."""
     scene = SeaScene(sea, dome, floor, water, sun=sun, refractive_index=refractive_index, caustics=caustics)
-    return scene.picture(view, time_s, samples=samples)
+    return scene.picture(view, time_s, samples=samples, backend=backend)
 
 
 def _checked(sun: Sun | None) -> Sun | None:

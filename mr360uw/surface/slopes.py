@@ -28,7 +28,7 @@ Keys = NDArray[np.uint32]
 _SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
 _LEAST = 1e-12
-_FARTHEST = 8.0
+FARTHEST = 8.0
 """Standard deviations of slope beyond which there are no facets."""
 _HALVINGS = 24
 """Bisections of that range: a slope is right to a millionth of its standard deviation."""
@@ -59,7 +59,7 @@ class Facets:
     def mean_facing(self) -> Array:
         """Return the mean (n,) of max(f, 0) over the slopes (Smith 1967)."""
         mean, (across, along) = self.facing(self.slope), self._spread()
-        return np.asarray(_facing_below(np.inf, mean, np.hypot(across, along)))
+        return np.asarray(facing_below(np.inf, mean, np.hypot(across, along)))
 
     def drawn(self, keys: Keys) -> Array:
         """Return the normal (n, 3) of one facet for each ray, in proportion to what the ray sees; `keys` (n,) choose
@@ -68,7 +68,7 @@ class Facets:
         first, second = uniform_pair(keys)
         mean, (a, b) = self.facing(self.slope), self._spread()
         spread = np.hypot(a, b)
-        along = _seen_deviation(first, mean, spread)
+        along = seen_deviation(first, mean, spread)
         across = ndtri(second)
         turned = spread > _LEAST
         cosine = np.where(turned, a / np.maximum(spread, _LEAST), 1.0)
@@ -148,23 +148,23 @@ class Facets:
         return normal, cosine, np.maximum(image, _LEAST), np.where(at_sun > 0.0, factor, 0.0)
 
 
-def _facing_below(x: Array | float, mean: Array, spread: Array) -> Array:
+def facing_below(x: Array | float, mean: Array, spread: Array) -> Array:
     """Return the integral (n,) of max(mean + spread t, 0) over the normal density of t, up to t = x."""
     s = np.maximum(spread, _LEAST)
-    start = np.clip(-mean / s, -_FARTHEST, _FARTHEST)
-    end = np.maximum(np.minimum(x, _FARTHEST), start)
+    start = np.clip(-mean / s, -FARTHEST, FARTHEST)
+    end = np.maximum(np.minimum(x, FARTHEST), start)
     light = mean * (ndtr(end) - ndtr(start)) - s * (_normal(end) - _normal(start))
     return np.asarray(np.maximum(light, _LEAST * s))
 
 
-def _seen_deviation(share: Array, mean: Array, spread: Array) -> Array:
+def seen_deviation(share: Array, mean: Array, spread: Array) -> Array:
     """Return the t (n,) up to which a share (n,) of that integral lies, by bisection."""
-    low = np.clip(-mean / np.maximum(spread, _LEAST), -_FARTHEST, _FARTHEST)
-    high = np.full(len(low), _FARTHEST)
-    wanted = share * _facing_below(np.inf, mean, spread)
+    low = np.clip(-mean / np.maximum(spread, _LEAST), -FARTHEST, FARTHEST)
+    high = np.full(len(low), FARTHEST)
+    wanted = share * facing_below(np.inf, mean, spread)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        less = _facing_below(middle, mean, spread) < wanted
+        less = facing_below(middle, mean, spread) < wanted
         low, high = np.where(less, middle, low), np.where(less, high, middle)
     return np.asarray(0.5 * (low + high))
 

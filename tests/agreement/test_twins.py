@@ -87,6 +87,12 @@ def optics_case(name: str, rng: np.random.Generator) -> Case:
         if name == "fresnel_from_below":  # not at the edge of Snell's window, where the slope is infinite
             columns["c"] = cosine = np.where(np.abs(cosine**2 - 1.0 + 1.0 / index**2) < 1e-2, 1.0, cosine)
         return Case(f"{name}(c, i)", columns, row_by_row(getattr(optics, name), cosine, index), tol.FRESNEL_TWIN)
+    if name in ("cosine_behind", "fresnel", "radiance_factor", "solid_angle_change"):  # from either side
+        ratio = rounded(np.where(rng.uniform(size=COUNT) < 0.5, index, 1.0 / index))
+        c = np.clip(cosine, 1e-3, 1.0)
+        c = rounded(np.where(1.0 - (1.0 - c * c) / ratio**2 < 1e-2, 1.0, c))  # not at the edge of Snell's window
+        expected = row_by_row(getattr(optics, name), c, ratio)
+        return Case(f"{name}(c, i)", {"c": c, "i": ratio}, expected, tol.FRESNEL_TWIN)
     if name == "critical_cosine":
         return Case(f"{name}(i)", columns, row_by_row(optics.critical_cosine, index))
     if name == "sea_water_index":
