@@ -31,8 +31,8 @@ PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-for
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
-class WaterSettings(Parameters):
-    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
+class WaterKindSettings(Parameters):
+    """A water, and the sensor that sees it."""
 
     type: WaterType = parameter(
         "IB", "Jerlov type, tropical (IB), temperate (1C), harbour (7C), pure, chlorophyll, csv; none: no water"
@@ -55,9 +55,6 @@ class WaterSettings(Parameters):
     junge_slope: float = parameter(
         3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
     )
-    mode: Mode = parameter(
-        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
-    )
     bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
     rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
     sensor: str | Path = parameter(
@@ -66,22 +63,8 @@ class WaterSettings(Parameters):
     illuminant: str = parameter(
         DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ..."
     )
-    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
     refractive_index: float = parameter(
         REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
-    )
-    sun_share: float = parameter(
-        0.0,
-        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
-        unit="1",
-        low=0.0,
-        high=1.0,
-    )
-    sun_elevation_deg: float = parameter(
-        60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
-    )  # fmt: skip
-    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
-        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
     )
 
     @field_validator("sensor", mode="before")
@@ -108,11 +91,6 @@ class WaterSettings(Parameters):
         known = PLACES.get(self.type)
         return f"water {self.type}" if known is None else f"{self.type} water, type {known}"
 
-    @property
-    def fits_gain(self) -> bool:
-        """True if the gain of the veil is fitted to the plate."""
-        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
-
     def water(self) -> Water | None:
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
         if self.type == "none":
@@ -138,6 +116,33 @@ class WaterSettings(Parameters):
         if self.phase == "fournier-forand":
             return "fournier-forand", self.particle_index, self.junge_slope
         return self.phase
+
+
+class WaterSettings(WaterKindSettings):
+    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
+
+    mode: Mode = parameter(
+        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
+    )
+    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
+    sun_share: float = parameter(
+        0.0,
+        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
+        unit="1",
+        low=0.0,
+        high=1.0,
+    )
+    sun_elevation_deg: float = parameter(
+        60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
+    )  # fmt: skip
+    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
+        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
+    )
+
+    @property
+    def fits_gain(self) -> bool:
+        """True if the gain of the veil is fitted to the plate."""
+        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def medium(self, camera_depth_m: float, radiance_map: Floats | None = None) -> Medium | None:
         """Return the medium of a camera at a depth, or None for a plate without water.
