@@ -55,8 +55,6 @@ class WaterKindSettings(Parameters):
     junge_slope: float = parameter(
         3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
     )
-    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
-    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
     sensor: str | Path = parameter(
         DEFAULT_SENSOR, "a built-in camera, CIE 1931, or a CSV file with wavelength_nm, R, G, B"
     )
@@ -124,6 +122,8 @@ class WaterSettings(WaterKindSettings):
     mode: Mode = parameter(
         "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
     )
+    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
+    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
     surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
     sun_share: float = parameter(
         0.0,
