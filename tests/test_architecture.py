@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
     "surface": {"caustic_lookup", *PHYSICS},
+    "from_above": {"surface", "scene", "sample", "video", "progress", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", *PHYSICS},
     "gl": set(),
     "video": set(),

@@ -16,7 +16,7 @@ from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, Aerial
 from mr360uw.from_above.sky_dome import sky_of, sun_of
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.formation import FormationModel
-from mr360uw.medium.medium import RGB_NM
+from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.sample.sand import sand_albedo
 from mr360uw.surface import Floor, SeaScene
@@ -94,7 +94,7 @@ def blend_of(settings: AerialWaterSettings) -> tuple[Array, Array]:
 
 
 def _medium(settings: AerialWaterSettings, water: Water) -> Medium:
-    mode = "kd" if settings.mode == "kd" else "table"
+    mode: Mode = "kd" if settings.mode == "kd" else "table"
     return Medium(
         water, named_sensor(str(settings.sensor)), mode, _SEEN_FROM_M, illuminant=settings.illuminant,
         refractive_index=settings.refractive_index,

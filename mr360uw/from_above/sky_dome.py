@@ -82,7 +82,7 @@ def _map(path: Path, turn_deg: float) -> Array:
     codes = read_picture(path)
     light = codes.astype(np.float64)
     if codes.dtype.kind != "f":
-        light = decode(light / np.iinfo(codes.dtype).max, "srgb")
+        light = np.asarray(decode(light / np.iinfo(codes.dtype).max, "srgb"), np.float64)
     rows = min(max(codes.shape[0] // 2 * 2, 2), _MOST_ROWS)
     light = np.asarray(cv2.resize(light, (2 * rows, rows), interpolation=cv2.INTER_AREA), np.float64)
     light = np.maximum(np.nan_to_num(light, posinf=0.0, neginf=0.0), 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import radians, sin
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, Self, cast
 
 from pydantic import Field, field_validator, model_validator
 
@@ -71,7 +71,7 @@ class WaterKindSettings(Parameters):
         return Path(value) if isinstance(value, str) and value.lower().endswith(".csv") else value
 
     @model_validator(mode="after")
-    def _check(self) -> WaterSettings:
+    def _check(self) -> Self:
         if self.type == "csv" and self.csv is None:
             raise ValueError("csv - type csv needs a file (got none) - name it")
         if self.visibility_m is not None:

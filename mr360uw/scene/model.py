@@ -141,7 +141,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
-    return load_model(Scene, path, overrides)
+    return load_model(Scene, path, overrides, made="mr360uw new VIDEO MESH")
 
 
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
@@ -156,7 +156,7 @@ def at_scale(scene: Scene, scale: float | None) -> Scene:
     return scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": scale})})
 
 
-def files_of(scene: Scene) -> list[Path]:
+def files_of(scene: Parameters) -> list[Path]:
     """Return every file and pattern of files that a scene names."""
     return [file for _, file in named_files(scene)]
 

@@ -18,25 +18,25 @@ from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def load_model(model: type[Model], path: str | Path, overrides: Sequence[str] = ()) -> Model:
+def load_model(model: type[Model], path: str | Path, overrides: Sequence[str] = (), made: str = "") -> Model:
     """Return the model of a TOML file; relative paths in it start at its folder.
 
-    overrides: 'table.key=value' with a TOML value (a bare word is text). Raises `SceneError` with one line for each
-    problem: *file:line key - what is wrong (got ...) - what to do*.
+    overrides: 'table.key=value' with a TOML value (a bare word is text). made: see `scene_text`. Raises `SceneError`
+    with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
     path = Path(path)
-    text = scene_text(path)
+    text = scene_text(path, made)
     data = tables_of(text, str(path))
     for text_override in overrides:
         override(data, text_override)
     return model_from_dict(model, data, path.resolve().parent, where=str(path), lines=key_lines(text))
 
 
-def scene_text(path: Path) -> str:
-    """Return the text of a scene file; raise `SceneError` where there is none."""
+def scene_text(path: Path, made: str = "") -> str:
+    """Return the text of a scene file; raise `SceneError` where there is none. made: the command that makes one."""
     if reason := unreadable(path):
-        made = ", or make one: mr360uw new VIDEO MESH" if reason.startswith("no such") else ""
-        raise SceneError(str(path), [reason + made])
+        hint = f", or make one: {made}" if made and reason.startswith("no such") else ""
+        raise SceneError(str(path), [reason + hint])
     try:
         return read_text(path, VideoError)
     except VideoError as error:
