@@ -17,6 +17,7 @@ from mr360uw.caustics.settings import Sea
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.scene.handbook import parameters_markdown
 from mr360uw.scene.toml_model import load_model
 from mr360uw.video.settings import EncodeSettings
 
@@ -216,3 +217,9 @@ def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
     *file:line key - what is wrong (got ...) - what to do*.
     """
     return load_model(AerialScene, path, overrides)
+
+
+def aerial_handbook() -> str:
+    """Return the page docs/aerial-parameters.md."""
+    title, command = "Parameters of a picture from above", "mr360uw schema --aerial --markdown"
+    return parameters_markdown(AerialScene, title, command)
