@@ -11,10 +11,12 @@ waves smaller than a pixel still spread light.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
@@ -82,7 +84,7 @@ class SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
-        spectra = [np.fft.fft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        spectra = [_transformed(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
         k = 2.0 * np.pi / tile * np.fft.fftfreq(n, 1.0 / n)
         slope = np.abs(spectra[0]) ** 2
@@ -162,4 +164,10 @@ def _coefficients(spectrum: Any, size: int) -> Array:
     keep = np.arange(n) if size == n else np.concatenate([np.arange(half), np.arange(n - half, n)])
     cut = spectrum[keep[:, None], keep] * size**2
     basis = (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(size))) / 3.0
-    return np.asarray(np.fft.ifft2(cut / (basis[:, None] * basis)).real)
+    half_plane = (cut / (basis[:, None] * basis))[:, : size // 2 + 1]  # of a real field
+    return np.asarray(scipy.fft.irfft2(half_plane, (size, size), overwrite_x=True, workers=os.cpu_count()))
+
+
+def _transformed(field: Array) -> NDArray[np.complex128]:
+    """Return the discrete Fourier transform (n, n) of a field."""
+    return np.asarray(scipy.fft.fft2(field, workers=os.cpu_count()), np.complex128)

@@ -11,6 +11,7 @@ the highest frequency, which have no partner, stay empty.
 from __future__ import annotations
 
 import functools
+import os
 from typing import Literal
 
 import numpy as np
@@ -112,11 +113,18 @@ class SpectralSea(SeaParameters):
 
         spectra = self.spectra(time_s)
         place = np.fft.fftfreq(self.resolution, 1.0 / self.resolution).astype(np.int64) % size
-        folded = np.zeros((len(FIELD_NAMES), size, size), np.complex128)
-        for field, spectrum in zip(folded, spectra, strict=True):
-            np.add.at(field, (place[:, None], place), spectrum)
         # two real fields in one transform
-        pairs = ifft2(folded[0::2] + 1j * folded[1::2], norm="forward")
+        pairs = spectra[0::2] + 1j * spectra[1::2]
+        folded = np.zeros((len(pairs), size, size), np.complex128)
+        times = self.resolution // size
+        for field, spectrum in zip(folded, pairs, strict=True):
+            if times * size == self.resolution:
+                field[...] = spectrum.reshape(times, size, times, size).sum(axis=(0, 2))
+            elif size > self.resolution:  # every frequency has a place of its own
+                field[place[:, None], place] = spectrum
+            else:
+                np.add.at(field, (place[:, None], place), spectrum)
+        pairs = ifft2(folded, norm="forward", overwrite_x=True, workers=os.cpu_count())
         values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
         return SurfaceFields(*values)
 
