@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from mr360uw.caustics.settings import Sea
+from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.rig import Rig, load_rig
@@ -50,19 +52,21 @@ class SceneObject:
     """An object of a scene, loaded. meshes: one, or one for every frame of a mesh sequence.
 
     playback: the clip that it plays, or None. The one mesh of an object that plays is that at rest, but for its hull,
-    which holds every pose of the clip.
+    which holds every pose of the clip. afloat: the sea that it floats on, or None; its motion then is that on a level
+    sea.
     """
 
     settings: ObjectSettings
     meshes: tuple[Mesh, ...]
     motion: Motion
     playback: Playback | None = None
+    afloat: Afloat | None = None
 
     @property
     def moves(self) -> bool:
         """Whether it changes from frame to frame in the world."""
         plays = self.playback is not None and self.playback.moves
-        return len(self.meshes) > 1 or self.motion.moves or plays or self.settings.attach == "camera"
+        return len(self.meshes) > 1 or self.motion.moves or plays or self.settings.attach != "world"
 
     @property
     def instants(self) -> Floats:
@@ -88,8 +92,16 @@ class SceneObject:
         transform = self.motion.at(time_s)
         if self.settings.attach == "camera":
             transform = rigid(camera_position, world_from_camera) @ transform
+        elif self.afloat is not None:
+            transform = self.afloat.pose(transform, self.meshes[0], time_s)
         mesh = self.meshes[frame % len(self.meshes)] if self.playback is None else self.playback.at(time_s)
         return PlacedObject(mesh, transform, self.settings.casts_shadow, self.settings.visible)
+
+    def lifted(self, origin: Floats, time_s: float) -> Floats:
+        """Return what the surface adds (3,) [m] to the position setting of an object that is at `origin` at a time."""
+        if self.afloat is None:
+            return np.zeros(3)
+        return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat.surface_y_m, 0.0])
 
 
 def load_object(settings: ObjectSettings) -> SceneObject:
@@ -122,6 +134,14 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
         return _scene_object(settings, kept.get("look", look, lambda: poses(look), several))
 
     return tuple(kept.get("object", one, functools.partial(placed, one), several) for one in all_settings)
+
+
+def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject:
+    """Return an object afloat on a sea if it is attached to the surface, whose mean height in the world is given."""
+    if placed.settings.attach != "surface":
+        return placed
+    motion = replace(placed.motion, position=placed.motion.position + np.array([0.0, surface_y_m, 0.0]))
+    return replace(placed, motion=motion, afloat=Afloat(sea, surface_y_m))
 
 
 def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneObject:

@@ -16,7 +16,7 @@ from mr360uw.parameters import Parameters, parameter
 Vector = tuple[float, float, float]
 Extent = Annotated[float, Field(gt=0.0, le=1e6)]
 Unit = Literal["auto", "m", "cm", "mm"]
-Attachment = Literal["world", "camera"]
+Attachment = Literal["world", "camera", "surface"]
 Interpolation = Literal["linear", "smooth"]
 Loop = Literal["repeat", "once", "ping-pong"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
@@ -55,7 +55,11 @@ class ObjectSettings(Parameters):
     )
     scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
     unit: Unit = parameter("auto", "unit of the file; auto: metres, with a note if the size looks wrong")
-    attach: Attachment = parameter("world", "frame of reference: the world, or the camera and its rotation")
+    attach: Attachment = parameter(
+        "world",
+        "frame of reference: the world; the camera and its rotation; or the waves, on which it floats, with position_m "
+        "over the mean surface",
+    )
     key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time", fixed=_MOTION)
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
     animation: int | str = parameter(

@@ -22,6 +22,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
 from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics, with_snow
+from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -88,6 +89,7 @@ def frame_stages(
             shafts = shafts_of(then, backend, shot, instant_s, kept)
             drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
             layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
+            layer = with_surface(then, backend, shot, layer, instant_s, kept)
             layers.append(with_snow(then, backend, shot, layer, instant_s, shutter_s / len(moments), kept))
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
+from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.medium import Medium
 from mr360uw.reading.files_read import files_read
@@ -24,7 +25,8 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.placement import placement_notes
-from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
+from mr360uw.render.plan import Plan, joined_plan, make_plan
+from mr360uw.render.stages.plan_stages import ObjectFacts
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.key_settings import KeyedParameter
@@ -147,7 +149,8 @@ class Loader:
         """
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
-            objects = load_objects(scene.objects, kept)
+            loaded = load_objects(scene.objects, kept)
+            objects = tuple(on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
         with files_read() as other_files:
             receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
             surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings

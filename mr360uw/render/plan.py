@@ -8,28 +8,27 @@ visible) are found frame by frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
-import numpy as np
-
 from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.ibl import LightSettings
-from mr360uw.medium.lookup import beam_fraction
+from mr360uw.render.stages.plan_stages import (
+    Facts,
+    Share,
+    Stage,
+    beam_at_objects,
+    gain_stage,
+    occlusion_stage,
+    shadow_stage,
+    shafts_stage,
+    snow_stage,
+    stage,
+    sun_stage,
+    surface_stage,
+    track_sun_stage,
+)
 from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
-
-_NEGLIGIBLE_BEAM = 0.002
-"""Fraction of the surface's beam below which caustics and shadows are less than half an 8-bit code value."""
-Share = Callable[[], float] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """Whether a stage runs, and the reason."""
-
-    runs: bool
-    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +52,7 @@ class Plan:
     pattern: Stage
     occlusion: Stage
     layer: Stage
+    surface: Stage
     snow: Stage
     grain: Stage
 
@@ -67,22 +67,6 @@ class Plan:
         return "\n".join(f"  {name:<{width}}  {runs:<7}  {why}" for name, runs, why in rows)
 
 
-@dataclass(frozen=True, slots=True)
-class ObjectFacts:
-    """Properties of an object that the plan depends on.
-
-    depth_m: least depth of its highest point below the mean surface over the clip. glossy: whether a material is
-    smoother than diffuse. moves: whether it moves in the world.
-    """
-
-    depth_m: float
-    glossy: bool
-    moves: bool
-
-
-Facts = tuple[ObjectFacts, ...]
-
-
 def make_plan(
     scene: Scene, objects: Facts, medium: MediumTable | None, share: Share = None, *, clip: bool = True
 ) -> Plan:
@@ -90,52 +74,53 @@ def make_plan(
 
     share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
     """
-    snow = _snow(scene, medium)
+    snow = snow_stage(scene, medium)
     visible, light = bool(objects) or snow.runs, scene.light
-    beam = _beam_at_objects(objects, medium)
-    sun = _sun(light, visible, beam)
-    gain = _gain(scene, visible, medium)
-    receiver, shadow = scene.receiver, _shadow(scene, lit=sun.runs)
+    beam = beam_at_objects(objects, medium)
+    sun = sun_stage(light, visible, beam)
+    gain = gain_stage(scene, visible, medium)
+    receiver, shadow = scene.receiver, shadow_stage(scene, lit=sun.runs)
     waves = f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects"
     focuses, none = scene.caustics.enabled, "switched off" if not scene.caustics.enabled else "needs a sun and water"
-    caustics = _stage(sun.runs and medium is not None and focuses, waves, none)
+    caustics = stage(sun.runs and medium is not None and focuses, waves, none)
     return Plan(
-        environment=_stage(visible, f"{'objects are' if objects else 'snow is'} lit by the plate", "nothing to light"),
+        environment=stage(visible, f"{'objects are' if objects else 'snow is'} lit by the plate", "nothing to light"),
         sun=sun,
-        track_sun=_track_sun(sun, light, clip),
-        medium=_stage(medium is not None, scene.water.label, 'water is "none"'),
+        track_sun=track_sun_stage(sun, light, clip),
+        medium=stage(medium is not None, scene.water.label, 'water is "none"'),
         gain=gain,
-        track_gain=_stage(
+        track_gain=stage(
             gain.runs and clip and light.smooth,
             "in a first pass over the clip",
             "nothing to fit" if not gain.runs else "frame by frame: light.smooth is off" if clip else "one picture",
         ),
-        lamps=_stage(visible and len(scene.lamps) > 0, f"{len(scene.lamps)} of the scene", "the scene has none"),
+        lamps=stage(visible and len(scene.lamps) > 0, f"{len(scene.lamps)} of the scene", "the scene has none"),
         caustics=caustics,
-        glossy=_stage(
+        glossy=stage(
             visible and any(facts.glossy for facts in objects),
             "a material is smoother than diffuse",
             "every material is diffuse" if visible else "nothing to light",
         ),
-        shafts=_shafts(scene, objects, medium, share, lit=sun.runs, waves=caustics.runs),
+        shafts=shafts_stage(scene, objects, medium, share, lit=sun.runs, waves=caustics.runs),
         shadow=shadow,
-        pattern=_stage(
+        pattern=stage(
             shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
             "shadows take the plate's own caustics away",
             "no shadow" if not shadow.runs
             else 'water is "none"' if medium is None
             else "receiver.plate_caustics keeps them",
         ),
-        occlusion=_occlusion(scene, objects),
-        layer=_stage(
+        occlusion=occlusion_stage(scene, objects),
+        layer=stage(
             visible,
             "no objects, but snow" if not objects
             else "objects move" if any(facts.moves for facts in objects)
             else "objects stand still: geometry is kept between frames",
             "no objects: the plate goes through untouched",
         ),
+        surface=surface_stage(scene, objects, medium),
         snow=snow,
-        grain=_stage(
+        grain=stage(
             visible and scene.draw.grain > 0.0,
             f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",
             "draw.grain is 0" if visible else "nothing to cover",
@@ -161,90 +146,3 @@ def sea_in_words(scene: Scene) -> str:
     source = "as set" if sea.detail_slope is not None else f"Cox & Munk at {sea.wind_speed:g} m/s"
     effect = "blur" if sea.detail_kind == "blur" else "ripples"
     return f"{drawn}; other waves as {effect}, rms slope {slope:.3f} ({source})"
-
-
-def _stage(runs: bool, yes: str, no: str) -> Stage:
-    return Stage(runs, yes if runs else no)
-
-
-def _sun(light: LightSettings, visible: bool, beam: float) -> Stage:
-    deep = beam < _NEGLIGIBLE_BEAM
-    return _stage(
-        visible and light.sun != "none" and not deep,
-        f"sun: {light.sun}",
-        "nothing to light" if not visible
-        else 'light.sun = "none"' if light.sun == "none"
-        else f"{100 * beam:.2f} % of the beam reaches the objects",
-    )  # fmt: skip
-
-
-def _shadow(scene: Scene, *, lit: bool) -> Stage:
-    receiver = scene.receiver
-    return _stage(
-        lit and receiver is not None and receiver.shadow,
-        "the receiver catches shadows",
-        "no receiver" if receiver is None else "switched off" if not receiver.shadow else "no sun to cast one",
-    )
-
-
-def _shafts(scene: Scene, objects: Facts, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool) -> Stage:
-    off = "no objects" if not objects else scene.shafts.why_off or ("" if medium is not None else 'water is "none"')
-    if off:
-        return Stage(False, off)
-    from mr360uw.composite.shafts.shaft_words import in_words
-
-    return Stage(
-        *in_words(scene.shafts, share, lit, waves, any(o.casts_shadow for o in scene.objects), len(scene.lamps))
-    )
-
-
-def _snow(scene: Scene, medium: MediumTable | None) -> Stage:
-    water = scene.water.water() if scene.snow.enabled and medium is not None else None
-    if water is None:
-        return Stage(False, 'water is "none"' if scene.snow.enabled else "switched off")
-    from mr360uw.composite.snow.size_spectrum import in_words
-
-    return Stage(*in_words(scene.snow, water))
-
-
-def _occlusion(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:
-    receiver = scene.receiver
-    on_ground = receiver is not None and receiver.occlusion
-    moving = any(facts.moves for facts in objects)
-    return _stage(
-        bool(objects) and (scene.draw.ambient_occlusion or on_ground),
-        f"ambient light among {'objects' if scene.draw.ambient_occlusion else 'none of the objects'}"
-        f"{' and on the receiver' if on_ground else ''}; "
-        f"{'rays between bodies in every frame that moves them' if moving else 'rays once: objects stand still'}",
-        "switched off" if objects else "nothing to light",
-    )
-
-
-def _track_sun(sun: Stage, light: LightSettings, clip: bool) -> Stage:
-    if not sun.runs or light.sun != "detect":
-        return Stage(False, "no sun" if not sun.runs else f"light.sun is {light.sun!r}")
-    if not clip:
-        return Stage(False, "one picture")
-    if light.track is not None:
-        return Stage(True, f"light.track, {light.track.name}")
-    return _stage(light.smooth, "in a first pass over the clip", "frame by frame: light.smooth is off")
-
-
-def _gain(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage:
-    water = scene.water
-    return _stage(
-        visible and medium is not None and water.fits_gain,
-        "the veil's gain is fitted to the plate",
-        "no objects to veil" if not visible
-        else 'water is "none"' if medium is None
-        else "the veil is each frame's own map" if water.mode == "plate"
-        else "water.gain is given",
-    )  # fmt: skip
-
-
-def _beam_at_objects(objects: Facts, medium: MediumTable | None) -> float:
-    """Return the largest fraction of the surface's vertical beam that reaches an object, any channel."""
-    if medium is None or not objects:
-        return 1.0
-    depth = np.array([max(facts.depth_m, 0.0) for facts in objects])
-    return float(np.max(beam_fraction(medium, depth, 1.0)))

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, ConfigDict, model_validator
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Transfer
+from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.settings import (
     DrawSettings,
     HoldoutSettings,
@@ -112,6 +113,7 @@ class Scene(Parameters):
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
     shafts: ShaftSettings = parameter(ShaftSettings(), "light in the water, and bodies' shadows in it")
     snow: SnowSettings = parameter(SnowSettings(), "particles suspended in the water")
+    surface: SurfaceSettings = parameter(SurfaceSettings(), "objects at the water's surface")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"

@@ -73,9 +73,14 @@ class Facets:
         turned = spread > _LEAST
         cosine = np.where(turned, a / np.maximum(spread, _LEAST), 1.0)
         sine = np.where(turned, b / np.maximum(spread, _LEAST), 0.0)
-        g, h = cosine * along - sine * across, sine * along + cosine * across
+        turned_back = np.stack([cosine * along - sine * across, sine * along + cosine * across], axis=-1)
+        return normal_of(self.at(turned_back))
+
+    def at(self, normal_numbers: Array) -> Array:
+        """Return the slopes (n, 2) that two independent normal numbers (n, 2) stand for."""
+        g, h = normal_numbers.T
         xx, zx, zz = self._root
-        return normal_of(self.slope + np.stack([xx * g, zx * g + zz * h], axis=-1))
+        return np.asarray(self.slope + np.stack([xx * g, zx * g + zz * h], axis=-1))
 
     @property
     def _root(self) -> tuple[Array, Array, Array]:

@@ -26,7 +26,7 @@ class Body:
     """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
 
     rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
-    rotation_deg: (yaw, pitch, roll), as set for this time.
+    rotation_deg: (yaw, pitch, roll), as set for this time. lifted: (3,) what the surface adds to its position setting.
     """
 
     position: Floats
@@ -36,6 +36,7 @@ class Body:
     hull: Floats
     with_camera: bool
     rotation_deg: tuple[float, ...]
+    lifted: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +68,8 @@ class Situation:
 
     def setting_of(self, number: int, position: Floats) -> Floats:
         """Return the position setting of an object for a position (3,) in the world."""
-        return placing.in_camera(self.camera, position) if self.bodies[number].with_camera else position
+        body = self.bodies[number]
+        return placing.in_camera(self.camera, position) if body.with_camera else position - body.lifted
 
     def facing_yaw_deg(self, number: int) -> float:
         """Return the yaw setting [deg] of an object that turns its nose to the camera."""
@@ -106,7 +108,16 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
         center = placed.to_world(placed.mesh.center_m)
         origin = placed.world_from_object[:3, 3].copy()
         bodies.append(
-            Body(origin, center, turned, placed.scale, placed.mesh.hull, with_camera, one.settings.rotation_deg)
+            Body(
+                origin,
+                center,
+                turned,
+                placed.scale,
+                placed.mesh.hull,
+                with_camera,
+                one.settings.rotation_deg,
+                one.lifted(origin, time_s),
+            )
         )
     receiver = None if loaded.receiver is None else loaded.receiver.at(index)
     edge = () if receiver is None else tuple(map(tuple, receiver_edge(view, receiver)))

@@ -139,3 +139,16 @@ SPECKLED_SUN = 1e-4
 """Ambient light on a ladder of 97 depths: 0.02 m apart over the points, straight lines between exponentials."""
 ROLLED = 1e-8
 """Coverage of 1e-4 of a steradian and less a pixel: single precision, and chords as differences of squares."""
+
+SURFACE_EDGE = 2.5 / 17.0
+"""Coverage of a pixel of an image in a level sea: two of its 17 rays may pass an edge that is a rounding away."""
+SURFACE_MEAN = 2e-4
+"""Mean of that over the frame."""
+SURFACE_RADIANCE = 0.02
+"""Relative: a pixel is lit at one of its rays, its expectation is at its centre, 0.4 degrees apart at the most."""
+SURFACE_DEGREES = 0.1
+"""Angle [deg] of an image of a ball against that of the ray to its middle; a pixel has 0.35."""
+SURFACE_FURNACE = 0.03
+"""Radiance of 1: the split sum's albedo and the environment's 8-bit-like maps."""
+FLOATING = 0.02
+"""Height of the plane through 13 x 13 points against that of 201 x 201, over the waves' height under the body."""

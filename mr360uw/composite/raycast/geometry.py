@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
+from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.rays import barycentric
@@ -170,7 +171,25 @@ def surface(
     """
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-    corners, uv_corners = geometry.positions[triangle], geometry.uv[triangle]
+    return surface_along(geometry, triangle, np.zeros(3), direction, neighbours, area, pixel, shot.view.height)
+
+
+def surface_along(
+    geometry: Geometry,
+    triangle: NDArray[np.int64],
+    origin: Floats,
+    direction: Floats,
+    neighbours: Floats,
+    area: Floats,
+    pixel: float,
+    height: Floats | int,
+) -> Hits:
+    """Return the surfaces (n,) that rays meet on given triangles.
+
+    origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
+    right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
+    """
+    corners, uv_corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3)), geometry.uv[triangle]
     weights, distance = barycentric(corners, direction)
     change = uv_change(corners, uv_corners, weights, neighbours)
     color = base_color(geometry, triangle, weights, change)
@@ -183,6 +202,38 @@ def surface(
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
+    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, uv, change)
+    for number, material in enumerate(geometry.materials):
+        if material.normal_map is not None:
+            of = np.flatnonzero(geometry.material[triangle] == number)
+            bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
+            bump[:, :2] *= material.normal_scale
+            normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
+    return Hits(
+        triangle=triangle,
+        object=geometry.object[triangle],
+        weights=weights,
+        behind=side[:, 0] < 0.0,
+        point=origin + point,
+        distance_m=distance,
+        direction=direction,
+        geometric_normal=flat * side,
+        normal=normal * side,
+        base=color[:, :3],
+        alpha=color[:, 3],
+        metallic=metallic,
+        roughness=roughness,
+        emission=emission,
+        occlusion=occlusion,
+        refractive_index=index,
+        footprint_m=distance * np.pi / height * pixel,
+        normal_change=turning * side[..., None],
+        footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),
+    )
+
+
+def _material_values(geometry: Geometry, triangle: NDArray[np.int64], uv: Floats, change: Floats) -> tuple[Floats, ...]:
+    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3) at places (n, 2)."""
     metallic, roughness, occlusion, index = np.empty((4, len(triangle)))
     emission = np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
@@ -197,47 +248,4 @@ def surface(
             occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
         if material.emission_map is not None:
             emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
-        if material.normal_map is not None:
-            bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
-            bump[:, :2] *= material.normal_scale
-            normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
-    return Hits(
-        triangle=triangle,
-        object=geometry.object[triangle],
-        weights=weights,
-        behind=side[:, 0] < 0.0,
-        point=point,
-        distance_m=distance,
-        direction=direction,
-        geometric_normal=flat * side,
-        normal=normal * side,
-        base=color[:, :3],
-        alpha=color[:, 3],
-        metallic=metallic,
-        roughness=roughness,
-        emission=emission,
-        occlusion=occlusion,
-        refractive_index=index,
-        footprint_m=distance * np.pi / shot.view.height * pixel,
-        normal_change=turning * side[..., None],
-        footprint=footprint(point, pixel_steps(point, flat, neighbours, pixel), area),
-    )
-
-
-def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:
-    """Return unit normals (n, 3) turned by a tangent space normal (n, 3) whose y points up the image.
-
-    The tangents are those of the triangle's own texture coordinates (n, 3, 2), made perpendicular to the normal.
-    """
-    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    determinant = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
-    sign = np.sign(determinant)
-    tangent = sign * (e1 * d2[:, 1:] - e2 * d1[:, 1:])
-    up = -sign * (e2 * d1[:, :1] - e1 * d2[:, :1])
-    tangent = tangent - normal * np.sum(normal * tangent, -1, keepdims=True)
-    up = up - normal * np.sum(normal * up, -1, keepdims=True)
-    tangent = tangent / np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-20)
-    up = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-20)
-    turned = bump[:, :1] * tangent + bump[:, 1:2] * up + bump[:, 2:] * normal
-    length = np.linalg.norm(turned, axis=-1, keepdims=True)
-    return np.where(length > 1e-6, turned / np.maximum(length, 1e-6), normal)
+    return metallic, roughness, occlusion, index, emission

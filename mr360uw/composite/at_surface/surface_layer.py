@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Adds the moving surface to a layer that is drawn: cuts bodies at the waterline, and lays their images behind them.
+
+    layer = k D over S        alpha = k a_D + (1 - k a_D) a_S
+
+with D the bodies as drawn without a surface, k the fraction of their samples that is nearer than the surface, and S the
+images of bodies in it (`surface_images`), the mean over the samples that no body hides. Both renderers share it: it
+needs the layer's coverage and distances alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.light import ambient_light
+from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.at_surface.air_light import in_air
+from mr360uw.composite.at_surface.body_rays import first_surfaces
+from mr360uw.composite.at_surface.image_reach import find_reach
+from mr360uw.composite.at_surface.settings import SurfaceSettings
+from mr360uw.composite.at_surface.surface_behind import SurfacePicture, blank_picture, laid_over
+from mr360uw.composite.at_surface.surface_images import Bodies, Images, LitBodies, PlainShadows, surface_images
+from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, sample_surface, see_surface
+from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water
+from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.raycast.geometry import Geometry, gather
+from mr360uw.composite.sampling import pattern
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.rays import RayScene
+from mr360uw.surface.sampled_sea import MovingSea, SampledSea
+from mr360uw.types import Floats, Layer, MediumTable
+
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_SLACK = 1.05
+"""Factor on distances that are compared with those of the highest and lowest waves: a pixel's are of its centre."""
+_RAYS_AT_ONCE = 200_000
+"""Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
+_SUN_SAMPLES = 2
+"""Directions over a light's disc in images, of which the reference takes four times as many."""
+_SMOOTH_FROM, _SMOOTH_FULL = 2.0, 6.0
+"""Blur [pixels] of an image from which on it is averaged over neighbours, whose facets differ, and where wholly."""
+
+
+def with_bodies(
+    shot: Shot,
+    sea: MovingSea,
+    time_s: float,
+    from_surface: MediumTable,
+    settings: SurfaceSettings,
+    layer: Layer,
+    cache: Cache,
+) -> Layer:
+    """Return the layer of a shot of a camera in the water with the surface at a time [s].
+
+    from_surface: the water's table for rays that start there. cache: holds what shots share.
+    """
+    waves = cache.get("waves at the surface", (sea, time_s), lambda: SampledSea.of(sea, time_s))
+    if not camera_in_water(shot, waves):
+        return layer
+    highest_m = max((float(top) for top in _tops(shot)), default=-np.inf) - shot.view.surface_y_m
+    dry = in_air(shot) if highest_m > waves.lowest_m else shot  # of what is wholly under water it is never asked for
+    sides = WaterSides(shot, dry, waves, from_surface, True, shot.refractive_index)
+    return with_surface(sides, settings, layer, cache)
+
+
+def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache) -> Layer:
+    """Return a layer with the surface: the layer itself where it shows no body and cuts none.
+
+    cache: holds what shots of the same bodies share.
+    """
+    shot = sides.wet
+    presence = object_presence(shot, settings)
+    near = tuple(o for o, share in zip(_visible(shot), presence, strict=True) if share > 0.0)
+    if not near:
+        return layer
+    picture = _picture(sides, settings, layer, presence, near, cache)
+    return layer if picture is None else laid_over(shot, layer, picture)
+
+
+def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
+    """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
+    depth = shot.view.surface_y_m - _tops(shot)
+    if settings.objects == "all":
+        return np.ones(len(depth))
+    return np.clip(4.0 * (1.0 - depth / settings.within_m), 0.0, 1.0)
+
+
+def _tops(shot: Shot) -> Floats:
+    """Return the height (n,) [m] in the world of the highest point of each visible object."""
+    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in _visible(shot)])
+
+
+def _visible(shot: Shot) -> tuple[PlacedObject, ...]:
+    return tuple(placed for placed in shot.objects if placed.visible)
+
+
+def _picture(
+    sides: WaterSides,
+    settings: SurfaceSettings,
+    layer: Layer,
+    presence: Floats,
+    near: tuple[PlacedObject, ...],
+    cache: Cache,
+) -> SurfacePicture | None:
+    reach = find_reach(sides, near)
+    kept, cut = _before_surface(sides, layer)
+    where = reach.mirrored | reach.refracted | cut
+    if not np.any(where):
+        return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
+    rows, columns, seen = see_surface(sides, where)
+    bodies = _bodies(sides, presence, cache)
+    samples = pattern(settings.samples)
+    alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
+    covered = (alpha > 0.0) & (kept[rows, columns] > 0.0)
+    images, step = [], max(_RAYS_AT_ONCE // samples.count, 1)
+    for first in range(0, len(rows), step):
+        part = slice(first, first + step)
+        j, i = rows[part], columns[part]
+        rays = sample_surface(sides, j, i, seen.of(part), samples)
+        hidden, share = _hidden(bodies, rays, covered[part], distance[part])
+        kept[j, i] = np.where(covered[part], share, kept[j, i])
+        shows = reach.mirrored[j, i], reach.refracted[j, i]
+        images.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
+    radiance, opacity, met = blank_picture(layer)
+    light, share = _smoothed(sides, rows, columns, images)
+    radiance[rows, columns], opacity[rows, columns], met[rows, columns] = light, share, seen.distance_m
+    return SurfacePicture(radiance, opacity, met, kept)
+
+
+def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> Bodies:
+    shot = sides.wet
+    key = shot.view.position.tobytes(), tuple((o.key, o.casts_shadow, o.visible) for o in shot.objects)
+
+    def made() -> tuple[Geometry, RayScene, Blockers]:
+        geometry = gather(_visible(shot), shot.view.position)
+        return geometry, RayScene(geometry.positions), Blockers(shot)
+
+    geometry, scene, blockers = cache.get("bodies at the surface", key, made)
+
+    def lit(side: Shot, ambient: AmbientLight | None) -> LitBodies:
+        draw = side.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
+        sources = light_sources(replace(side, draw=draw), blockers)
+        return LitBodies(side, tuple(map(PlainShadows, sources)), ambient)
+
+    return Bodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
+
+
+def _before_surface(sides: WaterSides, layer: Layer) -> tuple[Floats, Mask]:
+    """Return 1 (H, W) where bodies can be before the surface, 0 where all are behind its waves, and the mask (H, W) of
+    pixels in which bodies are among the waves or behind them in part.
+    """
+    view, over, sea = sides.wet.view, sides.camera_over_m, sides.sea
+    kept, cut = np.ones((layer.height, layer.width), np.float32), np.zeros((layer.height, layer.width), bool)
+    side = 1.0 if sides.in_water else -1.0
+    nearest, farthest = (sea.lowest_m, sea.highest_m) if sides.in_water else (sea.highest_m, sea.lowest_m)
+    for tile in layer.tiles:
+        rows, columns = np.nonzero(tile.alpha > 0.0)
+        at = rows + tile.row, columns + tile.column
+        rise = side * view.directions(at[1] + 0.5, at[0] + 0.5)[:, 1]
+        distance = tile.distance_m[rows, columns]
+        with np.errstate(divide="ignore"):
+            first = np.where(rise > 0.0, max(side * (nearest - over), 0.0) / rise, np.inf)
+            last = np.where(rise > 0.0, max(side * (farthest - over), 0.0) / rise, np.inf)
+        if side * (nearest - over) <= 0.0:
+            first[:] = 0.0
+        cut[at] = (_SLACK * distance > first) & (distance <= _SLACK * last)
+        kept[at] = np.where(distance > _SLACK * last, 0.0, 1.0)
+    return kept, cut
+
+
+def _hidden(bodies: Bodies, rays: SurfaceSamples, covered: Mask, distance_m: Floats) -> tuple[Mask, Floats]:
+    """Return which samples (n, s) bodies hide from the surface, and the fraction (n,) of the bodies' samples that do.
+
+    covered: (n,) pixels with bodies, at distances (n,).
+    """
+    hidden, share = np.zeros(rays.distance_m.shape, bool), np.ones(len(covered))
+    at = np.flatnonzero(covered)
+    if len(at) == 0:
+        return hidden, share
+    direction = rays.direction[at]
+    flat = np.ascontiguousarray(direction.reshape(-1, 3))
+    _, met = first_surfaces(bodies.geometry, bodies.scene, np.zeros_like(flat), flat)
+    met = met.reshape(direction.shape[:2])
+    before = met < rays.distance_m[at]
+    bodies_samples = np.isfinite(met).sum(axis=1)
+    middle = (distance_m[at] < rays.distance_m[at].mean(axis=1)).astype(np.float64)
+    share[at] = np.where(bodies_samples > 0, before.sum(axis=1) / np.maximum(bodies_samples, 1), middle)
+    hidden[at] = before
+    return hidden, share
+
+
+def _smoothed(sides: WaterSides, rows: Indices, columns: Indices, images: Sequence[Images]) -> tuple[Floats, Floats]:
+    """Return radiance (n, 3) and alpha (n,) of pixels, averaged over neighbours where facets blur them widely."""
+    values = np.concatenate([np.concatenate([one.radiance, one.alpha[:, None]], axis=-1) for one in images])
+    blur = np.concatenate([one.blur_rad for one in images]) / sides.wet.view.pixel_rad
+    height, width = sides.wet.view.height, sides.wet.view.width
+    number = np.full((height, width), -1, np.int32)
+    number[rows, columns] = np.arange(len(rows))
+    total, widest, half = np.zeros_like(values), np.zeros(len(rows)), TURNS // 2
+    for down in range(-half, half + 1):
+        for right in range(-half, half + 1):
+            beside = number[np.clip(rows + down, 0, height - 1), (columns + right) % width]
+            there = beside >= 0
+            total[there] += values[beside[there]]
+            widest[there] = np.maximum(widest[there], blur[beside[there]])
+    t = np.clip((widest - _SMOOTH_FROM) / (_SMOOTH_FULL - _SMOOTH_FROM), 0.0, 1.0)[:, None]
+    values = values + t * (total / TURNS**2 - values)
+    return values[:, :3], values[:, 3]

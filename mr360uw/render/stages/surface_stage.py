@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surface stage of a frame: the layer of a shot with its bodies in the moving surface, and whether a scene needs it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from mr360uw.cache import Cache, Same
+from mr360uw.composite import Shot
+from mr360uw.render.backends import Backend
+from mr360uw.render.loaded import Loaded
+from mr360uw.types import Layer, MediumTable
+
+_JUST_BELOW_M = 0.01
+"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
+
+
+def with_surface(loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, time_s: float, kept: Cache) -> Layer:
+    """Return the layer of a shot with the moving surface; the layer itself where the plan has none.
+
+    kept: holds layers of the same backend; a layer stands for all that its shot depends on.
+    """
+    settings = loaded.scene.surface
+    if not loaded.plan.surface.runs or shot.medium is None or shot.view.depth_of(np.zeros(3)) <= 0.0:
+        return layer
+    from mr360uw.composite.at_surface.surface_layer import object_presence, with_bodies
+
+    if not np.any(object_presence(shot, settings) > 0.0):
+        return layer
+    sea, at_surface = loaded.scene.sea, _table_at_surface(loaded, shot.medium, time_s, kept)
+    if at_surface is None:
+        return layer
+
+    def drawn() -> Layer:
+        stack = None if shot.caustics is None else backend.download(shot.caustics)
+        lit = dataclasses.replace(shot, caustics=stack)
+        return with_bodies(lit, sea, time_s, at_surface, settings, layer, backend.cache)
+
+    return kept.get("surface", (layer, shot.view.key, settings, sea, time_s, Same(at_surface)), drawn)
+
+
+def _table_at_surface(loaded: Loaded, table: MediumTable, time_s: float, kept: Cache) -> MediumTable | None:
+    """Return the table of a frame's water for rays that start at the surface; None without water."""
+    medium = loaded.surroundings.medium_at(time_s)
+    if medium is None:
+        return None
+    from mr360uw.composite.at_surface.water_sides import table_at_surface
+
+    def at_surface() -> MediumTable:
+        return medium.at_depth(_JUST_BELOW_M).unit_table
+
+    unit = kept.get("table at the surface", Same(loaded.surroundings.medium), at_surface)
+    of_frame = table, Same(unit)
+    return kept.get("surface table", of_frame, lambda: table_at_surface(table, medium.unit_table, unit))
