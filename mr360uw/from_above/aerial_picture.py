@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.objects import load_objects, on_the_sea
+from mr360uw.composite.over import over
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import ParameterError
+from mr360uw.from_above.aerial_bodies import AerialBodies
 from mr360uw.from_above.first_surface import floor_radiance, reflected_radiance
 from mr360uw.from_above.published_look import thresholded_reflection
 from mr360uw.from_above.scene_parts import sea_scene_of
@@ -34,7 +37,8 @@ class AerialPicture:
     on the refracted ray, before water and surface take their part, or on the ray itself where it is dry; zero
     elsewhere. reflection: (H, W, 3) that the surface mirrors. distance_m: (H, W) to the surface or the dry floor,
     infinity for the sky. in_water_m: (H, W) length of the refracted ray down to the floor, 0 where there is none.
-    view: the camera. time_s: of the picture.
+    body_alpha: (H, W) fraction of each pixel that bodies cover; the other arrays are without them. view: the camera.
+    time_s: of the picture.
     """
 
     image_linear: NDArray[np.float32]
@@ -43,21 +47,26 @@ class AerialPicture:
     reflection: Floats
     distance_m: Floats
     in_water_m: Floats
+    body_alpha: Floats
     view: View
     time_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedAerial:
-    """A scene with its files read and its water solved, for any number of pictures. exposure: factor on radiance."""
+    """A scene with its files read and its water solved, for any number of pictures.
+
+    sea: without bodies. exposure: factor on radiance. bodies: None where there are none.
+    """
 
     scene: AerialScene
     sea: SeaScene
     exposure: float
+    bodies: AerialBodies | None = None
 
     @classmethod
     def of(cls, scene: AerialScene) -> LoadedAerial:
-        """Return it; raise `ParameterError` or `VideoError` for files that cannot be used."""
+        """Return it; raise `ParameterError`, `VideoError` or `MeshError` for files that cannot be used."""
         sea = sea_scene_of(scene)
         light = np.asarray(sea.dome.irradiance, np.float64)
         if sea.sun is not None:
@@ -65,7 +74,9 @@ class LoadedAerial:
         level = float(light @ np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B]))
         if not level > 0.0:
             raise ParameterError("sun, sky - give no light (got 0) - set sun.irradiance or sky.irradiance")
-        return cls(scene, sea, scene.camera.exposure * PI / level)
+        afloat = tuple(on_the_sea(one, sea.sea, 0.0) for one in load_objects(scene.objects))
+        bodies = AerialBodies.of(sea, afloat) if afloat else None
+        return cls(scene, sea, scene.camera.exposure * PI / level, bodies)
 
     def view(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> View:
         """Return the camera at a time [s]. size: (width, height) of the picture instead of the scene's."""
@@ -97,11 +108,19 @@ class LoadedAerial:
         if thresholded:
             sharp = self._sharp(seen, directions)
             image, mirrored = image + sharp, mirrored + sharp
+        alpha = np.zeros(seen.distance_m.shape, np.float32)
+        if self.bodies is not None:
+            layer = self.bodies.layer(stage, view, time_s, self._frame(time_s), self.scene.caustics)
+            image, alpha = np.asarray(over(image, layer), np.float64), layer.alpha
         e = self.exposure
         return AerialPicture(
             (e * image).astype(np.float32), seen.normal, e * below, e * mirrored, seen.distance_m, seen.in_water_m,
-            view, time_s,
+            alpha, view, time_s,
         )  # fmt: skip
+
+    def _frame(self, time_s: float) -> int:
+        """Return the number of the frame at a time, for meshes that change from frame to frame."""
+        return round(time_s * self.scene.film.frame_rate)
 
     def _sharp(self, seen: SurfacePicture, directions: Array) -> Array:
         """Return the radiance (H, W, 3) of the thresholded reflection of the sun."""

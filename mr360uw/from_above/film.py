@@ -73,12 +73,13 @@ def aerial_film(
 
 def picture_parts(picture: AerialPicture) -> dict[str, Part]:
     """Return the parts of an EXR file, float32: beauty, normal (N.X, N.Y, N.Z), floor, reflection, distance (Z), water
-    (Z: length in the water). See `AerialPicture`.
+    (Z: length in the water), bodies (A: what they cover). See `AerialPicture`.
     """
     light = {"beauty": picture.image_linear, "floor": picture.floor_radiance, "reflection": picture.reflection}
     lengths = {"distance": picture.distance_m, "water": picture.in_water_m}
     parts: dict[str, Part] = {name: {"RGB": np.asarray(image, np.float32)} for name, image in light.items()}
     parts["normal"] = {f"N.{axis}": np.asarray(picture.normal[..., k], np.float32) for k, axis in enumerate("XYZ")}
+    parts["bodies"] = {"A": np.asarray(picture.body_alpha, np.float32)}
     return parts | {name: {"Z": np.asarray(length, np.float32)} for name, length in lengths.items()}
 
 

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_
 
 from mr360uw.caustics import CausticSettings, SpectralSea
 from mr360uw.caustics.settings import Sea
+from mr360uw.composite.settings import ObjectSettings
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
 from mr360uw.parameters import Parameters, parameter
@@ -206,8 +207,19 @@ class AerialScene(Parameters):
     water: AerialWaterSettings = parameter(AerialWaterSettings(), "the water over the floor")
     floor: AerialFloorSettings = parameter(AerialFloorSettings(), "the sea floor")
     reflection: ReflectionSettings = parameter(ReflectionSettings(), "what the surface mirrors")
+    objects: tuple[ObjectSettings, ...] = parameter(
+        (), "bodies in the water and at its surface; positions from the world's origin", alias="object"
+    )
     film: FilmSettings = parameter(FilmSettings(), "length of films and samples of pixels")
     output: EncodeSettings = parameter(EncodeSettings(), "how films are encoded")
+
+    @model_validator(mode="after")
+    def _check(self) -> AerialScene:
+        if self.objects and self.camera.projection == "orthographic":
+            raise ValueError(
+                "camera.projection - parallel rays show no objects (got 'orthographic') - take perspective, from afar"
+            )
+        return self
 
 
 def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
