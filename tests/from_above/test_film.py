@@ -70,7 +70,7 @@ def test_the_command_writes_pictures_and_parts(sea: Path, tmp_path: Path, run: R
     assert "2 frames" in out
     assert sorted(p.name for p in tmp_path.glob("a_*")) == ["a_01.exr", "a_02.exr"]
     parts = read_exr(tmp_path / "a_01.exr")
-    assert list(parts) == ["beauty", "floor", "reflection", "normal", "distance", "water"]
+    assert list(parts) == ["beauty", "floor", "reflection", "normal", "bodies", "distance", "water"]
     scene = load_aerial(sea, ["camera.velocity_m_s=[1.0, 0.0, 0.0]"])
     alone = LoadedAerial.of(scene).picture(0.1)
     np.testing.assert_array_equal(parts["beauty"]["RGB"], alone.image_linear)
