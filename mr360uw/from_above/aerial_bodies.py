@@ -96,7 +96,8 @@ class AerialBodies:
         sun = self.above.sun
         if sun is None or not settings.enabled or lowest >= -_SHALLOWEST_M:
             return None
-        depths = np.linspace(max(-highest, _SHALLOWEST_M), max(-lowest, 2.0 * _SHALLOWEST_M), _PLANES)
+        top = max(-highest, _SHALLOWEST_M)
+        depths = np.linspace(top, max(-lowest, top + _SHALLOWEST_M), _PLANES)
         medium = self.sea.water.sun
         spread = None if medium is None else spread_of(medium.medium)
         settings = settings.model_copy(update={"sun_half_angle_rad": sun.half_angle_rad})

@@ -20,8 +20,9 @@ from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
+from mr360uw.surface.ray_tree import Stage
 from mr360uw.surface.sea_picture import rendered
-from mr360uw.types import Floats, View
+from mr360uw.types import Floats, Layer, View
 
 Array = NDArray[np.float64]
 
@@ -108,19 +109,26 @@ class LoadedAerial:
         if thresholded:
             sharp = self._sharp(seen, directions)
             image, mirrored = image + sharp, mirrored + sharp
-        alpha = np.zeros(seen.distance_m.shape, np.float32)
-        if self.bodies is not None:
-            layer = self.bodies.layer(stage, view, time_s, self._frame(time_s), self.scene.caustics)
-            image, alpha = np.asarray(over(image, layer), np.float64), layer.alpha
+        layer = self._layer(stage, view, time_s)
+        image = np.asarray(over(image, layer), np.float64)
         e = self.exposure
         return AerialPicture(
             (e * image).astype(np.float32), seen.normal, e * below, e * mirrored, seen.distance_m, seen.in_water_m,
-            alpha, view, time_s,
+            layer.alpha, view, time_s,
         )  # fmt: skip
 
-    def _frame(self, time_s: float) -> int:
-        """Return the number of the frame at a time, for meshes that change from frame to frame."""
-        return round(time_s * self.scene.film.frame_rate)
+    def layer(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> Layer:
+        """Return the bodies alone at a time [s], exposed, as a layer over a picture of the same view."""
+        view = self.view(time_s, size)
+        layer = self._layer(self.sea.stage(view, time_s, 1), view, time_s)
+        exposed = (replace(t, radiance=np.float32(self.exposure) * t.radiance) for t in layer.tiles)
+        return replace(layer, tiles=tuple(exposed))
+
+    def _layer(self, stage: Stage, view: View, time_s: float) -> Layer:
+        if self.bodies is None:
+            return Layer(view.height, view.width, ())
+        frame = round(time_s * self.scene.film.frame_rate)  # of meshes that change from frame to frame
+        return self.bodies.layer(stage, view, time_s, frame, self.scene.caustics)
 
     def _sharp(self, seen: SurfacePicture, directions: Array) -> Array:
         """Return the radiance (H, W, 3) of the thresholded reflection of the sun."""

@@ -15,6 +15,7 @@ import numpy as np
 from mr360uw.color import ColorSpec
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
+from mr360uw.from_above.onto_plate import write_onto_plate
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES
@@ -53,15 +54,19 @@ def aerial_film(
     """Write pictures of a scene and return a report.
 
     out: a picture (.png, .jpg, .exr ...: the first frame), a pattern of pictures (sea_%04d.exr) or a video (.mp4, .mov,
-    .mkv, .webm). EXR files have the parts of `picture_parts`. frames: [start, stop); None: to the film's end.
+    .mkv, .webm). EXR files have the parts of `picture_parts`. frames: [start, stop); None: to the film's end. A scene
+    with a plate puts its bodies into that, without parts.
 
     Each file appears when it is complete. Raises `ParameterError`, `VideoError` and `OutputExistsError`.
     """
     began = time.perf_counter()
     path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
-    start, stop = _range(scene, path, frames, rate)
     check_target(path, Path())
     keep_inputs(scene, path.absolute())
+    if scene.plate is not None:
+        done = write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        return AerialReport(path, done, time.perf_counter() - began)
+    start, stop = _range(scene, path, frames, rate)
     with _output(scene, path, rate, overwrite) as write:
         loaded = LoadedAerial.of(scene)
         for index in range(start, stop):

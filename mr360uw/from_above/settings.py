@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_
 
 from mr360uw.caustics import CausticSettings, SpectralSea
 from mr360uw.caustics.settings import Sea
+from mr360uw.color import Transfer
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
@@ -37,6 +38,15 @@ def _spectral_by_default(value: Any) -> Any:
     if isinstance(value, dict) and value.get("model", "spectral") == "spectral":
         return _SEA | value
     return value
+
+
+class AerialPlateSettings(Parameters):
+    """Pictures or a video from the air that the objects are put into, instead of a picture of the scene's sea."""
+
+    path: Path = parameter(..., "video, numbered pictures (drone_%04d.png) or a still; gives size and frame rate")
+    transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
+    match: bool = parameter(True, "whether the scene's light is scaled so that its own sea has the plate's colour")
+    grain: float = parameter(1.0, "amount of the plate's grain on the objects", unit="1", low=0.0, high=4.0)
 
 
 class AerialCameraSettings(Parameters):
@@ -197,6 +207,7 @@ class AerialScene(Parameters):
 
     model_config = ConfigDict(populate_by_name=True)
 
+    plate: AerialPlateSettings | None = parameter(None, "a picture or video to work on; none: the scene's sea")
     camera: AerialCameraSettings = parameter(AerialCameraSettings(), "the camera in the air")
     sun: AerialSunSettings = parameter(AerialSunSettings(), "the sun")
     sky: SkySettings = parameter(SkySettings(), "the sky")
@@ -215,6 +226,8 @@ class AerialScene(Parameters):
 
     @model_validator(mode="after")
     def _check(self) -> AerialScene:
+        if self.plate is not None and not self.objects:
+            raise ValueError("plate - nothing is put into it (got no objects) - add [[object]], or remove the plate")
         if self.objects and self.camera.projection == "orthographic":
             raise ValueError(
                 "camera.projection - parallel rays show no objects (got 'orthographic') - take perspective, from afar"

@@ -16,3 +16,5 @@ SKY_SUM = 1e-9
 ZENITH = 1e-4
 """A sun that rounding puts 1e-16 off the zenith: corners of the surface's cells that lie on edges of the map's pixels
 fall to either side."""
+JOINED = 0.01
+"""Tables of one light read at the nodes of another's, both bilinear."""
