@@ -19,9 +19,12 @@ from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_layer import with_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.objects import SceneObject
+from mr360uw.composite.over import empty_tile
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
+from mr360uw.from_above.first_surface import FloorSeen
+from mr360uw.from_above.floor_shadow import lost_on_floor
 from mr360uw.from_above.light_in_water import joined_table, light_below
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
@@ -30,7 +33,7 @@ from mr360uw.optics import fresnel_transmittance, refract_to_water
 from mr360uw.sphere import directions
 from mr360uw.surface import SeaScene
 from mr360uw.surface.ray_tree import Stage
-from mr360uw.types import CausticStack, Environment, Layer, MediumTable, Sun, View
+from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]
 
@@ -71,12 +74,15 @@ class AerialBodies:
         above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
         return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
 
-    def layer(self, stage: Stage, view: View, time_s: float, frame: int, caustics: CausticSettings) -> Layer:
-        """Return the layer of the bodies over a picture of the sea at a time [s]."""
+    def layer(
+        self, stage: Stage, view: View, floor: FloorSeen, time_s: float, frame: int, caustics: CausticSettings
+    ) -> Layer:
+        """Return the layer of the bodies over a picture of the sea at a time [s]: one tile, shadows as its `shafts`.
+
+        floor: of the pixels of the view.
+        """
         placed = tuple(o.at(time_s, frame, view.position, view.world_from_camera) for o in self.objects)
         extent = [o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1] for o in placed]
-        if not extent:
-            return Layer(view.height, view.width, ())
         wet = self._shot(view, placed, self.below, self.table)
         lowest, highest = min(float(y.min()) for y in extent), max(float(y.max()) for y in extent)
         wet = replace(wet, caustics=self._caustics(lowest, highest, time_s, caustics))
@@ -84,7 +90,9 @@ class AerialBodies:
         cache = Cache()
         direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
         sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
-        return with_surface(sides, _ALL, direct, cache)
+        shadow = np.zeros((view.height, view.width, 3), np.float32)
+        shadow[floor.mask] = -lost_on_floor(self.sea, stage, placed, floor)
+        return _with_shadow(with_surface(sides, _ALL, direct, cache), shadow)
 
     def _shot(
         self, view: View, placed: tuple[PlacedObject, ...], light: Environment, table: MediumTable | None
@@ -113,3 +121,27 @@ def _over_water(sea: SeaScene, in_water: Array) -> Array:
     passed = fresnel_transmittance(up[..., 1], sea.refractive_index)[..., None]
     under = (1.0 - passed) * sky + passed * in_water[-1, 0] / sea.refractive_index**2
     return np.where(towards[..., 1:2] > 0.0, sky, under)
+
+
+def _with_shadow(layer: Layer, shadow: Floats) -> Layer:
+    """Return a layer as one tile, with a change (H, W, 3) of what is behind it."""
+    touched = np.any(shadow != 0.0, axis=-1) | (layer.alpha > 0.0) | np.any(layer.radiance != 0.0, axis=-1)
+    if not np.any(touched):
+        return replace(layer, tiles=())
+    rows, columns = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
+    part = Rectangle(int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1))
+    tile = empty_tile(part)
+    at = tile.window
+    arrays = {name: getattr(layer, name)[at] for name in ("radiance", "alpha", "distance_m")}
+    return replace(layer, tiles=(replace(tile, **arrays, shafts=shadow[at]),))
+
+
+def brightened(layer: Layer, factor: Floats | float) -> Layer:
+    """Return a layer with its light times a factor, a number or (3,)."""
+    f = np.asarray(factor, np.float32)
+    return replace(
+        layer,
+        tiles=tuple(
+            replace(t, radiance=f * t.radiance, shafts=None if t.shafts is None else f * t.shafts) for t in layer.tiles
+        ),
+    )

@@ -13,8 +13,8 @@ from mr360uw.composite.objects import load_objects, on_the_sea
 from mr360uw.composite.over import over
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import ParameterError
-from mr360uw.from_above.aerial_bodies import AerialBodies
-from mr360uw.from_above.first_surface import floor_radiance, reflected_radiance
+from mr360uw.from_above.aerial_bodies import AerialBodies, brightened
+from mr360uw.from_above.first_surface import floor_radiance, floor_through_waves, reflected_radiance
 from mr360uw.from_above.published_look import thresholded_reflection
 from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
@@ -109,7 +109,7 @@ class LoadedAerial:
         if thresholded:
             sharp = self._sharp(seen, directions)
             image, mirrored = image + sharp, mirrored + sharp
-        layer = self._layer(stage, view, time_s)
+        layer = self._layer(stage, view, seen, time_s)
         image = np.asarray(over(image, layer), np.float64)
         e = self.exposure
         return AerialPicture(
@@ -120,15 +120,15 @@ class LoadedAerial:
     def layer(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> Layer:
         """Return the bodies alone at a time [s], exposed, as a layer over a picture of the same view."""
         view = self.view(time_s, size)
-        layer = self._layer(self.sea.stage(view, time_s, 1), view, time_s)
-        exposed = (replace(t, radiance=np.float32(self.exposure) * t.radiance) for t in layer.tiles)
-        return replace(layer, tiles=tuple(exposed))
+        stage = self.sea.stage(view, time_s, 1)
+        return brightened(self._layer(stage, view, rendered(stage, view, 1), time_s), self.exposure)
 
-    def _layer(self, stage: Stage, view: View, time_s: float) -> Layer:
+    def _layer(self, stage: Stage, view: View, seen: SurfacePicture, time_s: float) -> Layer:
         if self.bodies is None:
             return Layer(view.height, view.width, ())
         frame = round(time_s * self.scene.film.frame_rate)  # of meshes that change from frame to frame
-        return self.bodies.layer(stage, view, time_s, frame, self.scene.caustics)
+        floor = floor_through_waves(stage, view, seen, *_middle_rays(view))
+        return self.bodies.layer(stage, view, floor, time_s, frame, self.scene.caustics)
 
     def _sharp(self, seen: SurfacePicture, directions: Array) -> Array:
         """Return the radiance (H, W, 3) of the thresholded reflection of the sun."""

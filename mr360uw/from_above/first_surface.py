@@ -7,6 +7,8 @@ the picture alone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,23 +22,44 @@ from mr360uw.types import View
 Array = NDArray[np.float64]
 
 
-def floor_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:
-    """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor.
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorSeen:
+    """The floor in n pixels. mask: (H, W) which. place: (n, 3) [m] in the world. footprint_m: (n,) of a pixel there.
+    passed: (n, 3) fraction of its radiance that reaches the camera through water and surface.
+    """
+
+    mask: NDArray[np.bool_]
+    place: Array
+    footprint_m: Array
+    passed: Array
+
+
+def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> FloorSeen:
+    """Return the floor where a camera in the air sees it on the refracted rays of pixels.
 
     directions, origins: (H, W, 3) of the pixels' rays.
     """
+    mask = seen.surface & (seen.in_water_m > 0.0) & np.isfinite(seen.in_water_m)
+    d, normal, distance, wet = directions[mask], seen.normal[mask], seen.distance_m[mask], seen.in_water_m[mask]
+    bent = refract_clamped(d, normal, 1.0 / stage.refractive_index)
+    place = origins[mask] + distance[:, None] * d + wet[:, None] * bent
+    footprint = view.pixel_m + view.pixel_rad * (distance + wet / stage.refractive_index)
+    cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
+    through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
+    water, _ = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
+    return FloorSeen(mask, place, footprint, through[:, None] * water)
+
+
+def floor_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:
+    """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor."""
     out = np.zeros(directions.shape)
-    wet = seen.surface & (seen.in_water_m > 0.0) & np.isfinite(seen.in_water_m)
-    for mask, dry in ((wet, False), (seen.floor, True)):
-        if not np.any(mask):
-            continue
-        d, distance = directions[mask], seen.distance_m[mask]
-        place, footprint = origins[mask] + distance[:, None] * d, view.pixel_m + view.pixel_rad * distance
-        if not dry:
-            bent = refract_clamped(d, seen.normal[mask], 1.0 / stage.refractive_index)
-            place = place + seen.in_water_m[mask, None] * bent
-            footprint = footprint + view.pixel_rad * seen.in_water_m[mask] / stage.refractive_index
-        out[mask] = stage.floor_light.radiance(stage.floor, place[:, 0], place[:, 2], footprint, dry)
+    wet = floor_through_waves(stage, view, seen, directions, origins)
+    x, z = wet.place[:, 0], wet.place[:, 2]
+    out[wet.mask] = stage.floor_light.radiance(stage.floor, x, z, wet.footprint_m, False)
+    dry, distance = seen.floor, seen.distance_m[seen.floor]
+    place = origins[dry] + distance[:, None] * directions[dry]
+    footprint = view.pixel_m + view.pixel_rad * distance
+    out[dry] = stage.floor_light.radiance(stage.floor, place[:, 0], place[:, 2], footprint, True)
     return out
 
 

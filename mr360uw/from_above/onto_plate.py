@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.over import over_tile
+from mr360uw.from_above.aerial_bodies import brightened
 from mr360uw.from_above.aerial_picture import LoadedAerial
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.progress import Progress
-from mr360uw.types import Floats, Layer
+from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop:
     if scene.plate.match:
         gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
     for frame in plate.frames(start, stop):
-        layer = _brightened(loaded.layer(frame.time_s, size), gain)
+        layer = brightened(loaded.layer(frame.time_s, size), gain)
         yield frame.over(layer, over_tile, scene.plate.grain)
 
 
@@ -69,8 +70,3 @@ def write_onto_plate(
                 if progress is not None:
                     progress(frame.index - start + 1, stop - start)
     return stop - start
-
-
-def _brightened(layer: Layer, gain: Array) -> Layer:
-    """Return a layer with its radiance times a factor (3,)."""
-    return replace(layer, tiles=tuple(replace(t, radiance=(t.radiance * gain).astype(np.float32)) for t in layer.tiles))

@@ -17,7 +17,9 @@ from mr360uw.from_above import AerialScene, LoadedAerial, aerial_film
 from mr360uw.from_above.light_in_water import joined_table, light_below
 from mr360uw.from_above.onto_plate import plate_gain
 from mr360uw.medium.lookup import beam_fraction, veil_lookup
-from mr360uw.sphere import directions, row_solid_angle
+from mr360uw.optics import refract_to_water
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
+from mr360uw.surface.sky import sun_below
 from mr360uw.video import open_video, read_spherical
 from tests.from_above import tolerances as tol
 from tests.from_above.test_aerial_picture import scene_of
@@ -51,13 +53,35 @@ def test_a_body_lies_where_snells_law_puts_it(square: dict[str, Any]) -> None:
     assert abs(columns[-1] + 1 - edges[1]) < 1.0
     bare = LoadedAerial.of(scene_of(camera=DOWN)).picture()
     outside = seen.body_alpha == 0.0
-    np.testing.assert_array_equal(seen.image_linear[outside], bare.image_linear[outside])
+    assert np.all(seen.image_linear[outside] <= bare.image_linear[outside])  # its shadow takes light away
     # a body of albedo 0.5 over a floor of 0.35, in clear water under the same light
     inside = seen.body_alpha > 0.97  # the picture keeps what the surface reflects
     assert inside.sum() > 50
     ratio = (seen.image_linear - bare.reflection)[inside] / (bare.image_linear - bare.reflection)[inside]
     assert np.all(ratio > 1.0)
     assert np.all(ratio < 1.5)
+
+
+def test_the_shadow_of_a_body_lies_behind_it(square: dict[str, Any]) -> None:
+    """Sun in the plane of the picture, clear water: the floor keeps the sky's light alone, and lies along the beam."""
+    sun = {"elevation_deg": 60.0, "azimuth_deg": 90.0}
+    camera = DOWN | {"fov_deg": 40.0}
+    bare, seen = (
+        LoadedAerial.of(with_objects(scene_of(camera=camera, sun=sun), *some)).picture()
+        for some in ((), (square | {"position_m": (1.2, -2.0, 0.0)},))
+    )
+    lost = ((bare.image_linear - seen.image_linear) * (seen.body_alpha == 0.0)[..., None])[16]
+    wet = refract_to_water(direction_from_angles(np.radians(90.0), np.radians(60.0)))
+    middle = 1.2 - 2.0 * wet[0] / wet[1]  # 2 m below the body; depth 4 m looks like 4/n
+    scale = 48.0 / (2.0 * np.tan(np.radians(20.0))) / (8.0 + 4.0 / 1.34)
+    dark = np.flatnonzero(lost[:, 1] > 0.5 * lost[:, 1].max())
+    assert abs(0.5 * (dark[0] + dark[-1] + 1) - (24.0 + middle * scale)) < 1.0
+    assert abs(len(dark) - scale) < 1.5
+    column = dark[len(dark) // 2]
+    sea = LoadedAerial.of(scene_of(camera=camera, sun=sun)).sea
+    both = sun_below(sea.sun, 1.34) + sea.dome.irradiance_below(1.34)
+    share = lost[column] / (bare.image_linear - bare.reflection)[16, column]
+    np.testing.assert_allclose(share, sun_below(sea.sun, 1.34) / both, rtol=tol.FORMULA)
 
 
 def test_light_and_water_of_bodies() -> None:
@@ -97,8 +121,11 @@ def test_plates_take_bodies(square: dict[str, Any], tmp_path: Path) -> None:
     report = aerial_film(scene, tmp_path / "out.png")
     assert report.frames == 1
     out = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
-    alpha = LoadedAerial.of(scene).layer(0.0, (48, 32)).alpha
-    np.testing.assert_array_equal(out[alpha == 0.0], codes[alpha == 0.0])
+    layer = LoadedAerial.of(scene).layer(0.0, (48, 32))
+    alpha, shaded = layer.alpha, np.any(layer.shafts != 0.0, axis=-1)
+    untouched = (alpha == 0.0) & ~shaded
+    np.testing.assert_array_equal(out[untouched], codes[untouched])
+    assert np.all(out[shaded & (alpha == 0.0)].astype(int) < codes[shaded & (alpha == 0.0)])
     inside = alpha > 0.97  # the plate keeps what the surface reflects
     assert np.mean(out[inside]) > np.mean(codes[inside])
     gain = plate_gain(LoadedAerial.of(scene), plate.astype(np.float32))
