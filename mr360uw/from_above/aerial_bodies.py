@@ -24,7 +24,7 @@ from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
 from mr360uw.from_above.first_surface import FloorSeen
-from mr360uw.from_above.floor_shadow import lost_on_floor
+from mr360uw.from_above.floor_shadow import ratio_on_floor
 from mr360uw.from_above.light_in_water import joined_table, light_below
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
@@ -75,11 +75,12 @@ class AerialBodies:
         return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
 
     def layer(
-        self, stage: Stage, view: View, floor: FloorSeen, time_s: float, frame: int, caustics: CausticSettings
-    ) -> Layer:
-        """Return the layer of the bodies over a picture of the sea at a time [s]: one tile, shadows as its `shafts`.
+        self, stage: Stage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,
+        caustics: CausticSettings,
+    ) -> Layer:  # fmt: skip
+        """Return the layer of the bodies over a picture of the sea at a time [s], as one tile.
 
-        floor: of the pixels of the view.
+        floor: of the pixels of the view. mirrored: (H, W, 3) radiance that the surface reflects.
         """
         placed = tuple(o.at(time_s, frame, view.position, view.world_from_camera) for o in self.objects)
         extent = [o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1] for o in placed]
@@ -90,9 +91,10 @@ class AerialBodies:
         cache = Cache()
         direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
         sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
-        shadow = np.zeros((view.height, view.width, 3), np.float32)
-        shadow[floor.mask] = -lost_on_floor(self.sea, stage, placed, floor)
-        return _with_shadow(with_surface(sides, _ALL, direct, cache), shadow)
+        ratio, veil = np.ones(mirrored.shape, np.float32), mirrored.astype(np.float32)
+        ratio[floor.mask] = ratio_on_floor(self.sea, stage, placed, floor)
+        veil[floor.mask] += floor.veil
+        return _with_shadow(with_surface(sides, _ALL, direct, cache), ratio, veil)
 
     def _shot(
         self, view: View, placed: tuple[PlacedObject, ...], light: Environment, table: MediumTable | None
@@ -123,9 +125,9 @@ def _over_water(sea: SeaScene, in_water: Array) -> Array:
     return np.where(towards[..., 1:2] > 0.0, sky, under)
 
 
-def _with_shadow(layer: Layer, shadow: Floats) -> Layer:
-    """Return a layer as one tile, with a change (H, W, 3) of what is behind it."""
-    touched = np.any(shadow != 0.0, axis=-1) | (layer.alpha > 0.0) | np.any(layer.radiance != 0.0, axis=-1)
+def _with_shadow(layer: Layer, ratio: Floats, veil: Floats) -> Layer:
+    """Return a layer as one tile, with shadows on what is behind it. ratio, veil: (H, W, 3) of the frame."""
+    touched = np.any(ratio != 1.0, axis=-1) | (layer.alpha > 0.0) | np.any(layer.radiance != 0.0, axis=-1)
     if not np.any(touched):
         return replace(layer, tiles=())
     rows, columns = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
@@ -133,15 +135,10 @@ def _with_shadow(layer: Layer, shadow: Floats) -> Layer:
     tile = empty_tile(part)
     at = tile.window
     arrays = {name: getattr(layer, name)[at] for name in ("radiance", "alpha", "distance_m")}
-    return replace(layer, tiles=(replace(tile, **arrays, shafts=shadow[at]),))
+    return replace(layer, tiles=(replace(tile, **arrays, ratio=ratio[at], veil=veil[at]),))
 
 
 def brightened(layer: Layer, factor: Floats | float) -> Layer:
     """Return a layer with its light times a factor, a number or (3,)."""
     f = np.asarray(factor, np.float32)
-    return replace(
-        layer,
-        tiles=tuple(
-            replace(t, radiance=f * t.radiance, shafts=None if t.shafts is None else f * t.shafts) for t in layer.tiles
-        ),
-    )
+    return replace(layer, tiles=tuple(replace(t, radiance=f * t.radiance, veil=f * t.veil) for t in layer.tiles))

@@ -97,20 +97,13 @@ class LoadedAerial:
         view = self.view(time_s, size)
         samples = self.scene.film.samples
         stage = self.sea.stage(view, time_s, samples * samples)
-        thresholded = self.scene.reflection.sun == "thresholded"
-        if thresholded:
-            seen = rendered(replace(stage, sun=None), view, samples)
-        else:
-            seen = self.sea.picture(view, time_s, samples=samples, backend=self.scene.film.backend)
+        seen = self._seen(stage, view, time_s, samples)
         directions, origins = _middle_rays(view)
         below = floor_radiance(stage, view, seen, directions, origins)
-        mirrored = reflected_radiance(replace(stage, sun=None) if thresholded else stage, view, seen, directions)
-        image = seen.radiance
-        if thresholded:
-            sharp = self._sharp(seen, directions)
-            image, mirrored = image + sharp, mirrored + sharp
-        layer = self._layer(stage, view, seen, time_s)
-        image = np.asarray(over(image, layer), np.float64)
+        mirrored = self._mirrored(stage, view, seen, directions)
+        layer = self._layer(stage, view, seen, mirrored, time_s)
+        sharp = self._sharp(seen, directions)
+        image = np.asarray(over(seen.radiance + sharp, layer), np.float64)
         e = self.exposure
         return AerialPicture(
             (e * image).astype(np.float32), seen.normal, e * below, e * mirrored, seen.distance_m, seen.in_water_m,
@@ -121,19 +114,38 @@ class LoadedAerial:
         """Return the bodies alone at a time [s], exposed, as a layer over a picture of the same view."""
         view = self.view(time_s, size)
         stage = self.sea.stage(view, time_s, 1)
-        return brightened(self._layer(stage, view, rendered(stage, view, 1), time_s), self.exposure)
+        seen = self._seen(stage, view, time_s, 1)
+        mirrored = self._mirrored(stage, view, seen, _middle_rays(view)[0])
+        return brightened(self._layer(stage, view, seen, mirrored, time_s), self.exposure)
 
-    def _layer(self, stage: Stage, view: View, seen: SurfacePicture, time_s: float) -> Layer:
+    @property
+    def _thresholded(self) -> bool:
+        return self.scene.reflection.sun == "thresholded"
+
+    def _seen(self, stage: Stage, view: View, time_s: float, samples: int) -> SurfacePicture:
+        """Return the sea without bodies, and without the sun's reflection where that is drawn apart."""
+        if self._thresholded:
+            return rendered(replace(stage, sun=None), view, samples)
+        return self.sea.picture(view, time_s, samples=samples, backend=self.scene.film.backend)
+
+    def _mirrored(self, stage: Stage, view: View, seen: SurfacePicture, directions: Array) -> Array:
+        """Return the radiance (H, W, 3) that the first surface reflects."""
+        if not self._thresholded:
+            return reflected_radiance(stage, view, seen, directions)
+        sky = reflected_radiance(replace(stage, sun=None), view, seen, directions)
+        return sky + self._sharp(seen, directions)
+
+    def _layer(self, stage: Stage, view: View, seen: SurfacePicture, mirrored: Array, time_s: float) -> Layer:
         if self.bodies is None:
             return Layer(view.height, view.width, ())
         frame = round(time_s * self.scene.film.frame_rate)  # of meshes that change from frame to frame
         floor = floor_through_waves(stage, view, seen, *_middle_rays(view))
-        return self.bodies.layer(stage, view, floor, time_s, frame, self.scene.caustics)
+        return self.bodies.layer(stage, view, floor, mirrored, time_s, frame, self.scene.caustics)
 
     def _sharp(self, seen: SurfacePicture, directions: Array) -> Array:
-        """Return the radiance (H, W, 3) of the thresholded reflection of the sun."""
+        """Return the radiance (H, W, 3) of the thresholded reflection of the sun, zero for other reflections."""
         sun, reflection = self.sea.sun, self.scene.reflection
-        if sun is None or seen.camera_in_water:
+        if not self._thresholded or sun is None or seen.camera_in_water:
             return np.zeros(seen.radiance.shape)
         part = thresholded_reflection(directions, seen.normal, sun, math.radians(reflection.threshold_deg))
         return part[..., None] * (reflection.gain * sun.irradiance)

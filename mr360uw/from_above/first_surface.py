@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorSeen:
     """The floor in n pixels. mask: (H, W) which. place: (n, 3) [m] in the world. footprint_m: (n,) of a pixel there.
-    passed: (n, 3) fraction of its radiance that reaches the camera through water and surface.
+    veil: (n, 3) radiance that the water adds, through the surface.
     """
 
     mask: NDArray[np.bool_]
     place: Array
     footprint_m: Array
-    passed: Array
+    veil: Array
 
 
 def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> FloorSeen:
@@ -46,8 +46,8 @@ def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directio
     footprint = view.pixel_m + view.pixel_rad * (distance + wet / stage.refractive_index)
     cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
     through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
-    water, _ = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
-    return FloorSeen(mask, place, footprint, through[:, None] * water)
+    _, veil = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
+    return FloorSeen(mask, place, footprint, through[:, None] * veil)
 
 
 def floor_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:

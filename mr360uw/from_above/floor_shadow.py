@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shadows of bodies on the sea floor as a camera in the air sees them through the waves.
 
-    lost = t T A/pi E_sun (1 - v)
+    ratio = 1 - E_sun/E (1 - v)
 
-with t, T what surface and water let pass to the camera, A the floor's albedo, E_sun its light by the sun's beam with
-its caustics, and v the fraction of the sun that bodies leave. Waves tilt the beam: v is the mean over a disc as wide as
-the sun and the slopes of the sea make it.
+with E the floor's light, E_sun the part of it by the sun's beam with its caustics, and v the fraction of the sun that
+bodies leave. Waves tilt the beam: v is the mean over a disc as wide as the sun and the slopes of the sea make it. The
+ratio is that of the floor on the ray through a pixel's centre; it scales what the pixel shows of the floor.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from mr360uw.composite.at_surface.image_reach import balls_around
 from mr360uw.composite.raycast.geometry import gather
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.constants import PI
 from mr360uw.from_above.first_surface import FloorSeen
 from mr360uw.optics import refract_to_water
 from mr360uw.rays import RayScene
@@ -32,29 +31,29 @@ _RAYS = 13
 """Directions over the disc."""
 
 
-def lost_on_floor(sea: SeaScene, stage: Stage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
-    """Return the radiance (n, 3) at the camera that bodies take from the floor's pixels."""
-    lost = np.zeros((len(floor.place), 3))
+def ratio_on_floor(sea: SeaScene, stage: Stage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
+    """Return the floor's light with bodies over that without, (n, 3), in the floor's pixels."""
+    ratio = np.ones((len(floor.place), 3))
     casters = tuple(one for one in placed if one.casts_shadow)
-    if sea.sun is None or sea.sun.direction[1] <= 0.0 or not casters or not len(lost):
-        return lost
+    if sea.sun is None or sea.sun.direction[1] <= 0.0 or not casters:
+        return ratio
     direction = refract_to_water(sea.sun.direction, sea.refractive_index)
     half = _beam_half_angle(sea)
     at = np.flatnonzero(_in_reach(floor.place, direction, half, casters))
     if not len(at):
-        return lost
+        return ratio
     scene = RayScene(gather(casters, np.zeros(3)).positions)
     rays = disc_directions(direction, half, _RAYS)
     hidden = np.zeros(len(at))
     for ray in rays:
         hidden += scene.first_hit(floor.place[at], np.broadcast_to(ray, (len(at), 3))) >= 0
     x, z, footprint = floor.place[at, 0], floor.place[at, 2], floor.footprint_m[at]
-    light = np.zeros((len(at), 3))
+    beam = np.zeros((len(at), 3))
     for pattern, factor in stage.floor_light.patterns[0 if sea.water.sky is not None else 1 :]:  # without the sky's
-        light += factor * pattern.at(x, z, footprint)
-    albedo = stage.floor.albedo(x, z, footprint)
-    lost[at] = floor.passed[at] * albedo / PI * light * (hidden / len(rays))[:, None]
-    return lost
+        beam += factor * pattern.at(x, z, footprint)
+    whole = stage.floor_light.irradiance(x, z, footprint)
+    ratio[at] = 1.0 - beam / np.maximum(whole, 1e-30) * (hidden / len(rays))[:, None]
+    return ratio
 
 
 def _beam_half_angle(sea: SeaScene) -> float:

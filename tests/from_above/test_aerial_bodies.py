@@ -122,7 +122,7 @@ def test_plates_take_bodies(square: dict[str, Any], tmp_path: Path) -> None:
     assert report.frames == 1
     out = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
     layer = LoadedAerial.of(scene).layer(0.0, (48, 32))
-    alpha, shaded = layer.alpha, np.any(layer.shafts != 0.0, axis=-1)
+    alpha, shaded = layer.alpha, np.any(layer.ratio != 1.0, axis=-1)
     untouched = (alpha == 0.0) & ~shaded
     np.testing.assert_array_equal(out[untouched], codes[untouched])
     assert np.all(out[shaded & (alpha == 0.0)].astype(int) < codes[shaded & (alpha == 0.0)])
