@@ -26,13 +26,14 @@ Mask = NDArray[np.bool_]
 
 _CELLS = 128
 """Rows of the coarse grid."""
-_DEVIATIONS = 3.0
-"""Standard deviations of slopes that are looked for: 1 in 90 facets is steeper."""
+_DEVIATIONS = 2.7
+"""Standard deviations of slopes along their steeper axis that are looked for: images are fainter than a code value
+beyond."""
 _MOST_PARTS = 8
 """Balls along the longest side of a body."""
-_MIRRORED, _BENT_BELOW, _BENT_ABOVE = 2.0, 3.0, 0.5
-"""Turn of a ray over that of the facet: of mirrored rays exactly; of refracted ones at the most up to 5 degrees from
-the edge of Snell's window, and at grazing incidence from above."""
+_MIRRORED, _LEAST_BENT, _MOST_BENT = 2.0, 0.5, 3.0
+"""Turn of a ray over that of the facet: of mirrored rays exactly, of refracted ones at the least and at the most, which
+is reached 5 degrees from the edge of Snell's window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +55,8 @@ def balls_around(objects: tuple[PlacedObject, ...]) -> tuple[Floats, Floats]:
         middle = np.tile(placed.mesh.center_m, (parts, 1))
         middle[:, axis] += extent[axis] * ((np.arange(parts) + 0.5) / parts - 0.5)
         centres.append(placed.to_world(middle))
-        radii.append(np.full(parts, 0.5 * placed.scale * np.hypot(across, extent[axis] / parts)))
+        radius = placed.mesh.radius_m if parts == 1 else 0.5 * np.hypot(across, extent[axis] / parts)
+        radii.append(np.full(parts, placed.scale * radius))
     return np.concatenate(centres), np.concatenate(radii)
 
 
@@ -72,35 +74,55 @@ def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> Reach:
     at, seen = at[met], seen.of(met)
     found = np.zeros((2, rows * columns), bool)
     if len(at):
-        found[:, at] = _in_reach(sides, seen, *balls_around(objects), PI * step / view.height)
+        found[:, at] = in_reach(sides, seen, *balls_around(objects), PI * step / view.height)
     return Reach(*(_pixels(one.reshape(rows, columns), step)[: view.height, : view.width] for one in found))
 
 
-def _in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Floats, cell_rad: float) -> Mask:
-    """Return whether (2, n) rays are in reach of a ball, mirrored and refracted."""
+def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Floats, cell_rad: float) -> Mask:
+    """Return whether (2, n) rays, each for a cell of an angle, are in reach of a ball (m,), mirrored and refracted."""
     view, m = sides.wet.view, sides.relative_index
     against = -seen.normal if sides.in_water else seen.normal
     point = seen.distance_m[:, None] * seen.direction
-    spread = _DEVIATIONS * np.sqrt(np.maximum(seen.lost[:, 0] + seen.lost[:, 2], 0.0))
+    spread = _DEVIATIONS * np.sqrt(np.maximum(_largest_variance(seen.lost), 0.0))
     mirrored, bent = reflect(seen.direction, against), refract_clamped(seen.direction, against, 1.0 / m)
     to = centres - view.position - point[:, None]  # (n, m, 3)
     away = np.linalg.norm(to, axis=-1)
-    size = np.arcsin(np.clip(radii / np.maximum(away, 1e-9), 0.0, 1.0)) + 2.0 * cell_rad
+    # neighbouring rays part all the way from the camera: seen from the surface a cell is wider than from there
+    cell = cell_rad * (1.0 + seen.distance_m[:, None] / np.maximum(away, 1e-9))
+    size = np.arcsin(np.clip(radii / np.maximum(away, 1e-9), 0.0, 1.0)) + 2.0 * cell
     over, nearest = centres[:, 1] - view.surface_y_m, np.maximum(away - radii, 0.0)
     wet, dry = over - radii < sides.sea.highest_m, over + radii > sides.sea.lowest_m
     first = np.broadcast_to(seen.distance_m[:, None] if sides.in_water else 0.0, away.shape)
-    bends = _BENT_BELOW if sides.in_water else _BENT_ABOVE
+    bends, passes = _bending(seen.direction, against, m, spread)
     found = []
-    for ray, turn, in_same in ((mirrored, _MIRRORED, True), (bent, bends, False)):
+    for ray, wide, in_same in ((mirrored, _MIRRORED * spread, True), (bent, bends * spread, False)):
         body_is_wet = in_same == sides.in_water
         cosine = np.einsum("nk,nmk->nm", ray, to) / np.maximum(away, 1e-9)
-        near = np.arccos(np.clip(cosine, -1.0, 1.0)) < size + turn * spread[:, None]
+        near = np.arccos(np.clip(cosine, -1.0, 1.0)) < size + wide[:, None]
         seen_there = (near | (away < radii)) & (wet if body_is_wet else dry)
         if sides.wet.medium is not None:
             path = first + nearest if body_is_wet else first
             seen_there &= transmittance_lookup(sides.wet.medium, path, 0.0).max(axis=-1) > FAINTEST
-        found.append(np.any(seen_there, axis=1))
+        found.append(np.any(seen_there, axis=1) & (in_same | passes))
     return np.stack(found)
+
+
+def _bending(travel: Floats, against: Floats, m: float, spread: Floats) -> tuple[Floats, Mask]:
+    """Return the turn (n,) of refracted rays over that of facets, cos/(m cos') - 1, within `spread` (n,) [rad] of the
+    mean facet, and whether any facet lets light pass.
+    """
+    angle = np.arccos(np.clip(-np.einsum("nk,nk->n", travel, against), 0.0, 1.0))
+    steeper = np.minimum(angle + spread, 0.5 * PI)
+    behind = np.sqrt(np.maximum(1.0 - (np.sin(steeper) / m) ** 2, 0.0))
+    turn = np.abs(np.cos(steeper) / np.maximum(m * behind, 1e-6) - 1.0)
+    turn = np.where(behind > 0.0, turn, _MOST_BENT)
+    return np.clip(turn, _LEAST_BENT, _MOST_BENT), np.sin(np.maximum(angle - spread, 0.0)) < m
+
+
+def _largest_variance(covariance: Floats) -> Floats:
+    """Return the larger eigenvalue (n,) of covariances (n, 3), xx, xz, zz."""
+    xx, xz, zz = covariance.T
+    return np.asarray(0.5 * (xx + zz) + np.hypot(0.5 * (xx - zz), xz))
 
 
 def _pixels(cells: Mask, step: int) -> Mask:

@@ -21,7 +21,7 @@ from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.at_surface.air_light import in_air
 from mr360uw.composite.at_surface.body_rays import first_surfaces
-from mr360uw.composite.at_surface.image_reach import find_reach
+from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_behind import SurfacePicture, blank_picture, laid_over
 from mr360uw.composite.at_surface.surface_images import Bodies, Images, LitBodies, PlainShadows, surface_images
@@ -116,6 +116,17 @@ def _picture(
     if not np.any(where):
         return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
+    mirrored, refracted = in_reach(sides, seen, *balls_around(near), sides.wet.view.pixel_rad)
+    shown = mirrored | refracted | cut[rows, columns]
+    rows, columns, seen, mirrored, refracted = (
+        rows[shown],
+        columns[shown],
+        seen.of(shown),
+        mirrored[shown],
+        refracted[shown],
+    )
+    if len(rows) == 0:
+        return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
     bodies = _bodies(sides, presence, cache)
     samples = pattern(settings.samples)
     alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
@@ -127,7 +138,7 @@ def _picture(
         rays = sample_surface(sides, j, i, seen.of(part), samples)
         hidden, share = _hidden(bodies, rays, covered[part], distance[part])
         kept[j, i] = np.where(covered[part], share, kept[j, i])
-        shows = reach.mirrored[j, i], reach.refracted[j, i]
+        shows = mirrored[part], refracted[part]
         images.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
     radiance, opacity, met = blank_picture(layer)
     light, share = _smoothed(sides, rows, columns, images)
