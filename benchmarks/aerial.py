@@ -76,11 +76,20 @@ VIEWS: dict[str, dict[str, Any]] = {
     "wind 8 m/s, sun low ahead": {
         "sea": {"wind_speed": 8.0, "tile_m": 60.0, "resolution": 512, "shortest_wavelength_m": 0.6},
         "sun": {"elevation_deg": 25.0, "azimuth_deg": 10.0}, "floor": {"depth_m": 6.0},
-        "camera": {"position_m": (0.0, 20.0, 0.0), "pitch_deg": -25.0},
+        "camera": {"position_m": (0.0, 20.0, 0.0), "pitch_deg": -25.0, "exposure": 0.7},
     },
     "straight down, parallel": {
         "sea": CALM, "floor": {"depth_m": 2.0},
         "camera": {"projection": "orthographic", "pitch_deg": -90.0, "width_m": 12.0},
+    },
+    "a whale under the waves": {
+        "sea": CALM, "floor": {"depth_m": 4.0}, "camera": {"position_m": (0.0, 8.0, 0.0), "pitch_deg": -60.0},
+        "object": [{"mesh": "whale.glb", "position_m": (0.0, -1.5, -4.5), "rotation_deg": (60.0, 0.0, 0.0)}],
+    },
+    "wind 5 m/s, from 60 m": {
+        "sea": {"wind_speed": 5.0, "tile_m": 100.0, "resolution": 512, "shortest_wavelength_m": 0.6},
+        "floor": {"depth_m": 5.0, "tile_m": 24.0}, "sun": {"elevation_deg": 45.0},
+        "camera": {"position_m": (0.0, 60.0, 0.0), "pitch_deg": -70.0},
     },
     "published look": {
         "sea": CALM, "floor": {"depth_m": 2.5}, "camera": {"position_m": (0.0, 5.0, 0.0)},
@@ -90,16 +99,24 @@ VIEWS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def pictures(folder: Path, width: int = 480) -> None:
-    """Write the pictures of the page, one file each."""
-    for name, tables in VIEWS.items():
+def pictures(folder: Path, width: int = 448) -> None:
+    """Write the pictures of the page, one file each, and all of them as one."""
+    import cv2
+    import numpy as np
+
+    from mr360uw.sample.whale import write_whale
+
+    write_whale(folder / "whale.glb")
+    written = []
+    for number, (name, tables) in enumerate(VIEWS.items()):
         camera = tables.get("camera", {}) | {"width": width, "height": width * 9 // 16}
-        scene = scene_of(**(tables | {"camera": camera, "film": {"samples": 3}}))
-        print(
-            aerial_film(
-                scene, folder / f"{name.replace(',', '').replace(' ', '-').replace('/', '')}.png", overwrite=True
-            )
-        )
+        bodies = [one | {"mesh": folder / one["mesh"]} for one in tables.get("object", [])]
+        scene = scene_of(**(tables | {"camera": camera, "object": bodies, "film": {"samples": 3}}))
+        written.append(folder / f"aerial-{number}.png")
+        print(f"{name}: {aerial_film(scene, written[-1], overwrite=True)}")
+    cells = [cv2.imread(str(path)) for path in written]
+    rows = [np.hstack(cells[first : first + 2]) for first in range(0, len(cells), 2)]
+    cv2.imwrite(str(folder / "aerial.jpg"), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 if __name__ == "__main__":

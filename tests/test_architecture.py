@@ -25,7 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
     "surface": {"caustic_lookup", *PHYSICS},
-    "from_above": {"surface", "scene", "sample", "composite", "video", "progress", *PHYSICS},
+    "from_above": {"surface", "scene", "sample", "composite", "video", "progress", "rays", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
     "gl": set(),
     "video": set(),
