@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -159,3 +160,11 @@ def test_gerstner_seas_are_chosen_by_name(sea: Path) -> None:
     assert AerialScene.model_validate({"sea": {"model": "gerstner", "wind_speed": 3.0}}).sea.model == "gerstner"
     with pytest.raises(SceneError, match=r"sea\.toml:6 sea\.wind_speed - must be"):
         load_aerial(sea, ["sea.wind_speed=-1"])
+
+
+def test_the_schema_of_these_scenes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["mr360uw", "schema", "--aerial"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    schema = json.loads(capsys.readouterr().out)
+    assert schema["properties"].keys() == {field.alias or name for name, field in AerialScene.model_fields.items()}
