@@ -11,7 +11,7 @@ Marine snow is in the beauty and its alpha alone, in none of the variables.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,21 @@ class Aovs:
     normal: Floats
     position: Floats
     object_id: NDArray[np.uint32]
+
+    def cut(self, kept: Floats) -> Aovs:
+        """Return the variables of which a fraction `kept` (H, W) of the objects' samples is left, 0 to 1."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        gone = kept == 0.0
+        for name, image in values.items():
+            if name in ("transmittance", "normal", "position", "object_id"):
+                values[name] = np.where(gone if image.ndim == 2 else gone[..., None], _NOTHING.get(name, 0), image)
+            else:
+                values[name] = image * kept[..., None]
+        return Aovs(**{name: image.astype(getattr(self, name).dtype) for name, image in values.items()})
+
+
+_NOTHING = {"transmittance": 1.0}
+"""Variables that are not 0 where there is no object."""
 
 
 class AovFrame:

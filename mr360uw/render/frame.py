@@ -89,7 +89,7 @@ def frame_stages(
             shafts = shafts_of(then, backend, shot, instant_s, kept)
             drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
             layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
-            layer = with_surface(then, backend, shot, layer, instant_s, kept)
+            layer, found = with_surface(then, backend, shot, layer, found, instant_s, kept)
             layers.append(with_snow(then, backend, shot, layer, instant_s, shutter_s / len(moments), kept))
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame

@@ -20,7 +20,7 @@ from mr360uw.composite.shot import PlacedObject
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.optics import reflect, refract_clamped
-from mr360uw.types import Floats
+from mr360uw.types import Floats, MediumTable
 
 Mask = NDArray[np.bool_]
 
@@ -29,6 +29,8 @@ _CELLS = 128
 _DEVIATIONS = 2.7
 """Standard deviations of slopes along their steeper axis that are looked for: images are fainter than a code value
 beyond."""
+_LENGTHS_M = np.geomspace(0.01, 1e4, 400)
+"""Lengths [m] among which the farthest path is looked up, 4 % apart."""
 _MOST_PARTS = 8
 """Balls along the longest side of a body."""
 _MIRRORED, _LEAST_BENT, _MOST_BENT = 2.0, 0.5, 3.0
@@ -93,6 +95,7 @@ def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Float
     over, nearest = centres[:, 1] - view.surface_y_m, np.maximum(away - radii, 0.0)
     wet, dry = over - radii < sides.sea.highest_m, over + radii > sides.sea.lowest_m
     first = np.broadcast_to(seen.distance_m[:, None] if sides.in_water else 0.0, away.shape)
+    farthest_m = _farthest_m(sides.wet.medium)
     bends, passes = _bending(seen.direction, against, m, spread)
     found = []
     for ray, wide, in_same in ((mirrored, _MIRRORED * spread, True), (bent, bends * spread, False)):
@@ -100,11 +103,17 @@ def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Float
         cosine = np.einsum("nk,nmk->nm", ray, to) / np.maximum(away, 1e-9)
         near = np.arccos(np.clip(cosine, -1.0, 1.0)) < size + wide[:, None]
         seen_there = (near | (away < radii)) & (wet if body_is_wet else dry)
-        if sides.wet.medium is not None:
-            path = first + nearest if body_is_wet else first
-            seen_there &= transmittance_lookup(sides.wet.medium, path, 0.0).max(axis=-1) > FAINTEST
+        seen_there &= (first + nearest if body_is_wet else first) < farthest_m
         found.append(np.any(seen_there, axis=1) & (in_same | passes))
     return np.stack(found)
+
+
+def _farthest_m(medium: MediumTable | None) -> float:
+    """Return the length [m] of a level path in water that leaves `FAINTEST` of the light; infinity without water."""
+    if medium is None:
+        return np.inf
+    left = transmittance_lookup(medium, _LENGTHS_M, 0.0).max(axis=-1)
+    return float(_LENGTHS_M[np.argmin(left > FAINTEST)]) if left[-1] <= FAINTEST else np.inf
 
 
 def _bending(travel: Floats, against: Floats, m: float, spread: Floats) -> tuple[Floats, Mask]:

@@ -57,18 +57,18 @@ def with_bodies(
     settings: SurfaceSettings,
     layer: Layer,
     cache: Cache,
-) -> Layer:
-    """Return the layer of a shot of a camera in the water with the surface at a time [s].
+) -> tuple[Layer, Floats | None]:
+    """Return the layer of a shot of a camera in the water with the surface at a time [s], as `cut_at_surface` does.
 
     from_surface: the water's table for rays that start there. cache: holds what shots share.
     """
     waves = cache.get("waves at the surface", (sea, time_s), lambda: SampledSea.of(sea, time_s))
     if not camera_in_water(shot, waves):
-        return layer
+        return layer, None
     highest_m = max((float(top) for top in _tops(shot)), default=-np.inf) - shot.view.surface_y_m
     dry = in_air(shot) if highest_m > waves.lowest_m else shot  # of what is wholly under water it is never asked for
     sides = WaterSides(shot, dry, waves, from_surface, True, shot.refractive_index)
-    return with_surface(sides, settings, layer, cache)
+    return cut_at_surface(sides, settings, layer, cache)
 
 
 def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache) -> Layer:
@@ -76,13 +76,24 @@ def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cac
 
     cache: holds what shots of the same bodies share.
     """
+    return cut_at_surface(sides, settings, layer, cache)[0]
+
+
+def cut_at_surface(
+    sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache
+) -> tuple[Layer, Floats | None]:
+    """Return a layer with the surface, and the fraction (H, W) of the bodies' samples that is before it.
+
+    Where it shows no body and cuts none they are the layer itself and None. cache: holds what shots of the same bodies
+    share.
+    """
     shot = sides.wet
     presence = object_presence(shot, settings)
     near = tuple(o for o, share in zip(_visible(shot), presence, strict=True) if share > 0.0)
     if not near:
-        return layer
+        return layer, None
     picture = _picture(sides, settings, layer, presence, near, cache)
-    return layer if picture is None else laid_over(shot, layer, picture)
+    return (layer, None) if picture is None else (laid_over(shot, layer, picture), picture.kept)
 
 
 def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:

@@ -9,36 +9,42 @@ import numpy as np
 
 from mr360uw.cache import Cache, Same
 from mr360uw.composite import Shot
+from mr360uw.composite.aovs import Aovs
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
-from mr360uw.types import Layer, MediumTable
+from mr360uw.types import Floats, Layer, MediumTable
 
 _JUST_BELOW_M = 0.01
 """Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
 
 
-def with_surface(loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, time_s: float, kept: Cache) -> Layer:
-    """Return the layer of a shot with the moving surface; the layer itself where the plan has none.
+def with_surface(
+    loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, variables: Aovs | None, time_s: float, kept: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return the layer of a shot and its variables with the moving surface; as they are where the plan has none.
 
-    kept: holds layers of the same backend; a layer stands for all that its shot depends on.
+    Images of bodies in the surface are in the layer alone, the cut through bodies is in both. kept: holds layers of the
+    same backend; a layer stands for all that its shot depends on.
     """
     settings = loaded.scene.surface
     if not loaded.plan.surface.runs or shot.medium is None or shot.view.depth_of(np.zeros(3)) <= 0.0:
-        return layer
+        return layer, variables
     from mr360uw.composite.at_surface.surface_layer import object_presence, with_bodies
 
     if not np.any(object_presence(shot, settings) > 0.0):
-        return layer
+        return layer, variables
     sea, at_surface = loaded.scene.sea, _table_at_surface(loaded, shot.medium, time_s, kept)
     if at_surface is None:
-        return layer
+        return layer, variables
 
-    def drawn() -> Layer:
+    def drawn() -> tuple[Layer, Floats | None]:
         stack = None if shot.caustics is None else backend.download(shot.caustics)
         lit = dataclasses.replace(shot, caustics=stack)
         return with_bodies(lit, sea, time_s, at_surface, settings, layer, backend.cache)
 
-    return kept.get("surface", (layer, shot.view.key, settings, sea, time_s, Same(at_surface)), drawn)
+    key = layer, shot.view.key, settings, sea, time_s, Same(at_surface)
+    layer, before = kept.get("surface", key, drawn)
+    return layer, variables if variables is None or before is None else variables.cut(before)
 
 
 def _table_at_surface(loaded: Loaded, table: MediumTable, time_s: float, kept: Cache) -> MediumTable | None:
