@@ -60,6 +60,10 @@ class Hit(NamedTuple):
     level: float
 
 
+NOWHERE = Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+"""Where a ray that does not meet the surface does so."""
+
+
 @compiled
 def sigma_at(width: float, spread: float, t: float, up: float) -> float:
     """Return the standard deviation [m] of a ray's footprint on the level surface after a distance t."""
@@ -117,7 +121,7 @@ def first_hit(
             break
         before, was = t, over
         t = min(t + max(abs(over) / (abs(dy) + steep), 0.5 * sea.step_m, 0.5 * sigma), end)
-    return Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+    return NOWHERE
 
 
 @compiled
@@ -167,7 +171,7 @@ def _bisected(
     x, z = ox + high * dx, oz + high * dz
     a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
     if not apart or side * (oy + high * dy - p[0]) > 0.0:
-        return Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+        return NOWHERE
     for _ in range(60):
         t = 0.5 * (low + high)
         x, z = ox + t * dx, oz + t * dz

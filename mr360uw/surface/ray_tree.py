@@ -29,7 +29,7 @@ OFF_M = 1e-6
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
     """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface.
-    camera_in_water: on which side of the waves the camera is.
+    camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
     """
 
     sea: SampledSea
@@ -42,3 +42,4 @@ class Stage:
     refractive_index: float
     samples: int
     camera_in_water: bool
+    planes: tuple[tuple[float, FloorLight], ...] = ()

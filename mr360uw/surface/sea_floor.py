@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sea floor: a level plane of an albedo, and the light on it."""
+"""The sea floor: its heights and albedo, and the light on it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import number, numbers
+from mr360uw.surface.tracing.relief import relief_height
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -39,21 +40,30 @@ class Tiled:
 
 
 class Floor:
-    """A level, diffuse floor.
+    """A diffuse floor, level or uneven.
 
     height_m: its y in the world. albedo: in [0, 1], a number, (3,), or an image (size, size, 3) or (size, size), `size`
-    a power of two, that repeats every tile_m [m] from the world's origin, column = +x, row = +z. Raises
-    `ParameterError`.
+    a power of two, that repeats every albedo_tile_m [m] from the world's origin, column = +x, row = +z. relief: (size,
+    size) heights [m] over height_m at the centres of pixels, that repeat every tile_m [m] in the same way, read
+    bilinearly. albedo_tile_m is tile_m unless given. Raises `ParameterError`.
     """
 
-    def __init__(self, height_m: float, albedo: ArrayLike = 0.3, tile_m: float | None = None) -> None:
+    def __init__(
+        self,
+        height_m: float,
+        albedo: ArrayLike = 0.3,
+        tile_m: float | None = None,
+        *,
+        relief: ArrayLike = 0.0,
+        albedo_tile_m: float | None = None,
+    ) -> None:
         self.height_m = number("floor.height_m", height_m)
         image = numbers("floor.albedo", albedo).astype(np.float64)
-        tile = 0.0 if tile_m is None else number("floor.tile_m", tile_m)
         if image.size == 0 or image.min() < 0.0 or image.max() > 1.0:
             raise ParameterError(f"floor.albedo - must lie in [0, 1] (got {image.ravel()[:3]}) - give fractions")
+        given = tile_m if albedo_tile_m is None else albedo_tile_m
         if image.shape in ((), (3,)):
-            image, tile = np.broadcast_to(image, (1, 1, 3)), 1.0
+            image, given = np.broadcast_to(image, (1, 1, 3)), 1.0
         elif image.ndim == 2:
             image = image[..., None]
         size = image.shape[0]
@@ -62,26 +72,48 @@ class Floor:
                 f"floor.albedo - must be a number, (3,) or a square image (got shape {image.shape}) - "
                 "sides of a power of two tile"
             )
-        if not tile > 0.0:
-            raise ParameterError(f"floor.tile_m - an image needs its size (got {tile_m}) - give metres above 0")
         self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
-        self.image = Tiled.of(image, tile)
+        self.image = Tiled.of(image, _metres("tile_m" if albedo_tile_m is None else "albedo_tile_m", given))
+        heights = numbers("floor.relief", relief).astype(np.float64)
+        level = heights.ndim == 0
+        if not level and (heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 2):
+            raise ParameterError(f"floor.relief - must be (size, size) (got shape {heights.shape}) - give heights")
+        self.height_m += float(heights) if level else 0.0
+        self.relief: Array = np.zeros((1, 1)) if level else np.ascontiguousarray(heights)
+        self.tile_m = 1.0 if level else _metres("tile_m", tile_m)
+        self.lowest_m, self.highest_m = float(self.relief.min()), float(self.relief.max())
+        steps = [np.abs(self.relief - np.roll(self.relief, 1, axis)).max() for axis in (0, 1)]
+        self.steepest = float(np.hypot(*steps)) * len(self.relief) / self.tile_m
+        """Bound of the slope: a bilinear surface is steepest along the edges of its cells."""
+
+    def height_at(self, x_m: float, z_m: float) -> float:
+        """Return the y [m] in the world of the floor at a place in the world."""
+        return self.height_m + relief_height(self.relief, self.tile_m, x_m, z_m)
 
     def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
         return self.image.at(x_m, z_m, footprint_m)
 
 
+def _metres(name: str, length: float | None) -> float:
+    if length is None or not number(f"floor.{name}", length) > 0.0:
+        raise ParameterError(f"floor.{name} - an image needs its size (got {length}) - give metres above 0")
+    return float(length)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorLight:
     """Irradiance of the floor: an even part (3,) and patterns that repeat with the sea, each times a factor (3,).
 
-    dry: (3,) irradiance of what stands out of the water.
+    dry: (3,) irradiance of what stands out of the water; dry_sun: the sun's part of it. skies: how many of the
+    patterns, the first, are of the sky; the others are of the sun.
     """
 
     even: Array
     patterns: tuple[tuple[Tiled, Array], ...]
     dry: Array
+    dry_sun: Array
+    skies: int = 0
 
     def irradiance(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the irradiance (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.flux.compiled import compiled
-from mr360uw.surface.intersection import Hit, first_hit
-from mr360uw.surface.ray_tree import FARTHEST_M, OFF_M, Stage
+from mr360uw.surface.intersection import NOWHERE, Hit
+from mr360uw.surface.ray_tree import OFF_M, Stage
 from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.random_keys import next_key
-from mr360uw.surface.tracing.ray_kernel import STACK, World, followed, put, to_floor
+from mr360uw.surface.tracing.ray_kernel import STACK, World, followed, met, put
 from mr360uw.surface.tracing.ray_optics import bent
 from mr360uw.surface.tracing.stage_arrays import stage_arrays
 from mr360uw.surface.tracing.table_reads import add
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 _AT_ONCE = 1 << 14
 """Rays that are traced on one thread at a time."""
+_HEIGHTS = 12
+"""The place of the floor's heights among the arrays of rays."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +59,17 @@ def rendered(stage: Stage, view: View, samples: int) -> SurfacePicture:
     """Return the picture, made in bands of rows on all cores. samples: per pixel and axis."""
     height, width, side = view.height, view.width, -1.0 if stage.camera_in_water else 1.0
     radiance, distance, wet = np.zeros((height, width, 3)), np.zeros((height, width)), np.zeros((height, width))
-    normal, met = np.zeros((height, width, 3)), np.zeros((height, width), np.uint8)
+    normal, kind = np.zeros((height, width, 3)), np.zeros((height, width), np.uint8)
     arrays, world = stage_arrays(stage)
     rows = max(_AT_ONCE // (width * samples * samples), 1)
 
     def draw(first: int) -> None:
         band = slice(first, min(first + rows, height))
-        out = radiance[band], distance[band], wet[band], normal[band], met[band]
+        out = radiance[band], distance[band], wet[band], normal[band], kind[band]
         origins, directions = _camera_rays(view, band, 1)
         footprint = view.pixel_m / samples, view.pixel_rad / samples
         args: Any = world, origins, directions, side, view.pixel_m, view.pixel_rad, *out[1:]
-        middle = _centres(*(*arrays[:6], *args))
+        middle = _centres(*(*arrays[:6], arrays[_HEIGHTS], *args))
         if samples > 1:
             origins, directions = _camera_rays(view, band, samples)
         key = (first * width * samples * samples) % 2**32
@@ -76,7 +78,7 @@ def rendered(stage: Stage, view: View, samples: int) -> SurfacePicture:
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(0, height, rows)))  # to see their errors
-    return SurfacePicture(radiance, distance, wet, normal, met == 1, met == 2, stage.camera_in_water)
+    return SurfacePicture(radiance, distance, wet, normal, kind == 1, kind == 2, stage.camera_in_water)
 
 
 def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
@@ -95,34 +97,36 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
 
 @compiled
 def _centres(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, w: World, origins: Any, directions: Any, side: float,
-    width: float, spread: float, distance: Any, wet: Any, normal: Any, met: Any,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, w: World, origins: Any, directions: Any, side: float,
+    width: float, spread: float, distance: Any, wet: Any, normal: Any, kind: Any,
 ) -> Any:  # fmt: skip
-    """Write what the rays of pixels' centres meet: `SurfacePicture`, met 1 for the surface, 2 for the floor. Return
+    """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor. Return
     where they meet the surface (h, w, 8).
     """
-    c, n, h, s, m, steepest = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest)
+    c, n, h, s, m, steepest, e = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest), bare(e)
     rows, columns = distance.shape
     hits = np.zeros((rows, columns, 8))
     for row in range(rows):
         for column in range(columns):
             p, q = origins[row, column, 0], directions[row, column, 0]
             o, v = (p[0], p[1], p[2]), (q[0], q[1], q[2])
-            floor = to_floor(w, o, v, side)
-            hit = first_hit(c, n, h, s, m, steepest, w.sea, o, v, side, width, spread, min(floor, FARTHEST_M))
+            hit, floor = met(
+                c, n, h, s, m, steepest, e, w.sea, w.ground.relief, o, v, side, width, spread, NOWHERE, False
+            )  # fmt: skip
             t, length = hit.distance, 0.0
             if t < math.inf:
-                met[row, column] = 1
+                kind[row, column] = 1
                 nx, ny, nz = hit.normal
                 normal[row, column, 0], normal[row, column, 1], normal[row, column, 2] = nx, ny, nz
                 if side > 0.0:
                     d = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / w.refractive_index)
                     at = o[0] + t * v[0] + OFF_M * d[0], o[1] + t * v[1] + OFF_M * d[1], o[2] + t * v[2] + OFF_M * d[2]
-                    floor = to_floor(w, at, d, -1.0)
-                    on = first_hit(c, n, h, s, m, steepest, w.sea, at, d, -1.0, width, spread, min(floor, FARTHEST_M))
-                    length = min(on.distance, floor)
+                    on, below = met(
+                        c, n, h, s, m, steepest, e, w.sea, w.ground.relief, at, d, -1.0, width, spread, NOWHERE, False
+                    )  # fmt: skip
+                    length = min(on.distance, below)
             elif floor < math.inf:
-                t, met[row, column] = floor, 2
+                t, kind[row, column] = floor, 2
             distance[row, column] = t
             wet[row, column] = t if side < 0.0 else length
             out = hits[row, column]
@@ -133,14 +137,16 @@ def _centres(
 
 @compiled
 def _samples(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, d: Any,
-    dn: Any, wv: Any, wa: Any, w: World, origins: Any, directions: Any, side: float, width: float, spread: float,
-    key: int, hits: Any, known: bool, stack: Any, radiance: Any,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
+    d: Any, dn: Any, wv: Any, wa: Any, w: World, origins: Any, directions: Any, side: float, width: float,
+    spread: float, key: int, hits: Any, known: bool, stack: Any, radiance: Any,
 ) -> None:  # fmt: skip
     """Write the radiance of pixels, the mean of their rays. key: number of the first ray of all. hits: where the rays
     meet the surface, if that is known."""
     c, n, h, s, m, steepest, lost, r = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest), bare(lost), bare(r)
-    f, fn, fk, fe, d, dn, wv, wa = bare(f), bare(fn), bare(fk), bare(fe), bare(d), bare(dn), bare(wv), bare(wa)
+    f, fn, fk, fe, e, d, dn, wv, wa = (
+        bare(f), bare(fn), bare(fk), bare(fe), bare(e), bare(d), bare(dn), bare(wv), bare(wa)
+    )  # fmt: skip
     rows, columns, count = origins.shape[:3]
     stack, origins, directions, hits = bare(stack), bare(origins), bare(directions), bare(hits)
     share = 1.0 / count
@@ -156,6 +162,6 @@ def _samples(
                     next_key((key + (row * columns + column) * count + sample) & 0xFFFFFFFF, 0), 0, side,
                 )  # fmt: skip
                 light = add(light, followed(
-                    c, n, h, s, m, steepest, lost, r, f, fn, fk, fe, d, dn, wv, wa, w, stack, start, known
+                    c, n, h, s, m, steepest, lost, r, f, fn, fk, fe, e, d, dn, wv, wa, w, stack, start, known
                 ), 1.0)  # fmt: skip
             radiance[row, column, 0], radiance[row, column, 1], radiance[row, column, 2] = light

@@ -7,6 +7,8 @@ function of the time and of the view alone, so a picture of a film is the same a
 
 from __future__ import annotations
 
+import functools
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,13 +26,15 @@ from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
 from mr360uw.surface.ray_tree import Stage
 from mr360uw.surface.sampled_sea import SampledSea, points_across
-from mr360uw.surface.sea_floor import Floor
+from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sea_picture import SurfacePicture, rendered
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun, View
 
 _MOST_SAMPLES = 32
+_PLANE_M, _MOST_PLANES = 0.5, 6
+"""Greatest distance [m] of planes of light over an uneven floor, while they are no more than so many."""
 _SHALLOWEST_M = 0.01
 """Depth [m] of cameras that are nearer to the surface, or over its mean in a crest, in the water's tables."""
 
@@ -101,10 +105,10 @@ class SeaScene:
     def stage(self, view: View, time_s: float, samples: int) -> Stage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
         position = exactly("view.position", view.position, (3,)).astype(np.float64)
-        if not position[1] > self.floor.height_m:
+        ground = self.floor.height_at(position[0], position[2])
+        if not position[1] > ground:
             raise ParameterError(
-                f"view - the camera must be above the floor (got y = {position[1]:g} over {self.floor.height_m:g} m) - "
-                "raise it"
+                f"view - the camera must be above the floor (got y = {position[1]:g} over {ground:g} m) - raise it"
             )
         time = number("time_s", time_s)
         points = self._cache.get("points", None, lambda: points_across(self.sea))
@@ -112,16 +116,31 @@ class SeaScene:
         over, depth = float(position[1] - view.surface_y_m), view.surface_y_m - self.floor.height_m
         in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
         water = self.water.seen_from(max(-over, _SHALLOWEST_M)) if in_water else self.water
-        floor_light = self._cache.get(
-            "floor light", (time, depth),
-            lambda: self.water.on_floor(
-                self.sea, self.dome, self.sun, depth, time, self.refractive_index, self.floor.mean_albedo, self.caustics
-            ),
-        )  # fmt: skip
-        index = self.refractive_index
+        index, floor = self.refractive_index, self.floor
+        depths = [depth]
+        if floor.lowest_m < floor.highest_m:
+            depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
+        lights = [
+            self._cache.get("floor light", (time, d), functools.partial(self._floor_light, time, d), keep=len(depths))
+            for d in depths
+        ]
+        planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
         return Stage(
-            sampled, self.dome, self.floor, -depth, floor_light, water, self.sun, index, samples, in_water
+            sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
+
+    def _floor_light(self, time_s: float, depth_m: float) -> FloorLight:
+        return self.water.on_floor(
+            self.sea, self.dome, self.sun, depth_m, time_s, self.refractive_index, self.floor.mean_albedo, self.caustics
+        )
+
+
+def _plane_depths(least_m: float, greatest_m: float) -> list[float]:
+    """Return the depths [m] at which the light on an uneven floor is computed, at most `_MOST_PLANES`, two at least."""
+    top = max(least_m, _SHALLOWEST_M)
+    bottom = max(greatest_m, top + _SHALLOWEST_M)
+    count = min(max(math.ceil((bottom - top) / _PLANE_M) + 1, 2), _MOST_PLANES)
+    return [float(depth) for depth in np.linspace(top, bottom, count)]
 
 
 def picture(

@@ -128,9 +128,10 @@ class WaterLight:
         settings: CausticSettings,
     ) -> FloorLight:  # fmt: skip
         """Return the light on a floor of a mean albedo (3,) at a depth below the mean surface."""
-        dry = dome.irradiance + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
+        dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
+        dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
-            return FloorLight(dry, (), dry)
+            return FloorLight(dry, (), dry, dry_sun)
         tau = np.zeros(3)  # of the way up and down again
         if self.sky is not None:
             down = np.array([depth_m]), np.array([-1.0])
@@ -142,7 +143,7 @@ class WaterLight:
             patterns = [(sky_pattern(sea, dome, depth_m, time_s, index), factor)]
             if pattern is not None:
                 patterns.append((pattern[0], factor * sun_below(sun, index)))
-            return FloorLight(np.zeros(3), tuple(patterns), dry)
+            return FloorLight(np.zeros(3), tuple(patterns), dry, dry_sun, skies=1)
         even, patterns = self.sky.down(depth_m), []
         if pattern is not None and self.sun is not None:
             beam, sharp = self._beam(depth_m)
@@ -152,7 +153,7 @@ class WaterLight:
                 patterns.append((pattern[1], factor * (beam - sharp)))
             else:
                 even = even + beam - sharp
-        return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry)
+        return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry, dry_sun)
 
     def _beam(self, depth_m: float) -> tuple[Array, Array]:
         """Return the irradiance (3,) of a level plane by the sun's beam, and its part that has not turned at all."""

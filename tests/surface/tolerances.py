@@ -39,3 +39,5 @@ SINGLE = 1e-6
 """Values up to 1 of tables in single precision: some roundings of 6e-8."""
 HALVED = 1e-6
 """Normals of facets of which one side is found by 24 bisections of 16 standard deviations of 0.2."""
+SHADOW_STEP = 0.05
+"""Least step of a ray towards the sun over the distance of pixels: it may pass through the tip of a ridge there."""

@@ -12,12 +12,13 @@ import math
 from typing import Any, NamedTuple
 
 from mr360uw.caustics.flux.compiled import compiled
-from mr360uw.surface.intersection import Hit, Waves, first_hit
+from mr360uw.surface.intersection import NOWHERE, Hit, Waves, first_hit
 from mr360uw.surface.ray_tree import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
 from mr360uw.surface.tracing.floor_light import Ground, floor_radiance
 from mr360uw.surface.tracing.random_keys import next_key
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
+from mr360uw.surface.tracing.relief import Relief, relief_distance
 from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted
 from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
 from mr360uw.surface.tracing.table_reads import WaterTable, add, sky_radiance, times, transmittance, veil
@@ -26,11 +27,20 @@ STACK = GENERATIONS + 2, 15
 """Rows and columns of the stack."""
 
 
-class World(NamedTuple):
-    """The numbers of what rays can meet. samples: rays of one pixel, which take different facets. murky: whether the
-    water dims light. sky, sun_light: its tables for rays from the surface, the next in the arrays for those from the
-    camera; sky_below, sun_below: the irradiance that each is times.
+class Murk(NamedTuple):
+    """The numbers of the water. dims: whether it does. sky, beam: where the tables are of the sky's and of the sun's
+    light, from the surface and from the camera. sky_below, beam_below: the irradiance that each is times.
     """
+
+    dims: bool
+    sky: tuple[WaterTable, WaterTable]
+    beam: tuple[WaterTable, WaterTable]
+    sky_below: Vector
+    beam_below: Vector
+
+
+class World(NamedTuple):
+    """The numbers of what rays can meet. samples: rays of one pixel, which take different facets."""
 
     sea: Waves
     ripples: Ripples
@@ -39,29 +49,43 @@ class World(NamedTuple):
     half_angle: float
     refractive_index: float
     samples: int
-    murky: bool
-    sky: tuple[WaterTable, WaterTable]
-    beam: tuple[WaterTable, WaterTable]
-    sky_below: Vector
-    beam_below: Vector
+    murk: Murk
 
 
 @compiled
-def to_floor(w: World, origin: Vector, direction: Vector, side: float) -> float:
-    """Return the distance of the floor along a ray if there were no surface, infinity for none."""
-    if direction[1] >= 0.0 or (side > 0.0 and w.ground.y <= w.sea.lowest_m):
-        return math.inf
-    return max((w.ground.y - origin[1]) / direction[1], 0.0)
+def met(
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, sea: Waves, floor: Relief, origin: Vector,
+    direction: Vector, side: float, width: float, spread: float, start: Hit, known: bool,
+) -> tuple[Hit, float]:  # fmt: skip
+    """Return where a ray meets the surface, and the distance at which it meets the floor instead, infinity for neither.
+
+    c to steepest: of `first_hit`; e: of `relief`. start: the first, if it is known.
+    """
+    up, high = direction[1], origin[1] - floor.y
+    reach = math.inf
+    if up < 0.0 and (side < 0.0 or floor.y + floor.high > sea.lowest_m):
+        reach = max((floor.low - high) / up, 0.0)
+    if known:
+        hit = start
+    else:
+        hit = first_hit(
+            c, n, h, s, m, steepest, sea, origin, direction, side, width, spread, min(reach, FARTHEST_M)
+        )  # fmt: skip
+    if floor.low < floor.high and (reach < math.inf or (up >= 0.0 and high < floor.high)):
+        reach = relief_distance(e, floor, origin, direction, min(hit.distance, reach, FARTHEST_M))
+        if reach < hit.distance:
+            return NOWHERE, reach
+    return hit, math.inf if hit.distance < math.inf else reach
 
 
 @compiled
-def through_water(wv: Any, wa: Any, w: World, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
+def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
     at = 1 if first else 0
-    sky, sun = w.sky[at], w.beam[at]
+    sky = w.sky[at]
     light = times(w.sky_below, veil(wv, sky, distance, up))
-    if w.sun.solid_angle > 0.0:
-        light = add(light, times(w.beam_below, veil(wv, sun, distance, up)), 1.0)
+    if w.beam_below[0] + w.beam_below[1] + w.beam_below[2] > 0.0:
+        light = add(light, times(w.beam_below, veil(wv, w.beam[at], distance, up)), 1.0)
     if distance == math.inf:
         return (0.0, 0.0, 0.0), light
     return transmittance(wa, sky, distance, up), light
@@ -83,12 +107,12 @@ def put(
 
 @compiled
 def followed(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, d: Any,
-    dn: Any, wv: Any, wa: Any, w: World, stack: Any, start: Hit, known: bool,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
+    d: Any, dn: Any, wv: Any, wa: Any, w: World, stack: Any, start: Hit, known: bool,
 ) -> Vector:  # fmt: skip
     """Return the radiance of the ray in the first row of the stack times its weight.
 
-    c to steepest: of `first_hit`. lost: (L, 3) of `SampledSea.lost_slope`; r: slopes of ripples; f to fe: of
+    c to steepest: of `first_hit`. lost: (L, 3) of `SampledSea.lost_slope`; r: slopes of ripples; f to e: of
     `floor_radiance`; d, dn: texels and table of the dome; wv, wa: the water's veils and attenuations. start: what the
     ray meets first, if that is known.
     """
@@ -99,63 +123,64 @@ def followed(
         o, v, weight = (ray[0], ray[1], ray[2]), (ray[3], ray[4], ray[5]), (ray[6], ray[7], ray[8])
         width, spread, lobe, generation, side = ray[9], ray[10], ray[11], int(ray[13]), ray[14]
         key, in_water = int(ray[12]), side < 0.0
-        floor = to_floor(w, o, v, side)
-        if known and generation == 0:
-            hit = start
-        else:
-            hit = first_hit(
-                c, n, h, s, m, steepest, w.sea, o, v, side, width, spread, min(floor, FARTHEST_M)
-            )  # fmt: skip
+        hit, floor = met(
+            c, n, h, s, m, steepest, e, w.sea, w.ground.relief, o, v, side, width, spread, start,
+            known and generation == 0,
+        )  # fmt: skip
         distance = min(hit.distance, floor)
-        if in_water and w.murky:
-            passed, scattered = through_water(wv, wa, w, distance, v[1], generation == 0)
+        if in_water and w.murk.dims:
+            passed, scattered = through_water(wv, wa, w.murk, distance, v[1], generation == 0)
             light = add(light, times(weight, scattered), 1.0)
             weight = times(weight, passed)
         if hit.distance < math.inf:
             glint, waiting = _part(
-                lost, r, w, stack, waiting, o, v, weight, width, spread, lobe, key, generation, side, hit
-            )
+                lost, r, w.ripples, w.sun, w.refractive_index, w.samples, stack, waiting, o, v, weight, width, spread,
+                lobe, key, generation, side, hit,
+            )  # fmt: skip
             light = add(light, (weight[0] * w.sun.red, weight[1] * w.sun.green, weight[2] * w.sun.blue), glint)
         elif floor < math.inf:
             x, z = o[0] + floor * v[0], o[2] + floor * v[2]
             wide = (width + math.hypot(spread, lobe) * floor) / math.sqrt(max(-v[1], 1e-3))
-            light = add(light, times(weight, floor_radiance(f, fn, fk, fe, w.ground, x, z, wide, not in_water)), 1.0)
+            light = add(light, times(weight, floor_radiance(f, fn, fk, fe, e, w.ground, x, z, wide, not in_water)), 1.0)
         elif not in_water:
             light = add(light, times(weight, sky_radiance(d, dn, v[0], v[1], v[2], math.hypot(spread, lobe))), 1.0)
             if generation == 0 and w.sun.solid_angle > 0.0:
                 seen = sun_seen(w.sun, w.half_angle, v[0], v[1], v[2], spread)
                 light = add(light, (weight[0] * w.sun.red, weight[1] * w.sun.green, weight[2] * w.sun.blue), seen)
-        elif not w.murky:  # level rays in clear water: the floor and its mirror image, far away
-            light = add(light, times(weight, floor_radiance(f, fn, fk, fe, w.ground, 0.0, 0.0, FARTHEST_M, False)), 1.0)
+        elif not w.murk.dims:  # level rays in clear water: the floor and its mirror image, far away
+            light = add(
+                light, times(weight, floor_radiance(f, fn, fk, fe, e, w.ground, 0.0, 0.0, FARTHEST_M, False)), 1.0
+            )
     return light
 
 
 @compiled
 def _part(
-    lost: Any, r: Any, w: World, stack: Any, waiting: int, o: Vector, v: Vector, weight: Vector, width: float,
-    spread: float, lobe: float, key: int, generation: int, side: float, hit: Hit,
+    lost: Any, r: Any, ripples: Ripples, sun: Disc, index: float, samples: int, stack: Any, waiting: int, o: Vector,
+    v: Vector, weight: Vector, width: float, spread: float, lobe: float, key: int, generation: int, side: float,
+    hit: Hit,
 ) -> tuple[float, int]:  # fmt: skip
     """Add the reflected and the refracted ray of a hit to the stack; return the sun's light that comes back along the
     ray, over that of its disc, and the rows that wait then.
     """
-    normal, rippled = tilted(r, w.ripples, hit.normal, hit.a, hit.b, hit.sigma_m)
-    xx, xz, zz = level_slopes(lost, w.ripples.blur, hit.level)
+    normal, rippled = tilted(r, ripples, hit.normal, hit.a, hit.b, hit.sigma_m)
+    xx, xz, zz = level_slopes(lost, ripples.blur, hit.level)
     covariance = xx + rippled, xz, zz + rippled
     facets = facets_of(v, normal, covariance, side)
-    glint = sunlight(w.sun, v, normal, facets, side, w.refractive_index) if w.sun.solid_angle > 0.0 else 0.0
+    glint = sunlight(sun, v, normal, facets, side, index) if sun.solid_angle > 0.0 else 0.0
     generation += 1
-    brightest = w.samples * max(weight[0], weight[1], weight[2])
+    brightest = samples * max(weight[0], weight[1], weight[2])
     if generation >= GENERATIONS or brightest <= FAINTEST:
         return glint, waiting
     if covariance[0] > 0.0 or covariance[2] > 0.0:
         normal = drawn(facets, key)
     nx, ny, nz = side * normal[0], side * normal[1], side * normal[2]
     cosine = min(max(-(v[0] * nx + v[1] * ny + v[2] * nz), 0.0), 1.0)
-    mx = w.refractive_index if side > 0.0 else 1.0 / w.refractive_index
+    mx = index if side > 0.0 else 1.0 / index
     back, behind = reflectance(cosine, mx)
     t, wide = hit.distance, width + spread * hit.distance
     x, y, z = o[0] + t * v[0], o[1] + t * v[1], o[2] + t * v[2]
-    apart = math.sqrt(max(covariance[0] + covariance[2], 0.0) / w.samples)  # slopes of neighbouring samples
+    apart = math.sqrt(max(covariance[0] + covariance[2], 0.0) / samples)  # slopes of neighbouring samples
     if brightest * back > FAINTEST:
         to = mirrored(v[0], v[1], v[2], nx, ny, nz)
         at = x + OFF_M * to[0], y + OFF_M * to[1], z + OFF_M * to[2]

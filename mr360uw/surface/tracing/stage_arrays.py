@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.optics import refract_to_water
 from mr360uw.surface.intersection import surface_arrays, waves_of
 from mr360uw.surface.ray_tree import Stage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight
 from mr360uw.surface.tracing.floor_light import Ground
-from mr360uw.surface.tracing.ray_kernel import World
+from mr360uw.surface.tracing.ray_kernel import Murk, World
+from mr360uw.surface.tracing.relief import Relief
 from mr360uw.surface.tracing.ripples import Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
 from mr360uw.surface.tracing.table_reads import WaterTable
@@ -30,13 +32,11 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
     ripples, slopes = ripples_of(stage.sea)
     ground, floor = _ground(stage)
     disc, half_angle = disc_of(stage.sun)
-    veils, attenuations, tables, below = _water(stage.water)
+    veils, attenuations, murk = _water(stage.water)
     dome = packed([level[None] for level in stage.dome.levels])
     arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, *dome, veils, attenuations)
-    world = World(
-        waves_of(stage.sea), ripples, ground, disc, half_angle, stage.refractive_index, stage.samples,
-        stage.water.sky is not None, tables[0], tables[1], below[0], below[1],
-    )  # fmt: skip
+    index, samples = stage.refractive_index, stage.samples
+    world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
 
 
@@ -64,26 +64,34 @@ def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
 
 
 def _ground(stage: Stage) -> tuple[Ground, Arrays]:
-    """Return the floor's numbers, and its arrays f to fe of `floor_light`."""
-    light, albedo = stage.floor_light, stage.floor.image
-    patterns = _merged(light)
-    pictures = [albedo.levels, *(levels for _, levels in patterns)]
+    """Return the floor's numbers, and its arrays f to e of `floor_light`."""
+    floor, sea = stage.floor, stage.sea
+    planes = [(depth, light.even, _merged(light)) for depth, light in stage.planes or ((1.0, stage.floor_light),)]
+    pictures = [floor.image.levels, *(levels for _, _, patterns in planes for _, levels in patterns)]
     texels, table = packed([level for levels in pictures for level in levels])
     counts = np.array([len(levels) for levels in pictures])
     rows = np.stack([np.cumsum(counts) - counts, counts], axis=-1)
-    even = np.concatenate([light.even, *(np.asarray(origin) for origin, _ in patterns)])[None]
-    ground = Ground(stage.floor_y_m, albedo.tile_m, stage.sea.tile_m, tuple(light.dry.tolist()))
-    return ground, (texels, table, rows, even)
+    even = np.array([[depth, *even, *(v for place, _ in patterns for v in place)] for depth, even, patterns in planes])
+    dry, dry_sun = stage.floor_light.dry, stage.floor_light.dry_sun
+    wet, air = (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+    if stage.sun is not None and stage.sun.direction[1] > 0.0:
+        wet = tuple(refract_to_water(stage.sun.direction, stage.refractive_index).tolist())
+        air = tuple(stage.sun.direction.tolist())
+    below = _BELOW * (floor.highest_m - floor.lowest_m)
+    relief = Relief(floor.tile_m, stage.floor_y_m, floor.lowest_m - below, floor.highest_m, floor.steepest)
+    sky, sun = tuple((dry - dry_sun).tolist()), tuple(dry_sun.tolist())
+    return Ground(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air), (texels, table, rows, even, floor.relief)
 
 
-def _merged(light: FloorLight) -> list[tuple[tuple[float, float], list[NDArray[Any]]]]:
-    """Return origin and levels of the patterns times their factors; those of one place and size are one."""
-    sums: dict[tuple[float, float, int], list[NDArray[Any]]] = {}
-    for tiled, factor in light.patterns:
+def _merged(light: FloorLight) -> list[tuple[tuple[float, float, float], list[NDArray[Any]]]]:
+    """Return origin, whether it is the sun's, and levels of the patterns times their factors; those of one place, kind
+    and size are one."""
+    sums: dict[tuple[float, float, float, int], list[NDArray[Any]]] = {}
+    for k, (tiled, factor) in enumerate(light.patterns):
         lit = [level * factor for level in tiled.levels]
-        key = (*tiled.origin, len(lit))
+        key = (*tiled.origin, float(k >= light.skies), len(lit))
         sums[key] = [a + b for a, b in zip(sums[key], lit, strict=True)] if key in sums else lit
-    return [(key[:2], levels) for key, levels in sums.items()]
+    return [(key[:3], levels) for key, levels in sums.items()]
 
 
 def disc_of(sun: Sun | None) -> tuple[Disc, float]:
@@ -96,22 +104,22 @@ def disc_of(sun: Sun | None) -> tuple[Disc, float]:
     return Disc(x, y, z, math.cos(half), solid_angle, red, green, blue), half
 
 
+_BELOW = 1e-6
+"""How far below an uneven floor the plane lies that all rays down have met it above, over the floor's height."""
 _DRY = WaterTable(0, 1.0, 1.0)
 
 
-def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32], Any, Any]:
-    """Return veils (t, U, T, 3) and attenuations (t, D, T, 3) of the tables, where the tables of sky and sun from
-    surface and camera are, and the irradiance (2, 3) that each is times."""
+def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32], Murk]:
+    """Return veils (t, U, T, 3) and attenuations (t, D, T, 3) of the tables, and the numbers of the water."""
+    dark = (0.0, 0.0, 0.0)
     if water.sky is None:
         nothing = np.zeros((1, 2, 2, 3), np.float32)
-        return nothing, nothing, ((_DRY, _DRY), (_DRY, _DRY)), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        return nothing, nothing, Murk(False, (_DRY, _DRY), (_DRY, _DRY), dark, dark)
     lights = [water.sky, water.sky if water.sun is None else water.sun]
     tables = [light.table(from_camera) for light in lights for from_camera in (False, True)]
     veils, attenuations = (
         np.stack([getattr(table, name) for table in tables]).astype(np.float32) for name in ("veil", "attenuation")
     )
     where = [WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables)]
-    below = (tuple(water.sky.below.tolist()), (0.0, 0.0, 0.0))
-    if water.sun is not None:
-        below = (below[0], tuple(water.sun.below.tolist()))
-    return veils, attenuations, ((where[0], where[1]), (where[2], where[3])), below
+    sky, beam = (dark if light is None else tuple(light.below.tolist()) for light in (water.sky, water.sun))
+    return veils, attenuations, Murk(True, (where[0], where[1]), (where[2], where[3]), sky, beam)
