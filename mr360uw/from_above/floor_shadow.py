@@ -49,7 +49,7 @@ def ratio_on_floor(sea: SeaScene, stage: Stage, placed: tuple[PlacedObject, ...]
         hidden += scene.first_hit(floor.place[at], np.broadcast_to(ray, (len(at), 3))) >= 0
     x, z, footprint = floor.place[at, 0], floor.place[at, 2], floor.footprint_m[at]
     beam = np.zeros((len(at), 3))
-    for pattern, factor in stage.floor_light.patterns[0 if sea.water.sky is not None else 1 :]:  # without the sky's
+    for pattern, factor in stage.floor_light.patterns[stage.floor_light.skies :]:
         beam += factor * pattern.at(x, z, footprint)
     whole = stage.floor_light.irradiance(x, z, footprint)
     ratio[at] = 1.0 - beam / np.maximum(whole, 1e-30) * (hidden / len(rays))[:, None]

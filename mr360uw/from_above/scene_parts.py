@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,17 @@ def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
     if water.mode == "blended":
         per_m, color = blend_of(water)
         image = blended_albedo(image, floor.depth_m, per_m, color)
-    return Floor(-floor.depth_m, image, floor.tile_m)
+    if floor.relief is None:
+        return Floor(-floor.depth_m, image, floor.tile_m)
+    heights = floor.relief_m * _square(_heights(floor.relief))
+    return Floor(-floor.depth_m, image, floor.relief_tile_m, relief=heights, albedo_tile_m=floor.tile_m)
+
+
+def _heights(path: Path) -> Array:
+    """Return heights (h, w), black 0 and white 1, of a picture; those of EXR and HDR files as they are."""
+    codes = read_picture(path)
+    scale = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
+    return codes.mean(axis=-1, dtype=np.float64) / scale
 
 
 def water_of(settings: AerialWaterSettings) -> Medium | None:

@@ -137,6 +137,11 @@ class AerialFloorSettings(Parameters):
     ground: Literal["sand", "even", "picture"] = parameter("sand", "rippled sand, one colour, or a picture")
     picture: Path | None = parameter(None, "for ground picture: its albedo, read as sRGB; repeats")
     tile_m: float = parameter(6.0, "side of the square after which the ground repeats", unit="m", above=0.0, high=1e4)
+    relief: Path | None = parameter(None, "a square picture of heights over depth_m, which repeats; none: level")
+    relief_m: float = parameter(1.0, "height of white over black of that picture", unit="m", low=0.0, high=1000.0)
+    relief_tile_m: float = parameter(
+        20.0, "side of the square after which the heights repeat", unit="m", above=0.0, high=1e4
+    )
 
     @field_validator("albedo")
     @classmethod
@@ -148,6 +153,8 @@ class AerialFloorSettings(Parameters):
 
     @model_validator(mode="after")
     def _check(self) -> AerialFloorSettings:
+        if self.relief is not None and self.relief_m >= self.depth_m:
+            raise ValueError(f"relief_m - reaches the surface (got {self.relief_m:g} of {self.depth_m:g} m) - lower it")
         if self.ground == "picture" and self.picture is None:
             raise ValueError("picture - ground picture needs a file (got none) - name it")
         return self

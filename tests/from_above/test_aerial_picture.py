@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import mr360uw as uw
 from mr360uw.caustics import caustic_map
@@ -158,6 +159,19 @@ def test_light_on_the_floor_is_the_caustic_map_of_the_same_sea() -> None:
     )
     assert expected.std() > 0.1
     np.testing.assert_allclose(light, expected.reshape(-1, 1) * sun_below(loaded.sea.sun, N), rtol=tol.ZENITH)
+
+
+def test_floors_have_relief(tmp_path: Path) -> None:
+    heights = np.zeros((64, 64), np.uint8)
+    heights[:, 16:48] = 255
+    cv2.imwrite(str(tmp_path / "relief.png"), heights)
+    floor = {"relief": str(tmp_path / "relief.png"), "relief_m": 1.5, "relief_tile_m": 8.0}
+    camera = {"projection": "orthographic", "pitch_deg": -90.0, "width_m": 8.0, "width": 64, "height": 2}
+    seen = uw.aerial(scene_of(camera=camera, floor=floor))
+    # the picture's columns 16 to 48 are x = 2 to 6, the second half of the repeat that begins at -4
+    np.testing.assert_allclose(seen.in_water_m[0, [2, 8, 24, 40, 52]], [2.5, 2.5, 4.0, 4.0, 2.5], atol=tol.START_M)
+    with pytest.raises(ValidationError, match="reaches the surface"):
+        scene_of(floor=floor | {"depth_m": 1.0})
 
 
 def test_waves_feel_the_floor_unless_told_otherwise() -> None:
