@@ -126,7 +126,7 @@ class LoadedAerial:
         """Return the sea without bodies, and without the sun's reflection where that is drawn apart."""
         if self._thresholded:
             return rendered(replace(stage, sun=None), view, samples)
-        return self.sea.picture(view, time_s, samples=samples, backend=self.scene.film.backend)
+        return self.sea.picture(view, time_s, samples=samples)
 
     def _mirrored(self, stage: Stage, view: View, seen: SurfacePicture, directions: Array) -> Array:
         """Return the radiance (H, W, 3) that the first surface reflects."""

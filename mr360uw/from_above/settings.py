@@ -61,12 +61,8 @@ class AerialCameraSettings(Parameters):
     projection: Literal["perspective", "orthographic", "equirectangular"] = parameter(
         "perspective", "lens; orthographic: parallel rays; equirectangular: all round"
     )
-    fov_deg: float = parameter(
-        60.0, "for perspective: angle from the left to the right edge", unit="deg", low=0.1, high=160.0
-    )
-    width_m: float = parameter(
-        20.0, "for orthographic: width of the picture in the world", unit="m", above=0.0, high=1e5
-    )
+    fov_deg: float = parameter(60.0, "for perspective: from edge to edge, across", unit="deg", low=0.1, high=160.0)
+    width_m: float = parameter(20.0, "for orthographic: width in the world", unit="m", above=0.0, high=1e5)
     width: int = parameter(1280, "columns of the picture", unit="px", low=1, high=16384)
     height: int = parameter(720, "rows of the picture; half of width for equirectangular", unit="px", low=1, high=16384)
     velocity_m_s: Vector = parameter((0.0, 0.0, 0.0), "motion of the camera (right, up, back)", unit="m/s")
@@ -139,9 +135,7 @@ class AerialFloorSettings(Parameters):
     tile_m: float = parameter(6.0, "side of the square after which the ground repeats", unit="m", above=0.0, high=1e4)
     relief: Path | None = parameter(None, "a square picture of heights over depth_m, which repeats; none: level")
     relief_m: float = parameter(1.0, "height of white over black of that picture", unit="m", low=0.0, high=1000.0)
-    relief_tile_m: float = parameter(
-        20.0, "side of the square after which the heights repeat", unit="m", above=0.0, high=1e4
-    )
+    relief_tile_m: float = parameter(20.0, "side of that picture's square", unit="m", above=0.0, high=1e4)
 
     @field_validator("albedo")
     @classmethod
@@ -206,7 +200,6 @@ class FilmSettings(Parameters):
     duration_s: float = parameter(4.0, "length of a film", unit="s", above=0.0, high=1e5)
     frame_rate: float = parameter(24.0, "frames a second", unit="1/s", above=0.0, high=1000.0)
     samples: int = parameter(2, "rays of a pixel along each axis", low=1, high=32)
-    backend: Literal["reference"] = parameter("reference", "renderer")
 
 
 class AerialScene(Parameters):
