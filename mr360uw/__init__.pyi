@@ -1,5 +1,6 @@
-from . import caustics, composite, ibl, medium, surface, video
+from . import caustics, composite, from_above, ibl, medium, surface, video
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
+from .from_above import AerialScene, aerial, load_aerial
 from .pipeline import FrameResult, composite_video, render_frame
 from .runs.run_report import Report
 from .sample import sample_dive
@@ -10,6 +11,7 @@ from .video import open_video
 __version__: str
 
 __all__ = [
+    "AerialScene",
     "CausticStack",
     "Environment",
     "FrameResult",
@@ -25,10 +27,13 @@ __all__ = [
     "Sun",
     "VideoError",
     "__version__",
+    "aerial",
     "caustics",
     "composite",
     "composite_video",
+    "from_above",
     "ibl",
+    "load_aerial",
     "load_scene",
     "medium",
     "open_video",

@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
     "surface": {"gl", "caustic_lookup", *PHYSICS},
+    "from_above": {"surface", "scene", "sample", "composite", "video", "progress", "rays", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
     "gl": set(),
     "video": set(),

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 import mr360uw
+from mr360uw.from_above.settings import aerial_handbook
 from mr360uw.render.frame import frame_stages
 from mr360uw.scene.handbook import parameters_markdown
 
@@ -16,10 +17,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def test_the_page_of_parameters_is_current() -> None:
     assert (ROOT / "docs" / "parameters.md").read_text("utf-8") == parameters_markdown()
+    assert (ROOT / "docs" / "aerial-parameters.md").read_text("utf-8") == aerial_handbook()
 
 
 def test_every_parameter_says_what_it_means() -> None:
-    for line in parameters_markdown().splitlines():
+    for line in (parameters_markdown() + aerial_handbook()).splitlines():
         if line.startswith("| `"):
             assert len(line.split(" | ")[-1].strip(" |")) > 3, line
 

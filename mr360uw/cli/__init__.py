@@ -28,6 +28,7 @@ for _command in (
     rendering.composite,
     rendering.still,
     rendering.sweep,
+    rendering.aerial,
     tools.new,
     tuning.tune,
     rendering.check,

@@ -110,6 +110,24 @@ def sweep(
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 
+def aerial(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="picture, numbered pictures (sea_%04d.exr) or video to write")],
+    frames: FramesOption = None,
+    overrides: SetOption = None,
+    overwrite: OverwriteOption = False,
+    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
+) -> None:
+    """Write what a camera in the air sees of a shallow sea: SCENE has tables of its own, see docs/aerial.md."""
+    from mr360uw.from_above import aerial_film, load_aerial
+    from mr360uw.progress import terminal_progress
+
+    loaded = load_aerial(scene, overrides or ())
+    with terminal_progress(lines=progress_lines) as progress:
+        report = aerial_film(loaded, out, frames=frame_range(frames), overwrite=overwrite, progress=progress)
+    typer.echo(str(report))
+
+
 def check(
     scene: SceneArgument,
     out: Annotated[Path | None, typer.Argument(help="the output, to be checked too", show_default=False)] = None,

@@ -117,17 +117,19 @@ def match(
 
 def schema(
     markdown: Annotated[bool, typer.Option("--markdown", help="print tables for people instead")] = False,
+    aerial: Annotated[bool, typer.Option("--aerial", help="of the scenes of `mr360uw aerial`")] = False,
 ) -> None:
     """Print the JSON schema of a scene file."""
     import json
 
+    from mr360uw.from_above.settings import AerialScene, aerial_handbook
     from mr360uw.scene.handbook import parameters_markdown
     from mr360uw.scene.model import scene_schema
 
     if markdown:
-        typer.echo(parameters_markdown(), nl=False)
+        typer.echo(aerial_handbook() if aerial else parameters_markdown(), nl=False)
         return
-    typer.echo(json.dumps(scene_schema(), indent=2))
+    typer.echo(json.dumps(AerialScene.model_json_schema(by_alias=True) if aerial else scene_schema(), indent=2))
 
 
 def info() -> None:

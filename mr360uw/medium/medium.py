@@ -20,7 +20,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.fit.profile import PlateProfile
-from mr360uw.medium.formation import fitted_formation
+from mr360uw.medium.formation import FormationModel, fitted_formation
 from mr360uw.medium.models import SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
@@ -40,6 +40,7 @@ RGB_NM = (650.0, 550.0, 450.0)
 DEFAULT_BANDS = 61
 """Number of wavelengths: 5 nm apart over 400 to 700 nm. Twice as many cost nothing per pixel."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
+_FORMATIONS: tuple[Mode, ...] = ("koschmieder", "akkaynak-treibitz")
 _TINY = 1e-300  # below the light of any depth
 
 
@@ -53,26 +54,20 @@ class Medium:
 
     sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
     white is balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate".
-    Raises `ParameterError`.
+    formation: constants of modes "koschmieder" and "akkaynak-treibitz" instead of fitted ones. Raises
+    `ParameterError`.
     """
 
     def __init__(
-        self,
-        water: Water,
-        sensor: Sensor | None = None,
-        mode: Mode = "table",
-        camera_depth_m: float = 5.0,
-        *,
-        band_count: int = DEFAULT_BANDS,
-        rule: Rule = "rectangle",
-        illuminant: str = DEFAULT_ILLUMINANT,
-        surface: SurfaceKind = "snell",
-        sky: Sky = "uniform",
-        refractive_index: float = REFRACTIVE_INDEX_SEA,
-        radiance_map: Floats | None = None,
-    ) -> None:
+        self, water: Water, sensor: Sensor | None = None, mode: Mode = "table", camera_depth_m: float = 5.0, *,
+        band_count: int = DEFAULT_BANDS, rule: Rule = "rectangle", illuminant: str = DEFAULT_ILLUMINANT,
+        surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
+        radiance_map: Floats | None = None, formation: FormationModel | None = None,
+    ) -> None:  # fmt: skip
         if mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
+        if formation is not None and mode not in _FORMATIONS:
+            raise ParameterError(f"formation - is for modes {', '.join(_FORMATIONS)} (got {mode!r}) - leave it out")
         if radiance_map is not None and mode != "plate":
             raise ParameterError(f"radiance_map - is for mode plate (got {mode!r}) - or use fit_gain and scaled")
         if not 0.0 < number("camera_depth_m", camera_depth_m) <= 1000.0:
@@ -89,7 +84,8 @@ class Medium:
         self._sky: Sky = sky
         self.refractive_index = refractive_index
         self._spectral_bands = functools.partial(bands, band_count, self.sensor, rule, illuminant)
-        one_each = mode in ("rgb", "koschmieder", "akkaynak-treibitz")
+        self.formation = formation
+        one_each = mode in ("rgb", *_FORMATIONS)
         self.bands = Bands(np.array(RGB_NM), np.eye(3), "one a channel") if one_each else self._spectral_bands()
         self.profile = None if radiance_map is None else PlateProfile.from_map(radiance_map)
 
@@ -97,7 +93,9 @@ class Medium:
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
         water = self._surface, self._sky, self.refractive_index
-        if self.mode in ("koschmieder", "akkaynak-treibitz"):
+        if self.formation is not None:
+            return self.formation
+        if self.mode in _FORMATIONS:
             bands = self._spectral_bands()
             solved = BandLight(spectral_model(self.water, bands.wavelength_nm, "table", *water), bands)
             return fitted_formation(solved, self.camera_depth_m, one_attenuation=self.mode == "koschmieder")

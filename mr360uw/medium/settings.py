@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import radians, sin
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, Self, cast
 
 from pydantic import Field, field_validator, model_validator
 
@@ -31,8 +31,8 @@ PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-for
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
-class WaterSettings(Parameters):
-    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
+class WaterKindSettings(Parameters):
+    """A water, and the sensor that sees it."""
 
     type: WaterType = parameter(
         "IB", "Jerlov type, tropical (IB), temperate (1C), harbour (7C), pure, chlorophyll, csv; none: no water"
@@ -55,33 +55,14 @@ class WaterSettings(Parameters):
     junge_slope: float = parameter(
         3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
     )
-    mode: Mode = parameter(
-        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
-    )
-    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
-    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
     sensor: str | Path = parameter(
         DEFAULT_SENSOR, "a built-in camera, CIE 1931, or a CSV file with wavelength_nm, R, G, B"
     )
     illuminant: str = parameter(
         DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ..."
     )
-    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
     refractive_index: float = parameter(
         REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
-    )
-    sun_share: float = parameter(
-        0.0,
-        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
-        unit="1",
-        low=0.0,
-        high=1.0,
-    )
-    sun_elevation_deg: float = parameter(
-        60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
-    )  # fmt: skip
-    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
-        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
     )
 
     @field_validator("sensor", mode="before")
@@ -90,7 +71,7 @@ class WaterSettings(Parameters):
         return Path(value) if isinstance(value, str) and value.lower().endswith(".csv") else value
 
     @model_validator(mode="after")
-    def _check(self) -> WaterSettings:
+    def _check(self) -> Self:
         if self.type == "csv" and self.csv is None:
             raise ValueError("csv - type csv needs a file (got none) - name it")
         if self.visibility_m is not None:
@@ -107,11 +88,6 @@ class WaterSettings(Parameters):
             return f"water of {self.visibility_m:g} m visibility"
         known = PLACES.get(self.type)
         return f"water {self.type}" if known is None else f"{self.type} water, type {known}"
-
-    @property
-    def fits_gain(self) -> bool:
-        """True if the gain of the veil is fitted to the plate."""
-        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def water(self) -> Water | None:
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
@@ -138,6 +114,35 @@ class WaterSettings(Parameters):
         if self.phase == "fournier-forand":
             return "fournier-forand", self.particle_index, self.junge_slope
         return self.phase
+
+
+class WaterSettings(WaterKindSettings):
+    """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
+
+    mode: Mode = parameter(
+        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
+    )
+    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
+    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
+    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
+    sun_share: float = parameter(
+        0.0,
+        "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
+        unit="1",
+        low=0.0,
+        high=1.0,
+    )
+    sun_elevation_deg: float = parameter(
+        60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
+    )  # fmt: skip
+    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
+        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
+    )
+
+    @property
+    def fits_gain(self) -> bool:
+        """True if the gain of the veil is fitted to the plate."""
+        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
     def medium(self, camera_depth_m: float, radiance_map: Floats | None = None) -> Medium | None:
         """Return the medium of a camera at a depth, or None for a plate without water.

@@ -13,14 +13,12 @@ from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.template import toml_value
 
 
-def parameters_markdown() -> str:
-    """Return the page docs/parameters.md: one table for each table of a scene file."""
-    lines = [
-        "# Parameters of a scene",
-        "",
-        "Written by `mr360uw schema --markdown`. A key without a default must be given.",
-    ]
-    for name, field in Scene.model_fields.items():
+def parameters_markdown(
+    scene: type[BaseModel] = Scene, title: str = "Parameters of a scene", command: str = "mr360uw schema --markdown"
+) -> str:
+    """Return the page docs/parameters.md, or that of another kind of scene: one table for each table of its file."""
+    lines = [f"# {title}", "", f"Written by `{command}`. A key without a default must be given."]
+    for name, field in scene.model_fields.items():
         key = field.alias or name
         repeated = isinstance(field.default, tuple)
         for model in models_of(field.annotation):

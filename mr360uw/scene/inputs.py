@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mr360uw.errors import VideoError
+from mr360uw.parameters import Parameters
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.read.images import is_pattern, matching_files
@@ -22,7 +23,7 @@ def open_plate(scene: Scene) -> VideoReader:
     return scaled(video, plate.scale)
 
 
-def keep_inputs(scene: Scene, *outputs: Path) -> None:
+def keep_inputs(scene: Parameters, *outputs: Path) -> None:
     """Raise `VideoError` where an output, a file or a numbered pattern, would replace a file that the scene reads."""
     inputs = {file.resolve(): file for path in files_of(scene) for file in input_files(path)}
     for output in outputs:

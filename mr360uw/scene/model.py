@@ -8,12 +8,11 @@ files, and reports every problem of a file at once.
 from __future__ import annotations
 
 import itertools
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, model_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -27,16 +26,14 @@ from mr360uw.composite.settings import (
     ReceiverSettings,
 )
 from mr360uw.composite.snow.settings import SnowSettings
-from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.overrides import override
-from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
+from mr360uw.scene.problems import Lines
+from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
 from mr360uw.video.settings import EncodeSettings
 
 
@@ -146,52 +143,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
-    path = Path(path)
-    text = scene_text(path)
-    data = tables_of(text, str(path))
-    for text_override in overrides:
-        override(data, text_override)
-    return scene_from_dict(data, path.resolve().parent, where=str(path), lines=key_lines(text))
-
-
-def scene_text(path: Path) -> str:
-    """Return the text of a scene file; raise `SceneError` where there is none."""
-    if reason := unreadable(path):
-        made = ", or make one: mr360uw new VIDEO MESH" if reason.startswith("no such") else ""
-        raise SceneError(str(path), [reason + made])
-    try:
-        return read_text(path, VideoError)
-    except VideoError as error:
-        raise SceneError(str(path), [str(error).removeprefix(f"{path} - ")]) from None
-
-
-def tables_of(text: str, where: str) -> dict[str, Any]:
-    """Return the nested tables of a scene's text; raise `SceneError` where it is not TOML. where: name of its file."""
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of more digits than Python reads
-        raise SceneError(where, [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
+    return load_model(Scene, path, overrides, made="mr360uw new VIDEO MESH")
 
 
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
     """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
-    try:
-        scene = Scene.model_validate(data)
-    except RecursionError:
-        raise SceneError(
-            where, ["has tables within tables too deep to read - write them as the handbook has them"]
-        ) from None
-    except ValidationError as error:
-        raise SceneError(where, problems(error, Scene, where, lines or {})) from None
-    scene = _with_absolute_paths(scene, folder)
-    unusable = [
-        f"{place(where, lines or {}, location)} - {problem}"
-        for location, file in _files(scene)
-        if (problem := _problem(file, folder))
-    ]
-    if unusable:
-        raise SceneError(where, unusable)
-    return scene
+    return model_from_dict(Scene, data, folder, where, lines)
 
 
 def at_scale(scene: Scene, scale: float | None) -> Scene:
@@ -201,50 +158,11 @@ def at_scale(scene: Scene, scale: float | None) -> Scene:
     return scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": scale})})
 
 
-def files_of(scene: Scene) -> list[Path]:
+def files_of(scene: Parameters) -> list[Path]:
     """Return every file and pattern of files that a scene names."""
-    return [file for _, file in _files(scene)]
+    return [file for _, file in named_files(scene)]
 
 
 def scene_schema() -> dict[str, Any]:
     """Return the JSON schema of a scene file, with units, ranges and help."""
     return Scene.model_json_schema(by_alias=True)
-
-
-# --- files ---------------------------------------------------------------------------------------------------------
-
-
-def _with_absolute_paths(value: Any, folder: Path) -> Any:
-    if isinstance(value, Path):
-        return value if value.is_absolute() else folder / value
-    if isinstance(value, tuple):
-        return tuple(_with_absolute_paths(item, folder) for item in value)
-    if isinstance(value, BaseModel):
-        changed = {}
-        for name in type(value).model_fields:
-            old = getattr(value, name)
-            new = _with_absolute_paths(old, folder)
-            if new is not old:
-                changed[name] = new
-        return value.model_copy(update=changed) if changed else value
-    return value
-
-
-def _files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path]]:
-    if isinstance(value, Path):
-        yield location, value
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            yield from _files(item, (*location, index))
-    elif isinstance(value, BaseModel):
-        for name, field in type(value).model_fields.items():
-            yield from _files(getattr(value, name), (*location, field.alias or name))
-
-
-def _problem(path: Path, folder: Path) -> str:
-    """Return why a file, or a pattern of numbered files, cannot be read, "" if it can; folder: of the scene."""
-    reason = unreadable(path)
-    if not reason or (reason.startswith("no such") and any(c in path.name for c in "%#*") and path.parent.is_dir()):
-        return ""
-    what, todo = reason.split(" - ", 1)
-    return f"{what} (got {path!s:.200}) - {todo}" + (f"; it starts at {folder}" if what == "no such file" else "")

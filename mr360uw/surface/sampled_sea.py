@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
@@ -84,7 +86,7 @@ class SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
-        spectra = [np.fft.rfft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
+        spectra = [_transformed(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
         k, kx = (2.0 * np.pi / tile * f(n, 1.0 / n) for f in (np.fft.fftfreq, np.fft.rfftfreq))
         slope = np.abs(spectra[0]) ** 2
@@ -191,4 +193,10 @@ def _coefficients(spectrum: Any, size: int) -> Array:
     if size < n:
         cut[:, half] = 0.0  # a wave of two points, which the Gaussian has taken
     along_z, along_x = ((2.0 + np.cos(2.0 * np.pi * f(size))) / 3.0 for f in (np.fft.fftfreq, np.fft.rfftfreq))
-    return np.fft.irfft2(cut / (along_z[:, None] * along_x), s=(size, size))
+    smooth = cut / (along_z[:, None] * along_x)
+    return np.asarray(scipy.fft.irfft2(smooth, (size, size), overwrite_x=True, workers=os.cpu_count()))
+
+
+def _transformed(field: Array) -> NDArray[np.complex128]:
+    """Return the real discrete Fourier transform (n, n/2 + 1) of a field."""
+    return np.asarray(scipy.fft.rfft2(field, workers=os.cpu_count()), np.complex128)

@@ -90,13 +90,14 @@ class WaterLight:
         if given.mode == "plate":
             raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
         sky = Medium(
-            given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index
-        )
+            given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index,
+            formation=given.formation,
+        )  # fmt: skip
         beam = None
         if risen:
             beam = Medium(
                 given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
-                refractive_index=index, sky=("sun", sun_up, 1.0),
+                refractive_index=index, sky=("sun", sun_up, 1.0), formation=given.formation,
             )  # fmt: skip
         of_sky = LightInWater.of(dome.irradiance_below(index), sky)
         of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam)

@@ -22,7 +22,8 @@ class Clip:
     spec: how the codes are read. tags: the file's colour tags. codec_name, pixel_format: FFmpeg's names; pixel_format
     is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
     is_still: one picture, that `frames` repeats as often as asked. notes: parts of the file that are not copied, one
-    line each. words: text tags of the container, such as title and date.
+    line each. words: text tags of the container, such as title and date. panorama: whether outputs are marked as full
+    spheres.
     """
 
     path: Path
@@ -40,6 +41,7 @@ class Clip:
     is_still: bool = False
     notes: tuple[str, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
+    panorama: bool = True
 
     @property
     def has_audio(self) -> bool:

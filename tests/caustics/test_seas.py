@@ -9,7 +9,15 @@ from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.sea.detail import detail_slope, make_detail
 from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.gerstner import GerstnerWave
-from mr360uw.caustics.sea.spectrum import cosine_spread, jonswap, peak_frequency, tma_factor
+from mr360uw.caustics.sea.spectrum import (
+    PHILLIPS_ALPHA,
+    cosine_power_share,
+    cosine_spread,
+    jonswap,
+    peak_frequency,
+    tma_factor,
+    variance_density,
+)
 from mr360uw.caustics.sea.surface import surface_jacobian
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
@@ -143,6 +151,27 @@ def test_spectra():
     for frequency in (0.5, 2.0, 30.0):
         spread = cosine_spread(angle, np.full(angle.shape, frequency), 10.0, 100e3, 0.3)
         assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
+
+
+def test_parameters_of_the_phillips_spectrum():
+    for exponent in (0.0, 0.5, 2.0, 6.0, 20.0):
+        angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 20_001)
+        spread = np.cos(angle) ** exponent * cosine_power_share(exponent)
+        assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
+    k = np.array([3.0, 30.0])
+    plain = SpectralSea(spectrum="phillips")
+
+    def density(**more):
+        return variance_density(k, 0.0 * k, "phillips", 5.0, np.array([1.0, 0.0]), 1e5, 3.3, 0.0, 1e3, **more)
+
+    np.testing.assert_allclose(density(phillips_constant=2.0 * PHILLIPS_ALPHA), 2.0 * density(), rtol=tol.FLOAT64)
+    np.testing.assert_allclose(density(cutoff_m=0.05), density() * np.exp(-((0.05 * k) ** 2)), rtol=tol.FLOAT64)
+    more = SpectralSea(spectrum="phillips", phillips_constant=4.0 * PHILLIPS_ALPHA)
+    np.testing.assert_allclose(
+        more.grid_fields(32, 0.3).height, 2.0 * plain.grid_fields(32, 0.3).height, rtol=tol.FFT_SUM
+    )
+    aligned = SpectralSea(spectrum="phillips", alignment=20.0, wind_direction_deg=90.0).grid_fields(64, 0.0)
+    assert np.mean(aligned.slope_z**2) < 0.1 * np.mean(aligned.slope_x**2)
 
 
 def test_dispersion():

@@ -11,6 +11,7 @@ the highest frequency, which have no partner, stay empty.
 from __future__ import annotations
 
 import functools
+import os
 from typing import Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
 from mr360uw.caustics.sea.gerstner import Waves
-from mr360uw.caustics.sea.spectrum import variance_density
+from mr360uw.caustics.sea.spectrum import PHILLIPS_ALPHA, variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.parameters import parameter
 
@@ -32,7 +33,7 @@ class SpectralSea(SeaParameters):
 
     model: Literal["spectral"] = parameter("spectral", "kind of sea")
     spectrum: Literal["phillips", "jonswap", "tma"] = parameter("jonswap", "spectrum; tma: jonswap on shallow water")
-    resolution: int = parameter(128, "wave vectors across the lattice", low=4, high=1024)
+    resolution: int = parameter(128, "wave vectors across the lattice", low=4, high=2048)
     significant_wave_height_m: float | None = parameter(
         None, "four standard deviations of the tile's heights; none: of the spectrum's waves that fit into it",
         unit="m", low=0.0, high=40.0,
@@ -40,6 +41,17 @@ class SpectralSea(SeaParameters):
     fetch_m: float = parameter(100e3, "distance the wind has blown over", unit="m", low=10.0, high=1e7)
     peak_enhancement: float = parameter(3.3, "sharpness gamma of the spectrum's peak", low=1.0, high=20.0)
     swell: float = parameter(0.0, "0: wind sea, 1: long parallel crests", low=0.0, high=1.0)
+    phillips_constant: float = parameter(
+        PHILLIPS_ALPHA, "for spectrum phillips: constant alpha of the equilibrium range, the variance goes with it",
+        unit="1", low=0.0, high=1.0,
+    )  # fmt: skip
+    alignment: float = parameter(
+        2.0, "for spectrum phillips: exponent of the cosine to the wind; 0: none, 20: along the wind alone", unit="1",
+        low=0.0, high=64.0,
+    )  # fmt: skip
+    small_wave_cutoff_m: float = parameter(
+        0.0, "length l that damps small waves by exp(-(k l)^2); 0: none", unit="m", low=0.0, high=10.0
+    )
     choppiness: float = parameter(0.7, "horizontal shift: 0 = none, 1 = circular orbits", low=0.0, high=2.0)
     shortest_wavelength_m: float | None = parameter(
         None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0,
@@ -101,11 +113,18 @@ class SpectralSea(SeaParameters):
 
         spectra = self.spectra(time_s)
         place = np.fft.fftfreq(self.resolution, 1.0 / self.resolution).astype(np.int64) % size
-        folded = np.zeros((len(FIELD_NAMES), size, size), np.complex128)
-        for field, spectrum in zip(folded, spectra, strict=True):
-            np.add.at(field, (place[:, None], place), spectrum)
         # two real fields in one transform
-        pairs = ifft2(folded[0::2] + 1j * folded[1::2], norm="forward")
+        pairs = spectra[0::2] + 1j * spectra[1::2]
+        folded = np.zeros((len(pairs), size, size), np.complex128)
+        times = self.resolution // size
+        for field, spectrum in zip(folded, pairs, strict=True):
+            if times * size == self.resolution:
+                field[...] = spectrum.reshape(times, size, times, size).sum(axis=(0, 2))
+            elif size > self.resolution:  # every frequency has a place of its own
+                field[place[:, None], place] = spectrum
+            else:
+                np.add.at(field, (place[:, None], place), spectrum)
+        pairs = ifft2(folded, norm="forward", overwrite_x=True, workers=os.cpu_count())
         values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
         return SurfaceFields(*values)
 
@@ -116,7 +135,8 @@ def _variance_of(sea: SpectralSea) -> Array:
     kx, kz = sea.lattice
     variance = variance_density(
         kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
-        sea.water_depth_m, turns=sea.waves_of_wind_deg is not None,
+        sea.water_depth_m, turns=sea.waves_of_wind_deg is not None, phillips_constant=sea.phillips_constant,
+        alignment=sea.alignment, cutoff_m=sea.small_wave_cutoff_m,
     ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
     highest = np.arange(sea.resolution) == sea.resolution // 2
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spectra of wind seas as variance over wave vectors.
 
-    phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread 2/pi cos^2      Phillips 1958; Tessendorf 2001 eq. 40
+    phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread ~ cos^p         Phillips 1958; Tessendorf 2001 eq. 40
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
     tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
+
+Every spectrum may be cut off towards small waves by exp(-(k l)^2) (Tessendorf 2001 eq. 41).
 
 Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +22,7 @@ from mr360uw.constants import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 
-_PHILLIPS_ALPHA = 8.1e-3
+PHILLIPS_ALPHA = 8.1e-3
 """Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
 _FADING = 0.5
 """Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
@@ -37,10 +41,14 @@ def variance_density(
     water_depth_m: float,
     *,
     turns: bool = False,
+    phillips_constant: float = PHILLIPS_ALPHA,
+    alignment: float = 2.0,
+    cutoff_m: float = 0.0,
 ) -> Array:
     """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h).
 
     turns: the wind changes its direction; waves across it then fade out, so that none ends at once.
+    phillips_constant, alignment: alpha and p of "phillips". cutoff_m: l of the factor exp(-(k l)^2); 0: none.
     """
     k = np.hypot(kx, kz)
     if wind_speed == 0.0:
@@ -50,7 +58,8 @@ def variance_density(
     cosine = (kx * wind_travel[0] + kz * wind_travel[1]) / k
     if spectrum == "phillips":
         length = wind_speed**2 / GRAVITY_M_S2
-        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * cosine**2 * 2.0 / np.pi
+        spread = np.maximum(cosine, 0.0) ** alignment * cosine_power_share(alignment)
+        density = 0.5 * phillips_constant * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
     else:
         frequency = angular_frequency(k, water_depth_m)
         density = jonswap(frequency, wind_speed, fetch_m, peak_enhancement)
@@ -58,6 +67,8 @@ def variance_density(
             density = density * tma_factor(frequency, water_depth_m)
         spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m, swell)
         density = density * spread * group_speed(k, water_depth_m) / k
+    if cutoff_m > 0.0:
+        density = density * np.exp(-((k * cutoff_m) ** 2))
     if turns:
         edge = np.clip(cosine / _FADING, 0.0, 1.0)
         density = density * edge**2 * (3.0 - 2.0 * edge)
@@ -83,6 +94,11 @@ def tma_factor(frequency: Array, water_depth_m: float) -> Array:
     """Return the factor of shallow water, 1 where it is deep (Thompson & Vincent 1983)."""
     w = frequency * np.sqrt(water_depth_m / GRAVITY_M_S2)
     return np.where(w <= 1.0, 0.5 * w * w, np.where(w < 2.0, 1.0 - 0.5 * (2.0 - np.minimum(w, 2.0)) ** 2, 1.0))
+
+
+def cosine_power_share(exponent: float) -> float:
+    """Return the factor on cos^p of the angle to the wind whose integral over the half turn about it is 1."""
+    return math.exp(math.lgamma(0.5 * exponent + 1.0) - math.lgamma(0.5 * exponent + 0.5)) / math.sqrt(math.pi)
 
 
 def cosine_spread(angle: Array, frequency: Array, wind_speed: float, fetch_m: float, swell: float) -> Array:

@@ -77,14 +77,12 @@ def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Float
 
 
 def object_rectangles(shot: Shot) -> list[Rectangle]:
-    """Return the frame's rectangle of every visible object; those over the seam are not yet split."""
-    seen = []
-    for placed in shot.objects:
-        if placed.visible:
-            hull = placed.mesh.hull
-            points = (placed.to_world(hull.reshape(-1, 3)) - shot.view.position) @ shot.view.world_from_camera
-            seen.append(points.reshape(hull.shape))
-    return [r for r in rectangles_of_bodies(seen, shot.view.width, shot.view.height) if r[3] > 0]
+    """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
+    view, bodies = shot.view, [placed for placed in shot.objects if placed.visible]
+    if view.projection != "equirectangular":
+        return [Rectangle(0, 0, view.width, view.height)]
+    seen = [(body.to_world(body.mesh.hull) - view.position) @ view.world_from_camera for body in bodies]
+    return [r for r in rectangles_of_bodies(seen, view.width, view.height) if r[3] > 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ _MOST_STEPS = 4000
 _HALVINGS = 40
 """Bisections of a step: the hit is right to 1e-11 m."""
 _LIFT = 1e-6
-"""Height over the floor, over the distance of pixels, that a ray towards the sun starts at."""
+"""Height over the floor, over the distance of pixels, that rays towards the sun and down to the floor start at."""
 
 
 class Relief(NamedTuple):
@@ -52,7 +52,8 @@ def relief_distance(e: Any, r: Relief, origin: Vector, direction: Vector, reach:
     (ox, oy, oz), (dx, dy, dz) = (origin[0], origin[1] - r.y, origin[2]), direction
     t, end = 0.0, reach
     if dy < 0.0:
-        t, end = max((r.high - oy) / dy, 0.0), min(end, (r.low - oy) / dy)
+        lift = _LIFT * r.tile_m / e.shape[0]  # a ray that began on a level top would not go through it
+        t, end = max((r.high + lift - oy) / dy, 0.0), min(end, (r.low - oy) / dy)
     elif oy > r.high:
         return math.inf
     elif dy > 0.0:

@@ -76,6 +76,7 @@ class ContainerReader(VideoReader):
                 spherical=spherical,
                 notes=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
                 words=dict(container.metadata),
+                panorama=equirectangular,
             )
 
     @cached_property

@@ -138,6 +138,7 @@ class ImageReader(VideoReader):
             spec=ColorSpec("bt709", True, own, 8 * first.dtype.itemsize),
             codec_name=files[0].suffix.lower().lstrip("."),
             is_still=len(files) == 1,
+            panorama=equirectangular,
         )
 
     @property

@@ -17,6 +17,7 @@ import numpy as np
 from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
+from mr360uw.video.metadata.mp4 import index_in_front
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
 from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import ENCODERS, EncodeSettings
@@ -58,10 +59,11 @@ class ContainerWriter(VideoWriter):
                 f"{path} - this kind of output is not known (got {path.suffix}) - take {', '.join(CONTAINERS)}"
             )
         self._boxes = kind in ("mp4", "mov")
-        self._metadata = replace(like.spherical or SphericalMetadata(), stereo="mono")
+        sphere = replace(like.spherical or SphericalMetadata(), stereo="mono")
+        self._metadata = sphere if like.panorama else None
         self.notes = (
             like.notes
-            if self._boxes
+            if self._boxes or self._metadata is None
             else (*like.notes, f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements")
         )
         sound = like.sound if audio and settings.sound else None
@@ -92,7 +94,7 @@ class ContainerWriter(VideoWriter):
         self._encoder = Encoder(self.path, like, settings, stream.codec_context)
         if settings.codec == "h265" and self._boxes:
             stream.codec_context.codec_tag = "hvc1"
-        if not self._boxes:
+        if not self._boxes and self._metadata is not None:
             stream.metadata[V1_TAG] = v1_xml(self._metadata)
         stream.time_base = like.time_base
         self._stream = stream
@@ -163,8 +165,10 @@ class ContainerWriter(VideoWriter):
                 self._audio.advance(None if self._next == self._clip.frame_count else self._end_s)
             self._container.close()
             self._container = None
-            if self._boxes:
+            if self._boxes and self._metadata is not None:
                 write_spherical(self._part, self._metadata, self._settings.faststart)
+            elif self._boxes and self._settings.faststart:
+                index_in_front(self._part)
             publish(self._part, self.path, overwrite=self._overwrite)
 
     def abort(self) -> None:

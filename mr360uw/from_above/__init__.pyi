@@ -1,0 +1,14 @@
+from .aerial_picture import AerialPicture, LoadedAerial, aerial
+from .film import AerialReport, aerial_film, picture_parts
+from .settings import AerialScene, load_aerial
+
+__all__ = [
+    "AerialPicture",
+    "AerialReport",
+    "AerialScene",
+    "LoadedAerial",
+    "aerial",
+    "aerial_film",
+    "load_aerial",
+    "picture_parts",
+]

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies under and at the surface as a camera in the air sees them: shots of both sides, and the layer over a picture.
+
+Bodies in the water are lit by the solved light just below the surface, by the sun's refracted beam with its caustics,
+and from below by the floor. Those in the air are lit by sky and sun, and by the water's light from below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache
+from mr360uw.caustics import CausticSettings, caustic_stack
+from mr360uw.composite.at_surface.settings import SurfaceSettings
+from mr360uw.composite.at_surface.surface_layer import with_surface
+from mr360uw.composite.at_surface.water_sides import WaterSides
+from mr360uw.composite.objects import SceneObject
+from mr360uw.composite.over import empty_tile
+from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.constants import PI
+from mr360uw.from_above.first_surface import FloorSeen
+from mr360uw.from_above.floor_shadow import ratio_on_floor
+from mr360uw.from_above.light_in_water import joined_table, light_below
+from mr360uw.ibl.lighting import assemble
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
+from mr360uw.medium.small_angles import spread_of
+from mr360uw.optics import fresnel_transmittance, refract_to_water
+from mr360uw.sphere import directions
+from mr360uw.surface import SeaScene
+from mr360uw.surface.ray_tree import Stage
+from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
+
+Array = NDArray[np.float64]
+
+_ALL = SurfaceSettings(objects="all")
+_PLANES = 3
+"""Depths between the highest and the lowest point of the bodies at which their caustics are computed."""
+_SHALLOWEST_M = 0.05
+"""Depth [m] of the highest of them."""
+_GLOSSY = (0.2, 0.5)
+"""Roughnesses at which what surfaces mirror is filtered."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AerialBodies:
+    """Bodies of a scene with the light of both sides, which does not change with time.
+
+    table: of the water for rays from the surface, None for clear water. below, above: light of both sides.
+    """
+
+    sea: SeaScene
+    objects: tuple[SceneObject, ...]
+    table: MediumTable | None
+    below: Environment
+    above: Environment
+
+    @classmethod
+    def of(cls, sea: SeaScene, objects: Sequence[SceneObject]) -> AerialBodies:
+        """Return the bodies of a scene in its light."""
+        depth, sun = -sea.floor.height_m, sea.sun if sea.sun is not None and sea.sun.direction[1] > 0.0 else None
+        in_water = light_below(sea, depth)
+        wet = None
+        if sun is not None:
+            direction = refract_to_water(sun.direction, sea.refractive_index)
+            passed = float(fresnel_transmittance(sun.direction[1], sea.refractive_index))
+            beam = sun.irradiance * passed * sun.direction[1] / direction[1]
+            wet = Sun(direction, beam, sun.half_angle_rad / sea.refractive_index, 1.0)
+        table = None if sea.water.sky is None else joined_table(sea.water)
+        above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
+        return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
+
+    def layer(
+        self, stage: Stage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,
+        caustics: CausticSettings,
+    ) -> Layer:  # fmt: skip
+        """Return the layer of the bodies over a picture of the sea at a time [s], as one tile.
+
+        floor: of the pixels of the view. mirrored: (H, W, 3) radiance that the surface reflects.
+        """
+        placed = tuple(o.at(time_s, frame, view.position, view.world_from_camera) for o in self.objects)
+        extent = [o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1] for o in placed]
+        wet = self._shot(view, placed, self.below, self.table)
+        lowest, highest = min(float(y.min()) for y in extent), max(float(y.max()) for y in extent)
+        wet = replace(wet, caustics=self._caustics(lowest, highest, time_s, caustics))
+        dry = self._shot(view, placed, self.above, None)
+        cache = Cache()
+        direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
+        sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
+        ratio, veil = np.ones(mirrored.shape, np.float32), mirrored.astype(np.float32)
+        ratio[floor.mask] = ratio_on_floor(self.sea, stage, placed, floor)
+        veil[floor.mask] += floor.veil
+        return _with_shadow(with_surface(sides, _ALL, direct, cache), ratio, veil)
+
+    def _shot(
+        self, view: View, placed: tuple[PlacedObject, ...], light: Environment, table: MediumTable | None
+    ) -> Shot:
+        return Shot(view, placed, light, () if light.sun is None else (light.sun,), table)
+
+    def _caustics(self, lowest: float, highest: float, time_s: float, settings: CausticSettings) -> CausticStack | None:
+        """Return the caustics between the bodies' highest and lowest points."""
+        sun = self.above.sun
+        if sun is None or not settings.enabled or lowest >= -_SHALLOWEST_M:
+            return None
+        top = max(-highest, _SHALLOWEST_M)
+        depths = np.linspace(top, max(-lowest, top + _SHALLOWEST_M), _PLANES)
+        medium = self.sea.water.sun
+        spread = None if medium is None else spread_of(medium.medium)
+        settings = settings.model_copy(update={"sun_half_angle_rad": sun.half_angle_rad})
+        return caustic_stack(self.sea.sea, sun.direction, depths, time_s, settings, self.sea.refractive_index, spread)
+
+
+def _over_water(sea: SeaScene, in_water: Array) -> Array:
+    """Return the radiance (128, 256, 3) over a level sea: the sky, and its mirror image with the water's light."""
+    towards = directions(COARSE_COLUMNS, COARSE_ROWS)
+    up = towards * np.array([1.0, 0.0, 1.0]) + np.abs(towards) * np.array([0.0, 1.0, 0.0])
+    shape = towards.shape[:2]
+    sky = sea.dome.look(up.reshape(-1, 3), np.full(up.shape[0] * up.shape[1], PI / COARSE_ROWS)).reshape(*shape, 3)
+    passed = fresnel_transmittance(up[..., 1], sea.refractive_index)[..., None]
+    under = (1.0 - passed) * sky + passed * in_water[-1, 0] / sea.refractive_index**2
+    return np.where(towards[..., 1:2] > 0.0, sky, under)
+
+
+def _with_shadow(layer: Layer, ratio: Floats, veil: Floats) -> Layer:
+    """Return a layer as one tile, with shadows on what is behind it. ratio, veil: (H, W, 3) of the frame."""
+    touched = np.any(ratio != 1.0, axis=-1) | (layer.alpha > 0.0) | np.any(layer.radiance != 0.0, axis=-1)
+    if not np.any(touched):
+        return replace(layer, tiles=())
+    rows, columns = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
+    part = Rectangle(int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1))
+    tile = empty_tile(part)
+    at = tile.window
+    arrays = {name: getattr(layer, name)[at] for name in ("radiance", "alpha", "distance_m")}
+    return replace(layer, tiles=(replace(tile, **arrays, ratio=ratio[at], veil=veil[at]),))
+
+
+def brightened(layer: Layer, factor: Floats | float) -> Layer:
+    """Return a layer with its light times a factor, a number or (3,)."""
+    f = np.asarray(factor, np.float32)
+    return replace(layer, tiles=tuple(replace(t, radiance=f * t.radiance, veil=f * t.veil) for t in layer.tiles))

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of pictures from above: a still, numbered pictures, EXR files with parts, a video."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.color import ColorSpec
+from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
+from mr360uw.from_above.onto_plate import write_onto_plate
+from mr360uw.from_above.settings import AerialScene
+from mr360uw.progress import Progress
+from mr360uw.reading.limits import FRAMES
+from mr360uw.scene.inputs import keep_inputs
+from mr360uw.video import VideoFrame, create_video
+from mr360uw.video.clip import Clip
+from mr360uw.video.exr import Part, write_exr
+from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.write.creating import check_target
+
+Write = Callable[[int, AerialPicture], None]
+"""Takes the number of a frame and its picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class AerialReport:
+    """What was written. seconds: wall time."""
+
+    out: Path
+    frames: int
+    seconds: float
+
+    def __str__(self) -> str:
+        count = f"{self.frames} frame" + "s" * (self.frames != 1)
+        return f"wrote {self.out}: {count} in {self.seconds:.1f} s ({self.seconds / self.frames:.2f} s each)"
+
+
+def aerial_film(
+    scene: AerialScene,
+    out: str | Path,
+    *,
+    frames: tuple[int, int | None] = (0, None),
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> AerialReport:
+    """Write pictures of a scene and return a report.
+
+    out: a picture (.png, .jpg, .exr ...: the first frame), a pattern of pictures (sea_%04d.exr) or a video (.mp4, .mov,
+    .mkv, .webm). EXR files have the parts of `picture_parts`. frames: [start, stop); None: to the film's end. A scene
+    with a plate puts its bodies into that, without parts.
+
+    Each file appears when it is complete. Raises `ParameterError`, `VideoError` and `OutputExistsError`.
+    """
+    began = time.perf_counter()
+    path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
+    check_target(path, Path())
+    keep_inputs(scene, path.absolute())
+    if scene.plate is not None:
+        done = write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        return AerialReport(path, done, time.perf_counter() - began)
+    start, stop = _range(scene, path, frames, rate)
+    with _output(scene, path, rate, overwrite) as write:
+        loaded = LoadedAerial.of(scene)
+        for index in range(start, stop):
+            write(index, loaded.picture(float(index / rate)))
+            if progress is not None:
+                progress(index - start + 1, stop - start)
+    return AerialReport(path, stop - start, time.perf_counter() - began)
+
+
+def picture_parts(picture: AerialPicture) -> dict[str, Part]:
+    """Return the parts of an EXR file, float32: beauty, normal (N.X, N.Y, N.Z), floor, reflection, distance (Z), water
+    (Z: length in the water), bodies (A: what they cover). See `AerialPicture`.
+    """
+    light = {"beauty": picture.image_linear, "floor": picture.floor_radiance, "reflection": picture.reflection}
+    lengths = {"distance": picture.distance_m, "water": picture.in_water_m}
+    parts: dict[str, Part] = {name: {"RGB": np.asarray(image, np.float32)} for name, image in light.items()}
+    parts["normal"] = {f"N.{axis}": np.asarray(picture.normal[..., k], np.float32) for k, axis in enumerate("XYZ")}
+    parts["bodies"] = {"A": np.asarray(picture.body_alpha, np.float32)}
+    return parts | {name: {"Z": np.asarray(length, np.float32)} for name, length in lengths.items()}
+
+
+def _range(scene: AerialScene, path: Path, frames: tuple[int, int | None], rate: Fraction) -> tuple[int, int]:
+    """Return the frames [start, stop) that an output takes."""
+    start, stop = frames
+    if path.suffix.lower() in PICTURE_SUFFIXES and not is_pattern(path):
+        if stop is not None and stop != start + 1:
+            raise ParameterError(
+                f"{path} - one picture cannot hold several frames (got {start}:{stop}) - name a pattern such as "
+                f"{path.stem}_%04d{path.suffix}"
+            )
+        return start, start + 1
+    count = max(round(scene.film.duration_s * rate), 1)
+    stop = count if stop is None else stop
+    if not 0 <= start < stop <= count:
+        raise ParameterError(
+            f"frames - outside of the film (got {start}:{stop}) - it has {count}; film.duration_s makes it longer"
+        )
+    FRAMES.check("frames", stop - start, ParameterError)
+    return start, stop
+
+
+@contextmanager
+def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> Iterator[Write]:
+    """Yield a function that writes frames of a scene; the output is complete afterwards, or absent."""
+    around = scene.camera.projection == "equirectangular"
+    if path.suffix.lower() == ".exr":
+        there = matching_files(path)[:1] if is_pattern(path) else [(0, path)] if path.exists() else []
+        if there and not overwrite:
+            raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
+
+        def write_parts(index: int, picture: AerialPicture) -> None:
+            name = numbered(path, index) if is_pattern(path) else path
+            write_exr(name, picture_parts(picture), latlong=around)
+
+        yield write_parts
+        return
+    camera = scene.camera
+    if path.suffix.lower() not in PICTURE_SUFFIXES and (camera.width % 2 or camera.height % 2):
+        raise ParameterError(
+            f"camera.width, camera.height - must be even for a video (got {camera.width}x{camera.height}) - add a pixel"
+        )
+    like = Clip(
+        path=Path(), width=camera.width, height=camera.height, frame_rate=rate, time_base=1 / rate, panorama=around
+    )
+    with create_video(path, like, scene.output, overwrite=overwrite) as writer:
+        spec = ColorSpec("bt709", True, "linear", 32)
+
+        def write(index: int, picture: AerialPicture) -> None:
+            time_s = float(index / rate)
+            writer.write(VideoFrame(index, index, 1 / rate, time_s, 1, spec, rgb=picture.image_linear, wrap=around))
+
+        yield write

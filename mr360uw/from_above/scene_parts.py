@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Floor, water and sea of a scene's settings, as pictures through the surface take them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.settings import Sea
+from mr360uw.color import decode
+from mr360uw.constants import PI
+from mr360uw.from_above.published_look import blended_albedo
+from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
+from mr360uw.from_above.sky_dome import sky_of, sun_of
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.formation import FormationModel
+from mr360uw.medium.medium import RGB_NM, Mode
+from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.sample.sand import sand_albedo
+from mr360uw.surface import Floor, SeaScene
+from mr360uw.video.read.images import read_picture
+
+Array = NDArray[np.float64]
+
+_SEEN_FROM_M = 0.01
+"""Depth [m] of the medium's camera, just below the surface."""
+_MOST_PIXELS = 2048
+"""Side that pictures of the ground are reduced to."""
+_SAND_SEED = 1
+
+
+def sea_scene_of(scene: AerialScene) -> SeaScene:
+    """Return a scene with its water solved and its files read; raise `ParameterError` or `VideoError`."""
+    index = scene.water.refractive_index
+    return SeaScene(
+        _sea_of(scene), sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
+        refractive_index=index, caustics=scene.caustics,
+    )  # fmt: skip
+
+
+def _sea_of(scene: AerialScene) -> Sea:
+    """Return the sea over the scene's floor, whose depth its waves feel unless they have one of their own."""
+    sea = scene.sea
+    given = "water_depth_m" in sea.model_fields_set
+    return sea if given else sea.model_copy(update={"water_depth_m": scene.floor.depth_m})
+
+
+def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
+    """Return the floor with its picture, mixed with the water's colour in mode blended."""
+    albedo = np.broadcast_to(np.asarray(floor.albedo, np.float64), (3,))
+    image: Array = albedo[None, None]
+    if floor.ground == "sand":
+        sand = sand_albedo(_SAND_SEED)
+        image = sand / sand.mean(axis=(0, 1)) * albedo
+    elif floor.ground == "picture":
+        assert floor.picture is not None
+        codes = read_picture(floor.picture)
+        light = codes if codes.dtype.kind == "f" else decode(codes / np.iinfo(codes.dtype).max, "srgb")
+        image = _square(np.asarray(light, np.float64)) * albedo
+    image = np.clip(image, 0.0, 1.0)
+    if water.mode == "blended":
+        per_m, color = blend_of(water)
+        image = blended_albedo(image, floor.depth_m, per_m, color)
+    if floor.relief is None:
+        return Floor(-floor.depth_m, image, floor.tile_m)
+    heights = floor.relief_m * _square(_heights(floor.relief))
+    return Floor(-floor.depth_m, image, floor.relief_tile_m, relief=heights, albedo_tile_m=floor.tile_m)
+
+
+def _heights(path: Path) -> Array:
+    """Return heights (h, w), black 0 and white 1, of a picture; those of EXR and HDR files as they are."""
+    codes = read_picture(path)
+    scale = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
+    return codes.mean(axis=-1, dtype=np.float64) / scale
+
+
+def water_of(settings: AerialWaterSettings) -> Medium | None:
+    """Return the medium of a scene; None for clear water, which mode blended has too."""
+    water = settings.water()
+    if water is None or settings.mode == "blended":
+        return None
+    if settings.mode != "koschmieder":
+        return _medium(settings, water)
+    beta = np.array(settings.attenuation_per_m or water.attenuation(np.array(RGB_NM)))
+    far = _deep_radiance(settings, water) if settings.far_radiance is None else np.array(settings.far_radiance)
+    formation = FormationModel(beta, beta, far, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))))
+    return Medium(
+        water, named_sensor(str(settings.sensor)), "koschmieder", _SEEN_FROM_M, illuminant=settings.illuminant,
+        refractive_index=settings.refractive_index, formation=formation,
+    )  # fmt: skip
+
+
+def blend_of(settings: AerialWaterSettings) -> tuple[Array, Array]:
+    """Return k (3,) [1/m] and the colour (3,) of mode blended."""
+    water = settings.water()
+    per_m, color = settings.blend_per_m, settings.blend_color
+    if water is None:
+        return np.array(per_m or (0.0, 0.0, 0.0)), np.array(color or (0.0, 0.0, 0.0))
+    k = 2.0 * water.diffuse_attenuation(np.array(RGB_NM)) if per_m is None else np.array(per_m)
+    own = np.clip(PI * _deep_radiance(settings, water), 0.0, 1.0) if color is None else np.array(color)
+    return np.asarray(k), own
+
+
+def _medium(settings: AerialWaterSettings, water: Water) -> Medium:
+    mode: Mode = "kd" if settings.mode == "kd" else "table"
+    return Medium(
+        water, named_sensor(str(settings.sensor)), mode, _SEEN_FROM_M, illuminant=settings.illuminant,
+        refractive_index=settings.refractive_index,
+    )  # fmt: skip
+
+
+def _deep_radiance(settings: AerialWaterSettings, water: Water) -> Array:
+    """Return the radiance (3,) [1/sr] that comes up from deep water per unit irradiance just below the surface."""
+    solved = settings.model_copy(update={"mode": "table"})
+    return np.asarray(_medium(solved, water).level_radiance(np.array([-1.0]))[0])
+
+
+def _square(image: Array) -> Array:
+    """Return a picture as a square whose side is a power of two, which repeats as the picture does."""
+    import cv2
+
+    side = 2 ** round(math.log2(min(max(image.shape[:2]), _MOST_PIXELS)))
+    return np.asarray(cv2.resize(image, (side, side), interpolation=cv2.INTER_AREA))

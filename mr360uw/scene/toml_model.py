@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""TOML files as parameter models: every problem of a file at once, paths from its folder, files that must be there."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from mr360uw.errors import SceneError, VideoError
+from mr360uw.reading.input_files import read_text, unreadable
+from mr360uw.scene.overrides import override
+from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def load_model(model: type[Model], path: str | Path, overrides: Sequence[str] = (), made: str = "") -> Model:
+    """Return the model of a TOML file; relative paths in it start at its folder.
+
+    overrides: 'table.key=value' with a TOML value (a bare word is text). made: see `scene_text`. Raises `SceneError`
+    with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+    """
+    path = Path(path)
+    text = scene_text(path, made)
+    data = tables_of(text, str(path))
+    for text_override in overrides:
+        override(data, text_override)
+    return model_from_dict(model, data, path.resolve().parent, where=str(path), lines=key_lines(text))
+
+
+def scene_text(path: Path, made: str = "") -> str:
+    """Return the text of a scene file; raise `SceneError` where there is none. made: the command that makes one."""
+    if reason := unreadable(path):
+        hint = f", or make one: {made}" if made and reason.startswith("no such") else ""
+        raise SceneError(str(path), [reason + hint])
+    try:
+        return read_text(path, VideoError)
+    except VideoError as error:
+        raise SceneError(str(path), [str(error).removeprefix(f"{path} - ")]) from None
+
+
+def tables_of(text: str, where: str) -> dict[str, Any]:
+    """Return the nested tables of a scene's text; raise `SceneError` where it is not TOML. where: name of its file."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of more digits than Python reads
+        raise SceneError(where, [f"is not TOML (got: {error!s:.120}) - correct the line"]) from None
+
+
+def model_from_dict(
+    model: type[Model], data: dict[str, Any], folder: Path, where: str, lines: Lines | None = None
+) -> Model:
+    """Return the model of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
+    try:
+        made = model.model_validate(data)
+    except RecursionError:
+        raise SceneError(
+            where, ["has tables within tables too deep to read - write them as the handbook has them"]
+        ) from None
+    except ValidationError as error:
+        raise SceneError(where, problems(error, model, where, lines or {})) from None
+    made = _with_absolute_paths(made, folder)
+    unusable = [
+        f"{place(where, lines or {}, location)} - {problem}"
+        for location, file in named_files(made)
+        if (problem := _problem(file, folder))
+    ]
+    if unusable:
+        raise SceneError(where, unusable)
+    return made
+
+
+def _with_absolute_paths(value: Any, folder: Path) -> Any:
+    if isinstance(value, Path):
+        return value if value.is_absolute() else folder / value
+    if isinstance(value, tuple):
+        return tuple(_with_absolute_paths(item, folder) for item in value)
+    if isinstance(value, BaseModel):
+        changed = {}
+        for name in type(value).model_fields:
+            old = getattr(value, name)
+            new = _with_absolute_paths(old, folder)
+            if new is not old:
+                changed[name] = new
+        return value.model_copy(update=changed) if changed else value
+    return value
+
+
+def named_files(value: Any, location: Location = ()) -> Iterator[tuple[Location, Path]]:
+    """Yield every file, and pattern of files, that a model names, with its place in the model."""
+    if isinstance(value, Path):
+        yield location, value
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from named_files(item, (*location, index))
+    elif isinstance(value, BaseModel):
+        for name, field in type(value).model_fields.items():
+            yield from named_files(getattr(value, name), (*location, field.alias or name))
+
+
+def _problem(path: Path, folder: Path) -> str:
+    """Return why a file, or a pattern of numbered files, cannot be read, "" if it can; folder: of the scene."""
+    reason = unreadable(path)
+    if not reason or (reason.startswith("no such") and any(c in path.name for c in "%#*") and path.parent.is_dir()):
+        return ""
+    what, todo = reason.split(" - ", 1)
+    return f"{what} (got {path!s:.200}) - {todo}" + (f"; it starts at {folder}" if what == "no such file" else "")
