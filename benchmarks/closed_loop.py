@@ -33,29 +33,32 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
+from benchmarks.closed.bodies import write_body  # noqa: E402
+from benchmarks.closed.dives import Dive  # noqa: E402
 from benchmarks.closed.light import Gathering  # noqa: E402
+from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
 from mr360uw.cache import Cache  # noqa: E402
+from mr360uw.color import encode, luminance  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
+from mr360uw.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
 from mr360uw.ibl.lighting import assemble  # noqa: E402
+from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.exposed_water import exposed_water  # noqa: E402
+from mr360uw.render.first_pass import ClipFacts, clip_facts  # noqa: E402
+from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
 from mr360uw.render.shots import shot_at, with_caustics  # noqa: E402
-from mr360uw.types import Environment, Sun  # noqa: E402
-from mr360uw.video import VideoFrame  # noqa: E402
-from benchmarks.closed.bodies import write_body  # noqa: E402
-from benchmarks.closed.dives import Dive  # noqa: E402
-from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
-from mr360uw.color import encode, luminance  # noqa: E402
-from mr360uw.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
-from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
-from mr360uw.render.first_pass import ClipFacts, clip_facts  # noqa: E402
-from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample.recording import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
-from mr360uw.types import Floats  # noqa: E402
+from mr360uw.types import (  # noqa: E402
+    Environment,
+    Floats,
+    Sun,
+)
+from mr360uw.video import VideoFrame  # noqa: E402
 
 RATE = Fraction(4)
 FRAMES = 8
@@ -206,7 +209,9 @@ class Clip:
         found = environment_lookup(environment.irradiance, UP)
         truth_light = water.down(dive.camera_depth_m) * self.exposure
         beam = sum(water.beam(np.array([dive.camera_depth_m])))[0] * self.exposure
-        direct = 0.0 if sun is None else float(luminance(sun.irradiance * max(sun.direction[1], 0.0)) / luminance(found))
+        direct = (
+            0.0 if sun is None else float(luminance(sun.irradiance * max(sun.direction[1], 0.0)) / luminance(found))
+        )
         angle = np.nan
         if sun is not None:
             angle = float(np.degrees(np.arccos(np.clip(sun.direction @ dive.sun_in_water, -1.0, 1.0))))
@@ -257,7 +262,9 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     first, last = (int(a) for a in options.seeds.split(":"))
     rows: list[Row] = []
-    print("                    sun    light  direct  PSNR   body r g b          shadow r g b       meets PSNR, body, shadow")
+    print(
+        "                    sun    light  direct  PSNR   body r g b          shadow r g b       meets PSNR, body, shadow"
+    )
     print("                    deg      %      %      dB    mean over the truth's")
     for seed in range(first, last)[:: 5 if options.quick else 1][: 3 if options.quick else None]:
         dive, began = Dive.of(seed), time.process_time()

@@ -103,7 +103,9 @@ class Dive:
         direct, diffuse = self._horizontal
         view = directions(128, 64)
         near = np.clip(view @ self.sun_in_air, -1.0, 1.0)
-        shape = (1.0 + 1.2 * (1.0 - np.abs(view[..., 1])) ** 3) * (1.0 + 0.45 * near**2 + 4.0 * np.exp(8.0 * (near - 1)))
+        shape = (1.0 + 1.2 * (1.0 - np.abs(view[..., 1])) ** 3) * (
+            1.0 + 0.45 * near**2 + 4.0 * np.exp(8.0 * (near - 1))
+        )
         upper = np.maximum(view[..., 1], 0.0) * row_solid_angle(128, 64)[:, None]
         return shape[..., None] / np.sum(shape * upper) * diffuse / (direct + diffuse)
 
