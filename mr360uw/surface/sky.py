@@ -50,7 +50,8 @@ class Dome:
         self.radiance: Array = map_
 
     @functools.cached_property
-    def _levels(self) -> list[Array]:
+    def levels(self) -> list[Array]:
+        """The map and its halves, by solid angle."""
         levels = [self.radiance]
         while min(levels[-1].shape[:2]) >= 8 and levels[-1].shape[0] % 2 == 0 and levels[-1].shape[1] % 4 == 0:
             m = levels[-1]
@@ -67,17 +68,18 @@ class Dome:
         """
         up = direction * np.array([1.0, 0.0, 1.0]) + np.abs(direction) * np.array([0.0, 1.0, 0.0])
         level = np.log2(np.maximum(footprint_rad * len(self.radiance) / PI, 1.0))
-        level = np.minimum(level, len(self._levels) - 1.0)
+        level = np.minimum(level, len(self.levels) - 1.0)
         out = np.zeros((len(up), 3))
-        for k, map_ in enumerate(self._levels):
+        for k, map_ in enumerate(self.levels):
             weight = np.maximum(1.0 - np.abs(level - k), 0.0)
             used = np.flatnonzero(weight)
             if len(used):
                 out[used] += weight[used, None] * environment_lookup(map_, up[used])
         return out
 
+    @functools.cached_property
     def irradiance(self) -> Array:
-        """Return the irradiance (3,) on a level plane above the surface."""
+        """Irradiance (3,) on a level plane above the surface."""
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights))
 
     def irradiance_below(self, refractive_index: float) -> Array:
@@ -86,7 +88,16 @@ class Dome:
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights * passed))
 
     def patches(self, refractive_index: float) -> list[SkyPatch]:
-        """Return the sky as patches that bring the light of `irradiance_below` in sum."""
+        """Return the sky as patches that bring the light of `irradiance_below` in sum; made once for an index."""
+        if refractive_index not in self._patches:
+            self._patches[refractive_index] = self._divided(refractive_index)
+        return self._patches[refractive_index]
+
+    @functools.cached_property
+    def _patches(self) -> dict[float, list[SkyPatch]]:
+        return {}
+
+    def _divided(self, refractive_index: float) -> list[SkyPatch]:
         weight = self._weights * fresnel_transmittance(self._view[..., 1], refractive_index)
         solid = np.broadcast_to(row_solid_angle(*self._shape)[: len(weight), None], weight.shape)
         elevation = np.degrees(np.arcsin(np.clip(self._view[..., 1], -1.0, 1.0)))
