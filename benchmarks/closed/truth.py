@@ -83,7 +83,8 @@ class Stage:
 
     def frame(self, plate: Floats, time_s: float) -> TruePicture:
         """Return a frame with the body. plate: the generator's picture at that time."""
-        truth, body, shadow = plate.copy(), np.zeros(plate.shape[:2], bool), np.zeros(plate.shape[:2], bool)
+        dive, truth = self.dive, plate.copy()
+        body, shadow = np.zeros(plate.shape[:2], bool), np.zeros(plate.shape[:2], bool)
         rows, columns = np.nonzero(self._touched())
         place = (np.arange(_SUB) + 0.5) / _SUB
         shift = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
@@ -92,17 +93,24 @@ class Stage:
         ).reshape(-1, 3)
         low = float(self.body.points[:, 1].max())
         caustics = Caustics.of(self.dive, self.water, self.dive.camera_depth_m - low - 0.1, time_s)
-        behind = np.repeat(plate[rows, columns], len(shift), axis=0)
         met, radiance = self._body(ray, caustics)
-        light = behind.copy()
         below = ray[:, 1] < 0.0
         below[met] = False
-        light[below], change = self._floor(ray[below], behind[below], caustics)
-        light[met] = radiance
-        truth[rows, columns] = light.reshape(len(rows), -1, 3).mean(axis=1)
-        covered, changed = np.zeros(len(ray)), np.zeros(len(ray))
-        covered[met], changed[below] = 1.0, change
-        covered, changed = (a.reshape(len(rows), -1).mean(axis=1) for a in (covered, changed))
+        whole, left = self._floor(ray[below], caustics)
+        covered, sums = np.zeros(len(ray)), np.zeros((2, len(ray), 3))
+        covered[met], sums[0, below], sums[1, below] = 1.0, whole, left
+        covered, sums = covered.reshape(len(rows), -1).mean(axis=1), sums.reshape(2, len(rows), -1, 3).mean(axis=2)
+        ratio = sums[1] / np.maximum(sums[0], 1e-12)  # of pixels: the plate's are means over waves too
+        ratio[np.all(sums[0] == 0.0, axis=1)] = 1.0
+        middle = self.view.directions(columns + 0.5, rows + 0.5)
+        distance = dive.above_floor_m / np.maximum(-middle[:, 1], 1e-6)
+        veil = self._water_ahead(distance, middle[:, 1])[1]
+        behind = plate[rows, columns]
+        behind = np.where((middle[:, 1] < 0.0)[:, None], veil + (behind - veil) * ratio, behind)
+        shown = np.zeros((len(ray), 3))
+        shown[met] = radiance
+        truth[rows, columns] = shown.reshape(len(rows), -1, 3).mean(axis=1) + (1.0 - covered)[:, None] * behind
+        changed = np.where(middle[:, 1] < 0.0, np.abs(1.0 - ratio).max(axis=1), 0.0)
         body[rows, columns] = covered > _COVERED
         shadow[rows, columns] = (changed > _CHANGED) & (covered == 0.0)
         return TruePicture(plate, truth, body, shadow)
@@ -149,8 +157,8 @@ class Stage:
         passed, veil = self._water_ahead(distance, ray[met, 1])
         return met, veil + passed * self.dive.albedo / PI * (ambient + beam)
 
-    def _floor(self, ray: Floats, behind: Floats, caustics: Caustics) -> tuple[Floats, Floats]:
-        """Return the plate's radiance (n, 3) where the body shades the floor, and the largest relative change (n,)."""
+    def _floor(self, ray: Floats, caustics: Caustics) -> tuple[Floats, Floats]:
+        """Return the irradiance (n, 3) of the floor that rays meet, without and with the body."""
         dive, water, shade = self.dive, self.water, self.lit[1]
         distance = dive.above_floor_m / -ray[:, 1]
         place = distance[:, None] * ray
@@ -164,9 +172,7 @@ class Stage:
         whole = ambient + sharp * a + turned * b
         left = ambient * shade.left(shade.ambient, place[:, 0], place[:, 2])
         left += sharp * a * visible[0][:, None] + turned * b * visible[1][:, None]
-        _, veil = self._water_ahead(distance, ray[:, 1])
-        ratio = left / whole
-        return veil + (behind - veil) * ratio, np.abs(1.0 - ratio).max(axis=-1)
+        return whole, left
 
 
 def seen_level(gathering: Gathering, start: Floats, rays: Floats) -> Floats:

@@ -5,8 +5,8 @@
 
 g, l: gain and level radiance of a medium, whose product is what the plate shows; e_s, l_s: irradiance and level
 radiance of the same water under a sun of that height. A high sun sends less of its light along the horizon than a
-uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters ten
-times less.
+uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less: a
+beam of 0.6 instead of 0.75 of the light makes 5 %.
 """
 
 from __future__ import annotations
