@@ -26,6 +26,7 @@ from mr360uw.ibl.sun.split import with_sun
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level_light import irradiance_from_level
 from mr360uw.render.lights import CLEAR_SKY_DIRECT
+from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Sun, YuvImage
 
 Array = NDArray[np.float64]
@@ -34,8 +35,7 @@ _FROM, _TO = 0.8, 0.95
 """Radiance of a pixel of the environment, a mean over hundreds of the plate's, from which it counts as partly and as
 wholly clipped. A sky that is as bright without clipping is raised too, as far as the whole light is too weak."""
 _MOST = 2.0
-"""Greatest ratio of restored to shown ambient light: one stop. A type of water that is not the plate's misleads by no
-more."""
+"""Greatest ratio of restored to shown light: one stop. A type of water that is not the plate's misleads by no more."""
 _LEAST_SHARE = 0.02
 """Fraction of the ambient light that clipped pixels must bring for them to be raised; wholly from twice as much on."""
 
@@ -52,7 +52,7 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
 
     medium: of the camera, with the gain of the plate's veil; of mode "table", others have no solved irradiance and
     change nothing. up: (3,) of the world in the environment's axes. keep_sun: whether the sun's strength is known;
-    otherwise it grows as the ambient light does, from which it was told.
+    otherwise it gets what the ambient light leaves of the whole.
     """
     if medium.mode != "table":
         return light
@@ -61,18 +61,23 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     shown = np.maximum(environment_lookup(light.ambient, up), 1e-12)
     beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
     wanted = whole - beam if keep_sun else shown * whole / (shown + beam)
-    white = np.clip((light.residual - _FROM) / (_TO - _FROM), 0.0, 1.0) * light.residual
+    above = directions(*light.residual.shape[1::-1]) @ up > 0.0
+    white = np.clip((light.residual - _FROM) / (_TO - _FROM), 0.0, 1.0) * light.residual * above[..., None]
     clipped = cosine_filter(1)(white)
     share = environment_lookup(clipped, up) / shown
-    growth = np.clip(wanted / shown, 1.0, _MOST) - 1.0
-    growth *= np.clip(share / _LEAST_SHARE - 1.0, 0.0, 1.0)
-    if not np.any(growth > 0.0):
+    told = np.clip(share / _LEAST_SHARE - 1.0, 0.0, 1.0)
+    if not np.any(told > 0.0):
         return light
+    growth = told * (np.clip(wanted / shown, 1.0, _MOST) - 1.0)
     factor = growth / np.maximum(share, _LEAST_SHARE)
-    return _brighter(light, factor * white, factor * clipped, 1.0 if keep_sun else 1.0 + growth)
+    of_sun = np.ones(3)
+    if light.sun is not None and not keep_sun:
+        left = np.clip((whole - shown * (1.0 + growth)) / np.maximum(beam, 1e-12), 1.0 / _MOST, _MOST)
+        of_sun += told.max() * (left - 1.0)
+    return _brighter(light, factor * white, factor * clipped, of_sun)
 
 
-def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: Array | float) -> Environment:
+def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: Array) -> Environment:
     """Return an environment with more radiance (32, 64, 3), whose cosine integral is given, and a stronger sun."""
     sun: Sun | None = None
     if light.sun is not None:
