@@ -36,7 +36,7 @@ sys.path.insert(0, str(ROOT))
 import mr360uw as uw  # noqa: E402
 from benchmarks.closed.bodies import write_body  # noqa: E402
 from benchmarks.closed.dives import Dive  # noqa: E402
-from benchmarks.closed.light import Gathering  # noqa: E402
+from benchmarks.closed.gathering import Gathering  # noqa: E402
 from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
 from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.color import encode, luminance  # noqa: E402

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.closed.bodies import Body, body_of
 from benchmarks.closed.dives import Dive
-from benchmarks.closed.light import Caustics, Gathering, GroundPatch, WaterTables
+from benchmarks.closed.gathering import Caustics, Gathering, GroundPatch, WaterTables
 from mr360uw import surface
 from mr360uw.color import luminance
 from mr360uw.constants import PI
@@ -177,7 +177,7 @@ class Stage:
 
 def seen_level(gathering: Gathering, start: Floats, rays: Floats) -> Floats:
     """Return the fraction (n,) of a source's light on a level plane that the body leaves at points (n, 3)."""
-    from benchmarks.closed.light import seen
+    from benchmarks.closed.gathering import seen
 
     out = np.empty(len(start))
     for begin in range(0, len(start), 20000):

@@ -17,7 +17,7 @@ from mr360uw.medium import exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
-from mr360uw.render.clipped_light import may_be_clipped, restored
+from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import calm_series

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from mr360uw.cache import Same
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
-from mr360uw.render.clipped_light import may_be_clipped, restored
 from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.types import Environment, Floats

@@ -12,7 +12,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.fit.level_light import irradiance_from_level
 from mr360uw.optics import critical_cosine
-from mr360uw.render.clipped_light import may_be_clipped, restored
+from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Sun
 
