@@ -308,12 +308,12 @@ def summary(rows: list[Row]) -> None:
     """Print how many rows of each column meet the targets, and medians."""
     for column in COLUMNS:
         of = [row for row in rows if row.column == column]
-        met = np.array([row.meets for row in of])
+        met, found = np.array([row.meets for row in of]), [row.sun_deg for row in of if np.isfinite(row.sun_deg)]
         psnr, light = np.median([row.psnr_db for row in of]), np.median([abs(row.light) for row in of])
         print(
             f"{column:7} of {len(of)}: PSNR >= {PSNR_DB:g} dB {met[:, 0].sum()}, body within {100 * WITHIN:g} % "
             f"{met[:, 1].sum()}, shadow {met[:, 2].sum()}, all {met.all(axis=1).sum()}; medians: {psnr:.1f} dB, "
-            f"light {100 * light:.1f} %, sun {np.nanmedian([row.sun_deg for row in of]):.2f} deg"
+            f"light {100 * light:.1f} %, sun {np.median(found) if found else np.nan:.2f} deg, not found {len(of) - len(found)}"
         )
 
 
