@@ -313,7 +313,8 @@ def summary(rows: list[Row]) -> None:
         print(
             f"{column:7} of {len(of)}: PSNR >= {PSNR_DB:g} dB {met[:, 0].sum()}, body within {100 * WITHIN:g} % "
             f"{met[:, 1].sum()}, shadow {met[:, 2].sum()}, all {met.all(axis=1).sum()}; medians: {psnr:.1f} dB, "
-            f"light {100 * light:.1f} %, sun {np.median(found) if found else np.nan:.2f} deg, not found {len(of) - len(found)}"
+            f"light {100 * light:.1f} %, sun {np.median(found) if found else np.nan:.2f} deg, "
+            f"not found {len(of) - len(found)}"
         )
 
 

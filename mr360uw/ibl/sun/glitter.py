@@ -40,7 +40,8 @@ def glitter_middle(plate: Plate, direction: Floats) -> Floats:
     start = level @ direction
     if start[1] <= 0.0:
         return direction
-    index, place = plate.refractive_index, start
+    index = plate.refractive_index
+    place: Floats = start
     axis = np.linspace(-_REACH * _WINDOW, _REACH * _WINDOW, _PIXELS)
     slope = np.stack(np.meshgrid(axis, axis), axis=-1)
     window = np.exp(-0.5 * np.sum(slope**2, axis=-1) / _WINDOW**2)
