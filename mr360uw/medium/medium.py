@@ -80,8 +80,8 @@ class Medium:
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)
         self.illuminant = illuminant
-        self._surface: SurfaceKind = surface
-        self._sky: Sky = sky
+        self.surface: SurfaceKind = surface
+        self.sky: Sky = sky
         self.refractive_index = refractive_index
         self._spectral_bands = functools.partial(bands, band_count, self.sensor, rule, illuminant)
         self.formation = formation
@@ -92,7 +92,7 @@ class Medium:
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
-        water = self._surface, self._sky, self.refractive_index
+        water = self.surface, self.sky, self.refractive_index
         if self.formation is not None:
             return self.formation
         if self.mode in _FORMATIONS:

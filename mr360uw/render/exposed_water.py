@@ -15,7 +15,6 @@ import numpy as np
 
 from mr360uw.constants import BRIGHTEST_LOG, MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.medium.fit.level import fit_level
 from mr360uw.medium.lookup import path_attenuation
 from mr360uw.medium.tabulate import STEP, lengths
 from mr360uw.render.plate_light import FrameLight
@@ -61,6 +60,4 @@ def _veiled(surroundings: Surroundings, light: FrameLight, time_s: float) -> Med
         return None
     if light.gain is not None:
         return medium.scaled(light.gain).table
-    if light.plate_map is not None:
-        return medium.with_map(light.plate_map).table
-    return medium.table if light.level is None else medium.scaled(fit_level(medium, light.level)[0]).table
+    return medium.table if light.plate_map is None else medium.with_map(light.plate_map).table

@@ -15,9 +15,10 @@ from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun.series import SunSeries
 from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
-from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
+from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
+from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import calm_series
@@ -153,10 +154,14 @@ def _measured(
     if calm is not None:
         calm.clear()
 
-    def measured(frame: VideoFrame) -> SunMeasurement:
+    def measured(seen: tuple[VideoFrame, Medium | None]) -> SunMeasurement:
+        frame, medium = seen
         now = surroundings if keyed is None else keyed(frame.time_s)
+        world_from_camera = camera.at(frame.time_s)[1]
         light = now.light.of(frame.pixels, time_s=frame.time_s)
-        return measure_sun(light, frame.time_s, camera.at(frame.time_s)[1])
+        if medium is not None and may_be_clipped(frame.pixels, now.settings):
+            light = restored(light, medium, world_from_camera[1], keep_sun=False)
+        return measure_sun(light, frame.time_s, world_from_camera)
 
     suns = SunSeries(measured, float(video.frame_rate))
     maps = _MapSeries()
@@ -164,12 +169,15 @@ def _measured(
         for frame in prefetch(video.frames(begin, end)):
             world_from_camera = camera.at(frame.time_s)[1]
             now = surroundings if keyed is None else keyed(frame.time_s)
+            up, medium, known = world_from_camera[1], now.medium, True
+            if medium is not None and camera.sinks:
+                medium = medium.at_depth(camera.depth_at(frame.time_s))
+            if wanted.gain and medium is not None:
+                gain, residual = fit_level(medium, level_view(frame.pixels, up))
+                maps.add(gain, residual, plate_map(frame.pixels, up))
+                medium, known = medium.scaled(gain), residual < DOUBTFUL
             if wanted.sun:
-                suns.add(frame, frame.time_s)
-            if wanted.gain and (medium := now.medium) is not None:
-                here = medium.at_depth(camera.depth_at(frame.time_s)) if camera.sinks else medium
-                up = world_from_camera[1]
-                maps.add(here, level_view(frame.pixels, up), plate_map(frame.pixels, up))
+                suns.add((frame, medium if known else None), frame.time_s)
             if calm is not None:
                 calm.add(frame)
             if progress is not None:
@@ -202,9 +210,8 @@ class _MapSeries:
         self._picture: list[float] = []
         self._last: Floats | None = None
 
-    def add(self, medium: Medium, level: LevelView, shown: Floats) -> None:
+    def add(self, gain: Floats, residual: float, shown: Floats) -> None:
         before = shown if self._last is None else self._last
-        gain, residual = fit_level(medium, level)
         self._gains.append(gain)
         self._residuals.append(residual)
         self._exposure.append(exposure_change(before, shown))

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.glitter import glitter_middle
-from mr360uw.optics import refract_to_air, refract_to_water
+from mr360uw.optics import critical_cosine, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
+from mr360uw.surface.slopes import Facets
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import FLOAT64, GLITTER_DEG, STEADY_DEG, STEADY_PATH_DEG
@@ -67,16 +69,17 @@ def test_a_tracked_camera_has_one_sun_whatever_is_measured(rng: np.random.Genera
     assert np.ptp(ibl.track_suns(suns, times).direction, axis=0).max() > 0.1
 
 
-@pytest.mark.parametrize("elevation_deg", [40.0, 60.0, 85.0])
-def test_the_middle_of_a_glitter_is_taken_in_the_air(elevation_deg: float) -> None:
-    """A round glow above a flat surface: its middle in the water is not where the sun is."""
+@pytest.mark.parametrize(("elevation_deg", "slope"), [(60.0, 0.08), (75.0, 0.1), (85.0, 0.15)])
+def test_the_middle_of_a_glitter_is_that_of_the_slopes(elevation_deg: float, slope: float) -> None:
+    """A clipped sun through facets of random slopes: the middle of its directions is not where the sun is."""
     air = direction_from_angles(0.4, np.radians(elevation_deg))
-    sun, seen = refract_to_water(air), directions(512, 256)
-    up = seen[..., 1] > 0.02
-    outside = refract_to_air(np.where(up[..., None], seen, [0.0, 1.0, 0.0]))
-    away = np.degrees(np.arccos(np.clip(outside @ air, -1.0, 1.0)))
-    glow = np.where(up & (outside[..., 1] > 0.0), 0.3 + 3.0 * np.exp(-away / 10.0), 0.05)
-    plate = LinearPlate.of(clipped(np.repeat(glow[..., None], 3, axis=2).astype(np.float32)))
+    sun, seen = refract_to_water(air), directions(256, 128)
+    ray = seen[seen[..., 1] > 0.02]
+    level, covariance = np.tile([0.0, 1.0, 0.0], (len(ray), 1)), np.tile([slope**2, 0.0, slope**2], (len(ray), 1))
+    facets, shining = Facets(ray, level, covariance, True), Sun(air, np.full(3, 20.0), 0.00465, 1.0)
+    light = np.where(seen[..., 1] > critical_cosine(REFRACTIVE_INDEX_SEA), 0.4, 0.05)
+    light[seen[..., 1] > 0.02] += facets.sunlight(shining, REFRACTIVE_INDEX_SEA)[:, 0]
+    plate = LinearPlate.of(clipped(np.repeat(light[..., None], 3, axis=2).astype(np.float32)))
     beside = unit(sun + np.array([0.03, 0.0, 0.03]))
     assert angle_deg(glitter_middle(plate, beside), sun) < GLITTER_DEG
     dark = LinearPlate.of(np.zeros((64, 128, 3), np.float32))

@@ -2,9 +2,10 @@
 """The middle of a sun's glitter, seen from under water.
 
 Waves break a clipped sun into patches that come and go, and the largest of them wanders by degrees. What hardly moves
-is the middle of all that is bright near it, and it is that of the sun only where the glow about the sun is round: above
-the surface. A flat surface squeezes it towards the edge of Snell's window, so the middle is taken in the air (a mean
-shift under a Gaussian window, Comaniciu 2002) and refracted back.
+is the middle of all that is bright near it. It is that of the sun where the waves' slopes are as often up as down: each
+direction of the water stands for the slope of a facet that refracts the sun's light into it, and the middle is taken
+over these slopes (a mean shift under a Gaussian window, Comaniciu 2002). Over directions it would be up to 6 degrees
+too high: towards the edge of Snell's window the same angle takes twice the slope.
 """
 
 from __future__ import annotations
@@ -14,24 +15,22 @@ import numpy as np
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.ibl.plate import Plate
 from mr360uw.ibl.sun.blob import brightness
-from mr360uw.ibl.sun.tangent import patch_directions
-from mr360uw.optics import refract_to_air, refract_to_water
+from mr360uw.optics import refract_clamped, refract_to_air
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
-_WINDOW_RAD = np.radians(12.0)
-"""Standard deviation [rad] of the window: waves of a light breeze spread the glitter over about as much."""
-_REACH, _PIXELS = 3.0, 49
+_WINDOW = 0.35
+"""Standard deviation of the window, a slope: half as large, the middle of a wide plateau is hardly found; twice as
+large, the window's edge and the sky far from the sun count."""
+_REACH, _PIXELS = 2.0, 49
 """Radius of the patch in windows, and its size."""
 _FLOOR = 0.7
 """Brightness over the patch's largest that counts as the sun's; the sky of a clipped plate is half as bright."""
-_ROUNDS = 8
-"""Most rounds; each halves the way to the middle at least."""
+_ROUNDS = 16
+"""Most rounds; each takes a half to a fifth of the way to the middle."""
 _STILL_COSINE = 1.0 - 0.5 * np.radians(0.02) ** 2
 """Cosine of the step at which the search ends."""
-_LOWEST_SINE = 0.03
-"""Least sine of the elevation in the air: lower light is at the very edge of the window."""
-_FARTHEST_COSINE = np.cos(np.radians(8.0))
+_FARTHEST_COSINE = np.cos(np.radians(12.0))
 """Cosine of the largest correction; a middle further off is that of something else."""
 
 
@@ -41,20 +40,31 @@ def glitter_middle(plate: Plate, direction: Floats) -> Floats:
     start = level @ direction
     if start[1] <= 0.0:
         return direction
-    place = refract_to_air(start, plate.refractive_index)
+    index = plate.refractive_index
+    place: Floats = start
+    axis = np.linspace(-_REACH * _WINDOW, _REACH * _WINDOW, _PIXELS)
+    slope = np.stack(np.meshgrid(axis, axis), axis=-1)
+    window = np.exp(-0.5 * np.sum(slope**2, axis=-1) / _WINDOW**2)
     for _ in range(_ROUNDS):
-        air = patch_directions(place, min(_REACH * _WINDOW_RAD, 1.0), _PIXELS)
-        high = air[..., 1] > _LOWEST_SINE
-        water = refract_to_water(np.where(high[..., None], air, [0.0, 1.0, 0.0]), plate.refractive_index)
-        value = np.where(high, brightness(plate.look(water @ level)), 0.0)
-        window = np.exp((air @ place - 1.0) / _WINDOW_RAD**2)
+        seen, lit = _through_facets(refract_to_air(place, index), slope, index)
+        value = np.where(lit, brightness(plate.look(seen @ level)), 0.0)
         weight = np.maximum(value - _FLOOR * float(value.max()), 0.0) * window
         if float(weight.sum()) <= 0.0:
             return direction
-        before, place = place, unit(weight.ravel() @ air.reshape(-1, 3))
+        middle = np.tensordot(weight, slope, 2) / weight.sum()
+        before, place = place, _through_facets(refract_to_air(place, index), middle, index)[0]
+        if place[1] <= 0.0:
+            return direction
         if float(before @ place) > _STILL_COSINE:
             break
-    if place[1] <= 0.0:
-        return direction
-    found: Floats = refract_to_water(place, plate.refractive_index)
-    return found @ level if float(found @ start) > _FARTHEST_COSINE else direction
+    return place @ level if float(place @ start) > _FARTHEST_COSINE else direction
+
+
+def _through_facets(sun_in_air: Floats, slope: Floats, index: float) -> tuple[Floats, np.ndarray]:
+    """Return the directions (..., 3) in the water towards the sun through facets of slopes (..., 2) over (x, z), and
+    which of them the sun shines on.
+    """
+    normal = unit(np.stack([-slope[..., 0], np.ones(slope.shape[:-1]), -slope[..., 1]], axis=-1))
+    lit = normal @ sun_in_air > 0.0
+    travel = refract_clamped(np.broadcast_to(-sun_in_air, normal.shape), normal, 1.0 / index)
+    return unit(-travel), lit
