@@ -99,6 +99,8 @@ def first_hit(
     elif oy < sea.lowest_m or oy > sea.highest_m:
         end = -1.0
     across = math.hypot(dx, dz)
+    # a ray from the surface, by another footprint, may start on the wrong side of it by a little
+    least = sigma_at(width, 0.0, 0.0, dy)
     before, was, right = t, 0.0, False
     for _ in range(_MOST_STEPS):
         if t > end:
@@ -113,9 +115,9 @@ def first_hit(
             guess = before + (t - before) * was / (was - over)
             sigma = sigma_at(width, spread, guess, dy)
             hit = _refined(c, n, s, m, sea, origin, direction, side, sigma, before, t, guess)
-            if hit.distance < math.inf:
+            if least <= hit.distance < math.inf:
                 return hit
-            right = False
+            right = hit.distance == math.inf  # the maps are wrong: by the splines it is not there yet
         right = right or over > 0.0
         if t >= end:
             break
@@ -151,7 +153,8 @@ def _refined(
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         t += (gx * nx + gy * ny + gz * nz) / volume
         if near:
-            if max(low - sea.step_m, 0.0) <= t <= high + sea.step_m:
+            slack = max(sea.step_m, sigma)
+            if max(low - slack, 0.0) <= t <= high + slack:
                 return Hit(t, _normal(p), a, b, sigma, level)
             break
     return _bisected(c, n, sea, origin, direction, side, sigma, low, high)
@@ -161,17 +164,20 @@ def _refined(
 def _bisected(
     c: Any, n: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
 ) -> Hit:
-    """Return the hit between two distances at which the ray is on either side of the splines, else an infinite one."""
+    """Return the hit between two distances, at the first if the ray is behind the splines there; an infinite one if it
+    is before them at the second.
+    """
     (ox, oy, oz), (dx, dy, dz) = origin, direction
     tile = sea.tile_m
     level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
-    x, z, t = ox + low * dx, oz + low * dz, high
+    x, z, t = ox + high * dx, oz + high * dz, low
     a, b, p = rest_position(c, n, tile, level, x, z, x, z, slack)
-    apart = side * (oy + low * dy - p[0]) > 0.0
-    x, z = ox + high * dx, oz + high * dz
-    a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
-    if not apart or side * (oy + high * dy - p[0]) > 0.0:
+    if side * (oy + high * dy - p[0]) > 0.0:
         return NOWHERE
+    x, z = ox + low * dx, oz + low * dz
+    a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
+    if side * (oy + low * dy - p[0]) <= 0.0:
+        return Hit(low, _normal(p), a, b, sigma, level)
     for _ in range(60):
         t = 0.5 * (low + high)
         x, z = ox + t * dx, oz + t * dz
