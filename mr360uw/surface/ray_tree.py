@@ -40,7 +40,7 @@ class Rays:
     """
 
     pixel: Indices
-    key: NDArray[np.uint64]
+    key: NDArray[np.uint32]
     origin: Array
     direction: Array
     weight: Array
@@ -63,7 +63,9 @@ class Rays:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface."""
+    """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface.
+    camera_in_water: on which side of the waves the camera is.
+    """
 
     sea: SampledSea
     dome: Dome
@@ -74,6 +76,7 @@ class Stage:
     sun: Sun | None
     refractive_index: float
     samples: int
+    camera_in_water: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,11 +118,11 @@ def refracted_distance(stage: Stage, rays: Rays, hits: SurfaceHits) -> Array:
     return length
 
 
-def trace(stage: Stage, rays: Rays, in_water: bool, count: int) -> Array:
+def trace(stage: Stage, rays: Rays, count: int) -> Array:
     """Return the radiance (count, 3) of `count` pixels: the sum over their rays, which all start on one side."""
     image = np.zeros((count, 3))
     nothing = rays.of(np.zeros(0, np.int64))
-    water, air = (rays, nothing) if in_water else (nothing, rays)
+    water, air = (rays, nothing) if stage.camera_in_water else (nothing, rays)
     for generation in range(GENERATIONS):
         if not len(water.pixel) and not len(air.pixel):
             break

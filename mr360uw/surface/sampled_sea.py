@@ -78,9 +78,9 @@ class SampledSea:
     blur_variance: float
 
     @classmethod
-    def of(cls, sea: MovingSea, time_s: float) -> SampledSea:
-        """Return the splines of a sea at a time [s]."""
-        n, tile = _points_across(sea, time_s), sea.tile_m
+    def of(cls, sea: MovingSea, time_s: float, points: int | None = None) -> SampledSea:
+        """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
+        n, tile = points_across(sea) if points is None else points, sea.tile_m
         fields = sea.grid_fields(n, time_s)
         spectra = [np.fft.fft2(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
         levels = 1 + math.ceil(math.log2(n)) + 1
@@ -145,9 +145,9 @@ _DOMINANT_WAVES = 6.0
 """Waves of the dominant length in one repeat of the ripples' map."""
 
 
-def _points_across(sea: MovingSea, time_s: float) -> int:
-    """Return the points across the tile, a power of two, that the sea's shortest wave needs."""
-    height = np.abs(np.fft.fft2(sea.grid_fields(_PROBE, time_s).height))
+def points_across(sea: MovingSea) -> int:
+    """Return the points across the tile, a power of two, that the sea's shortest wave needs at any time."""
+    height = np.abs(np.fft.fft2(sea.grid_fields(_PROBE, 0.0).height))
     height[0, 0] = 0.0
     waves = np.abs(np.fft.fftfreq(_PROBE, 1.0 / _PROBE))
     present = height > _HARDLY * max(float(height.max()), 1e-300)

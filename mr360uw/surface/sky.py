@@ -76,8 +76,9 @@ class Dome:
                 out[used] += weight[used, None] * environment_lookup(map_, up[used])
         return out
 
+    @functools.cached_property
     def irradiance(self) -> Array:
-        """Return the irradiance (3,) on a level plane above the surface."""
+        """Irradiance (3,) on a level plane above the surface."""
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights))
 
     def irradiance_below(self, refractive_index: float) -> Array:
@@ -86,7 +87,16 @@ class Dome:
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights * passed))
 
     def patches(self, refractive_index: float) -> list[SkyPatch]:
-        """Return the sky as patches that bring the light of `irradiance_below` in sum."""
+        """Return the sky as patches that bring the light of `irradiance_below` in sum; made once for an index."""
+        if refractive_index not in self._patches:
+            self._patches[refractive_index] = self._divided(refractive_index)
+        return self._patches[refractive_index]
+
+    @functools.cached_property
+    def _patches(self) -> dict[float, list[SkyPatch]]:
+        return {}
+
+    def _divided(self, refractive_index: float) -> list[SkyPatch]:
         weight = self._weights * fresnel_transmittance(self._view[..., 1], refractive_index)
         solid = np.broadcast_to(row_solid_angle(*self._shape)[: len(weight), None], weight.shape)
         elevation = np.degrees(np.arcsin(np.clip(self._view[..., 1], -1.0, 1.0)))

@@ -23,7 +23,7 @@ from mr360uw.optics import fresnel, radiance_factor, reflect, refract_clamped
 from mr360uw.types import Sun
 
 Array = NDArray[np.float64]
-Keys = NDArray[np.uint64]
+Keys = NDArray[np.uint32]
 
 _SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
@@ -175,15 +175,23 @@ def normal_of(slope: Array) -> Array:
 
 
 def next_keys(keys: Keys, salt: int) -> Keys:
-    """Return other keys (n,), a fixed function of these (SplitMix64, Steele et al. 2014)."""
+    """Return other keys (n,), a fixed function of these (PCG as a hash, Jarzynski & Olano 2020)."""
+    return _pcg(keys ^ _pcg(np.full(1, salt, np.uint32)))
+
+
+def _pcg(keys: Keys) -> Keys:
     with np.errstate(over="ignore"):
-        z = keys + np.uint64((salt + 1) * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF)
-        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+        s = keys * np.uint32(747796405) + np.uint32(2891336453)
+        w = ((s >> ((s >> np.uint32(28)) + np.uint32(4))) ^ s) * np.uint32(277803737)
+    return np.asarray((w >> np.uint32(22)) ^ w)
 
 
 def uniform_pair(keys: Keys) -> tuple[Array, Array]:
     """Return two numbers (n,) in (0, 1) of each key."""
     first, second = (next_keys(keys, salt) for salt in (11, 12))
-    return tuple((np.right_shift(k, np.uint64(11)).astype(np.float64) + 0.5) / 2.0**53 for k in (first, second))  # type: ignore[return-value]
+    return uniform(first), uniform(second)
+
+
+def uniform(keys: Keys) -> Array:
+    """Return a number (n,) in (0, 1) of each key, of 24 bits."""
+    return (np.right_shift(keys, np.uint32(8)).astype(np.float64) + 0.5) / 2.0**24

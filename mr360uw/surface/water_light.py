@@ -8,7 +8,7 @@ geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_fro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
@@ -38,19 +39,24 @@ of a wave's contrast at the most."""
 @dataclass(frozen=True, slots=True, eq=False)
 class LightInWater:
     """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it. from_surface,
-    from_camera: its tables for rays that start there; from_camera is None where the camera is above the water.
+    from_camera: its tables for rays that start there; from_camera is None where the camera is above the water. depths:
+    its tables for cameras at any depth.
     """
 
     below: Array
     medium: Medium
     from_surface: MediumTable
-    from_camera: MediumTable | None
+    depths: MediumAtDepths
+    from_camera: MediumTable | None = None
 
     @classmethod
-    def of(cls, below: Array, medium: Medium, camera_depth_m: float | None) -> LightInWater:
-        """Return it with its tables."""
-        at_camera = None if camera_depth_m is None else medium.at_depth(camera_depth_m).unit_table
-        return cls(below, medium, medium.unit_table, at_camera)
+    def of(cls, below: Array, medium: Medium) -> LightInWater:
+        """Return it with its tables for rays from the surface."""
+        return cls(below, medium, medium.unit_table, MediumAtDepths(medium))
+
+    def seen_from(self, camera_depth_m: float) -> LightInWater:
+        """Return it with its tables for a camera at a depth [m], > 0."""
+        return replace(self, from_camera=self.depths.at(camera_depth_m).unit_table)
 
     def table(self, from_camera: bool) -> MediumTable:
         """Return the table for rays of the camera, or of the surface."""
@@ -72,10 +78,10 @@ class WaterLight:
     sun_up: float
 
     @classmethod
-    def of(
-        cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, camera_depth_m: float | None, index: float
-    ) -> WaterLight:
-        """Return the water of a picture. water: as of `picture`; a medium's gain and camera are not read."""
+    def of(cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, index: float) -> WaterLight:
+        """Return the water of a scene for a camera above it. water: as of `SeaScene`; a medium's gain and camera are
+        not read.
+        """
         risen = sun is not None and sun.direction[1] > 0.0
         sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
         if water is None:
@@ -92,9 +98,14 @@ class WaterLight:
                 given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
                 refractive_index=index, sky=("sun", sun_up, 1.0),
             )  # fmt: skip
-        of_sky = LightInWater.of(dome.irradiance_below(index), sky, camera_depth_m)
-        of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam, camera_depth_m)
+        of_sky = LightInWater.of(dome.irradiance_below(index), sky)
+        of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam)
         return cls(of_sky, of_sun, sun_up)
+
+    def seen_from(self, camera_depth_m: float) -> WaterLight:
+        """Return the water for a camera at a depth [m], > 0."""
+        sky, sun = (None if light is None else light.seen_from(camera_depth_m) for light in (self.sky, self.sun))
+        return WaterLight(sky, sun, self.sun_up)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
@@ -116,7 +127,7 @@ class WaterLight:
         settings: CausticSettings,
     ) -> FloorLight:  # fmt: skip
         """Return the light on a floor of a mean albedo (3,) at a depth below the mean surface."""
-        dry = dome.irradiance() + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
+        dry = dome.irradiance + (0.0 if sun is None else sun.irradiance * max(float(sun.direction[1]), 0.0))
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry)
         tau = np.zeros(3)  # of the way up and down again

@@ -110,7 +110,7 @@ def test_facets_are_drawn_as_they_are_seen(up: float) -> None:
     """In proportion to density times max(f, 0), against a sum over slopes."""
     count = 200_000
     f = facets(count, up)
-    normal = f.drawn(next_keys(np.arange(count, dtype=np.uint64), 3))
+    normal = f.drawn(next_keys(np.arange(count, dtype=np.uint32), 3))
     found = -normal[:, [0, 2]] / normal[:, 1:2]
     one = facets(201 * 201, up)
     g = np.linspace(-6.0, 6.0, 201)

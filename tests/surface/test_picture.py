@@ -141,7 +141,7 @@ def test_patches_of_the_sky_bring_its_light() -> None:
 def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
     """Sky and sun together, mean over the pattern, on a black floor; a white one gets what the surface sends back."""
     sun, dome, depth = sun_at(50.0), Dome(EVEN), 5.0
-    light = WaterLight.of(Water.jerlov("IB"), dome, sun, None, N)
+    light = WaterLight.of(Water.jerlov("IB"), dome, sun, N)
     floors = [light.on_floor(WAVES, dome, sun, depth, 0.0, N, np.full(3, a), FEW) for a in (0.0, 1.0)]
     at = (np.arange(64) + 0.5) * 8.0 / 64
     x, z = (v.ravel() for v in np.meshgrid(at, at))
@@ -249,7 +249,14 @@ def test_projections_of_views() -> None:
 
 
 def test_rays_keep_their_numbers() -> None:
-    keys = next_keys(np.arange(4, dtype=np.uint64), 0)
+    def pcg(k: int) -> int:
+        s = (k * 747796405 + 2891336453) % 2**32
+        w = ((s >> ((s >> 28) + 4)) ^ s) * 277803737 % 2**32
+        return (w >> 22) ^ w
+
+    last = 2**32 - 1
+    assert next_keys(np.array([7, last], np.uint32), 11).tolist() == [pcg(7 ^ pcg(11)), pcg(last ^ pcg(11))]
+    keys = next_keys(np.arange(4, dtype=np.uint32), 0)
     assert len(set(keys.tolist()) | set(next_keys(keys, 1).tolist()) | set(next_keys(keys, 2).tolist())) == 12
     assert set(Rays.__slots__) >= {"pixel", "key", "weight"}
 
@@ -272,7 +279,24 @@ def test_what_cannot_be_drawn_is_refused(name: str) -> None:
         uw.surface.picture(*REFUSED[name])
 
 
+def test_backends_are_checked() -> None:
+    with pytest.raises(ParameterError, match=r"backend - .*\(got .* - "):
+        surface.SeaScene(CALM, EVEN, (-4.0, 0.3)).picture(small(0.5), backend="none")  # type: ignore[arg-type]
+
+
 def test_samples_and_suns_are_checked() -> None:
     for more in ({"samples": 0}, {"refractive_index": 1.0}, {"sun": sun_at(40.0, half_angle=0.0)}):
         with pytest.raises(ParameterError, match=r" - .*\(got .* - "):
             surface.picture(CALM, EVEN, (-4.0, 0.3), small(0.5), **more)
+
+
+def test_a_frame_of_a_film_is_a_picture_by_itself() -> None:
+    """Whatever was drawn before: other times, depths, sides of the surface."""
+    sun, water = sun_at(50.0), Water.jerlov("IB")
+    scene = surface.SeaScene(WAVES, DIM, (-4.0, 0.3), water, sun=sun, caustics=FEW)
+    for y, time_s in ((-1.0, 0.0), (2.0, 0.3), (-1.03, 0.3)):
+        scene.picture(small(y), time_s, samples=1)
+    later = scene.picture(small(-1.05), 0.6, samples=1)
+    alone = surface.picture(WAVES, DIM, (-4.0, 0.3), small(-1.05), water, sun=sun, time_s=0.6, samples=1, caustics=FEW)
+    np.testing.assert_array_equal(later.radiance, alone.radiance)
+    np.testing.assert_array_equal(later.distance_m, alone.distance_m)

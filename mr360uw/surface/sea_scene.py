@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
+
+What does not change with time is made once: the solved water, the dome and its patches, the floor. What does is a
+function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.cache import Cache
+from mr360uw.caustics import CausticSettings
+from mr360uw.caustics.settings import Sea
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.errors import ParameterError
+from mr360uw.medium import Medium, Water
+from mr360uw.optics import check_refractive_index
+from mr360uw.shapes import exactly, number
+from mr360uw.sphere import unit
+from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.sampled_sea import SampledSea, points_across
+from mr360uw.surface.sea_floor import Floor
+from mr360uw.surface.sea_picture import SurfacePicture, rendered
+from mr360uw.surface.sky import Dome
+from mr360uw.surface.water_light import WaterLight
+from mr360uw.types import Sun, View
+
+_MOST_SAMPLES = 32
+_SHALLOWEST_M = 0.01
+"""Depth [m] of cameras that are nearer to the surface, or over its mean in a crest, in the water's tables."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class SeaScene:
+    """A sea, its sky, floor and water. Pictures are taken one at a time."""
+
+    sea: Sea
+    dome: Dome
+    floor: Floor
+    water: WaterLight
+    sun: Sun | None
+    refractive_index: float
+    caustics: CausticSettings
+    _cache: Cache
+
+    def __init__(
+        self,
+        sea: Sea,
+        dome: ArrayLike,
+        floor: Floor | tuple[float, ArrayLike],
+        water: Water | Medium | None = None,
+        *,
+        sun: Sun | None = None,
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
+        caustics: CausticSettings | None = None,
+    ) -> None:
+        """Take a scene and solve its water.
+
+        dome: (h, w, 3) equirectangular radiance of the sky, of which the upper half is read; a sun in it is part of the
+        sky. floor: a `Floor`, or its height [m] in the world and its albedo. water: None for clear water; else its
+        scattered light is that of the solved field of deep water. sun: a sun that is not in the dome, as seen in the
+        air; below the horizon it gives no light. caustics: resolution of the sun's pattern on the floor.
+
+        Raises `ParameterError`.
+        """
+        check_refractive_index(refractive_index)
+        if not isinstance(floor, Floor) and (not isinstance(floor, tuple) or len(floor) != 2):
+            raise ParameterError(
+                f"floor - must be a Floor, or height and albedo (got {floor!r:.40}) - give (-5.0, 0.3)"
+            )
+        if water is not None and not isinstance(water, Water | Medium):
+            raise ParameterError(f"water - must be a Water, a Medium or None (got {water!r:.40}) - see uw.medium.Water")
+        sky, light = Dome(dome), _checked(sun)
+        kept = {
+            "sea": sea, "dome": sky, "floor": floor if isinstance(floor, Floor) else Floor(*floor), "sun": light,
+            "water": WaterLight.of(water, sky, light, refractive_index), "refractive_index": refractive_index,
+            "caustics": caustics or CausticSettings(), "_cache": Cache(),
+        }  # fmt: skip
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
+
+    def picture(
+        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: Literal["reference"] = "reference"
+    ) -> SurfacePicture:
+        """Return what a camera below or above the sea sees at a time [s], in float64.
+
+        view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. backend:
+        "reference", without OpenGL. Raises `ParameterError`, also for cameras below the floor.
+        """
+        if not 1 <= samples <= _MOST_SAMPLES:
+            raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
+        if backend != "reference":
+            raise ParameterError(f"backend - unknown (got {backend!r}) - take 'reference'")
+        return rendered(self.stage(view, time_s, samples * samples), view, samples)
+
+    def stage(self, view: View, time_s: float, samples: int) -> Stage:
+        """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
+        position = exactly("view.position", view.position, (3,)).astype(np.float64)
+        if not position[1] > self.floor.height_m:
+            raise ParameterError(
+                f"view - the camera must be above the floor (got y = {position[1]:g} over {self.floor.height_m:g} m) - "
+                "raise it"
+            )
+        time = number("time_s", time_s)
+        points = self._cache.get("points", None, lambda: points_across(self.sea))
+        sampled = self._cache.get("sampled sea", time, lambda: SampledSea.of(self.sea, time, points))
+        over, depth = float(position[1] - view.surface_y_m), view.surface_y_m - self.floor.height_m
+        in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
+        water = self.water.seen_from(max(-over, _SHALLOWEST_M)) if in_water else self.water
+        floor_light = self._cache.get(
+            "floor light", (time, depth),
+            lambda: self.water.on_floor(
+                self.sea, self.dome, self.sun, depth, time, self.refractive_index, self.floor.mean_albedo, self.caustics
+            ),
+        )  # fmt: skip
+        index = self.refractive_index
+        return Stage(
+            sampled, self.dome, self.floor, -depth, floor_light, water, self.sun, index, samples, in_water
+        )  # fmt: skip
+
+
+def picture(
+    sea: Sea,
+    dome: ArrayLike,
+    floor: Floor | tuple[float, ArrayLike],
+    view: View,
+    water: Water | Medium | None = None,
+    *,
+    sun: Sun | None = None,
+    time_s: float = 0.0,
+    samples: int = 2,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+    caustics: CausticSettings | None = None,
+) -> SurfacePicture:
+    """Return one picture of a scene: see `SeaScene` and `SeaScene.picture`."""
+    scene = SeaScene(sea, dome, floor, water, sun=sun, refractive_index=refractive_index, caustics=caustics)
+    return scene.picture(view, time_s, samples=samples)
+
+
+def _checked(sun: Sun | None) -> Sun | None:
+    if sun is None:
+        return None
+    if not 0.0 < number("sun.half_angle_rad", sun.half_angle_rad) <= 0.5:
+        raise ParameterError(f"sun.half_angle_rad - outside (0, 0.5] (got {sun.half_angle_rad}) - the sun has 0.00465")
+    irradiance = exactly("sun.irradiance", sun.irradiance, (3,)).astype(np.float64)
+    direction = unit(exactly("sun.direction", sun.direction, (3,)))
+    return Sun(direction, irradiance, float(sun.half_angle_rad), sun.confidence)
