@@ -44,14 +44,14 @@ class DiveSettings(Parameters):
         34.4, "azimuth of the sun, 0 = ahead, + = right", unit="deg", low=-360.0, high=360.0
     )
     wind_m_s: float = parameter(3.0, "speed of the wind", unit="m/s", low=0.3, high=15.0)
-    wind_direction_deg: float = parameter(
-        35.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0
-    )
+    wind_direction_deg: float = parameter(35.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
     detail_slope: float = parameter(
         0.02, "root mean square slope of ripples that are not drawn: they widen the lines of light", unit="1", low=0.0,
         high=0.5,
     )  # fmt: skip
-    relief: float = parameter(1.0, "factor on the heights of sand, rocks and grass; 0: level", unit="1", low=0.0, high=2.0)
+    relief: float = parameter(
+        1.0, "factor on the heights of sand, rocks and grass; 0: level", unit="1", low=0.0, high=2.0
+    )
     sand_contrast: float = parameter(
         1.0, "contrast of the sand's albedo: 1 ordinary, 0 even, 3 stones", unit="1", low=0.0, high=5.0
     )
@@ -66,9 +66,8 @@ class DiveSettings(Parameters):
     transfer: Literal["srgb", "bt709"] = parameter("srgb", "transfer curve of the codes")
     bits: Literal[8, 10] = parameter(8, "bits of a code")
     noise: float = parameter(
-        0.0, "noise of the sensor: 1 a small camera in good light, 4 twice as much of it in each code", unit="1", low=0.0,
-        high=16.0,
-    )  # fmt: skip
+        0.0, "variance of the sensor's noise over that of a small camera in good light", unit="1", low=0.0, high=16.0
+    )
     seed: int = parameter(1, "seed of waves, floor and noise", low=0, high=2**31 - 1)
 
     @model_validator(mode="after")
@@ -131,7 +130,7 @@ class DiveSettings(Parameters):
         return bool(self.speed_m_s or self.yaw_deg_s or self.bob_m)
 
     def camera_at(self, time_s: float) -> tuple[Floats, Floats]:
-        """Return position (3,) [m] and rotation (3, 3) of the camera: it swims where it looks, on an arc if it turns."""
+        """Return position (3,) [m] and rotation (3, 3) of the camera, which swims where it looks."""
         rate = radians(self.yaw_deg_s)
         turned = rate * time_s
         ahead = time_s if abs(turned) < 1e-9 else np.sin(turned) / rate

@@ -5,10 +5,11 @@ The unit is the irradiance just below a level surface: of a clear sky with the s
 overcast one, it is 1 in each channel, since a camera's white balance makes daylight white. Under a lower sun the beam
 is redder and the rest is not, so the sum is warm.
 
-    L(v) = (1 + a exp(b/v_y)) (1 + c (exp(d x) - exp(d pi/2)) + e cos^2 x),   x: angle to the sun, v_y: sine of elevation
+    L(v) = (1 + a exp(b/v_y)) (1 + c (exp(d x) - exp(d pi/2)) + e cos^2 x)
 
-is the relative radiance of the CIE's standard skies (ISO 15469:2004; Darula & Kittler 2002, types 12 and 1). Its colour
-in each direction is that of light scattered once along the way, 1 - exp(-depth m), m: air mass.
+(x: angle to the sun, v_y: sine of elevation) is the relative radiance of the CIE's standard skies (ISO 15469:2004;
+Darula & Kittler 2002, types 12 and 1). Its colour in each direction is that of light scattered once along the way,
+1 - exp(-depth m), m: air mass.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ class Dive:
 
     @functools.cached_property
     def floor_irradiance(self) -> Floats:
-        """Downwelling irradiance (3,) at the floor's mean depth, mean over the waves, with what it sends up and gets back."""
+        """Downwelling irradiance (3,) at the floor's mean depth, with what it sends up and gets back."""
         water, depth = self.scene.water, self.settings.floor_depth_m
         assert water.sky is not None
         light = water.sky.down(depth) + (0.0 if water.sun is None else water.sun.down(depth))

@@ -40,28 +40,21 @@ class SeaBed:
 
 def sea_bed(settings: DiveSettings) -> SeaBed:
     """Return the floor of a dive, a function of its seed and its parameters of the floor."""
-    noise = _Noise(settings.seed)
-    rocks = _cover(noise.smooth(1.2, 9.0) + 0.35 * noise.smooth(1.0, 40.0), settings.rocks, 0.25)
-    grass = _cover(noise.smooth(1.4, 7.0) + 0.2 * noise.smooth(0.5, 90.0), settings.grass, 0.4) * (1.0 - rocks)
+    sand, dunes = _sand(_Noise(settings.seed, 0), settings.sand_contrast)
+    rocks, boulders, crust = _rocks(_Noise(settings.seed, 1), settings.rocks)
+    grass, tufts, blades = _grass(_Noise(settings.seed, 2), settings.grass)
+    grass = grass * (1.0 - rocks)
     bare = (1.0 - rocks) * (1.0 - grass)
-    sand, dunes = _sand(noise, settings.sand_contrast)
-    lumps = noise.smooth(0.6, 30.0)
-    blades = noise.smooth(0.0, 250.0)
-    boulder = rocks**0.6 * (0.55 + 0.25 * lumps + 0.1 * noise.smooth(0.8, 120.0))
-    height = dunes * (1.0 - rocks) + _ROCK_HEIGHT_M * np.maximum(boulder, 0.0)
-    height = height + _GRASS_HEIGHT_M * grass * (0.7 + 0.3 * blades)
-    crust = np.exp(0.35 * noise.smooth(0.8, 60.0))[..., None] * (1.0 + 0.12 * _tint(noise))
-    tufts = np.exp(0.45 * blades)[..., None]
-    albedo = bare[..., None] * sand + rocks[..., None] * _ROCK * crust + (grass[..., None] * _GRASS * tufts)
-    height = settings.relief * (height - height.mean())
-    return SeaBed(height, np.clip(albedo, 0.01, 0.9), rocks, grass)
+    height = settings.relief * (dunes * (1.0 - rocks) + boulders + grass * tufts)
+    albedo = bare[..., None] * sand + rocks[..., None] * crust + grass[..., None] * blades
+    return SeaBed(height - height.mean(), np.clip(albedo, 0.01, 0.9), rocks, grass)
 
 
 class _Noise:
     """Periodic random fields of mean 0 and deviation 1, in the order in which they are asked for."""
 
-    def __init__(self, seed: int) -> None:
-        self._rng = np.random.default_rng((seed, 0x5A4D))
+    def __init__(self, seed: int, kind: int) -> None:
+        self._rng = np.random.default_rng((seed, kind, 0x5A4D))
         along = np.fft.rfftfreq(_SIZE, 1.0 / _SIZE)
         self._radius = np.hypot(np.fft.fftfreq(_SIZE, 1.0 / _SIZE)[:, None], along)
 
@@ -87,16 +80,29 @@ def _sand(noise: _Noise, contrast: float) -> tuple[Floats, Floats]:
     return np.maximum(_SAND * (1.0 + contrast * grey[..., None]), 0.02), height
 
 
-def _tint(noise: _Noise) -> Floats:
-    """Return patches of colour (size, size, 3), each channel of mean 0: growth on rocks."""
+def _rocks(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
+    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of rocks under growth of some colours."""
+    if fraction <= 0.0:
+        return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
+    cover = _cover(noise.smooth(1.2, 9.0) + 0.35 * noise.smooth(1.0, 40.0), fraction, 0.25)
+    lumps = 0.55 + 0.25 * noise.smooth(0.6, 30.0) + 0.1 * noise.smooth(0.8, 120.0)
     red, blue = noise.smooth(0.8, 40.0), noise.smooth(0.8, 40.0)
-    return np.stack([red, -0.5 * (red + blue), blue], axis=-1)
+    tint = 1.0 + 0.12 * np.stack([red, -0.5 * (red + blue), blue], axis=-1)
+    crust = np.exp(0.35 * noise.smooth(0.8, 60.0))[..., None] * tint
+    return cover, _ROCK_HEIGHT_M * np.maximum(cover**0.6 * lumps, 0.0), _ROCK * crust
+
+
+def _grass(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
+    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of sea grass."""
+    if fraction <= 0.0:
+        return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
+    blades = noise.smooth(0.0, 250.0)
+    cover = _cover(noise.smooth(1.4, 7.0) + 0.2 * noise.smooth(0.5, 90.0), fraction, 0.4)
+    return cover, _GRASS_HEIGHT_M * (0.7 + 0.3 * blades), _GRASS * np.exp(0.45 * blades)[..., None]
 
 
 def _cover(field: Floats, fraction: float, soft: float) -> Floats:
     """Return 0 to 1 over a field's highest places, so that they cover a fraction of it. soft: width of their edges."""
-    if fraction <= 0.0:
-        return np.zeros_like(field)
     threshold = np.quantile(field, 1.0 - fraction)
     edge = np.clip((field - threshold) / soft + 0.5, 0.0, 1.0)
     return np.asarray(edge * edge * (3.0 - 2.0 * edge))

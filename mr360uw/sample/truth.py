@@ -23,7 +23,7 @@ def dive_truth(dive: Dive, times_s: list[float]) -> dict[str, Any]:
     surface, angles are in degrees, vectors are in the world.
     """
     settings = dive.settings
-    wet = Water.jerlov(settings.water)
+    wet, waves = Water.jerlov(settings.water), settings.sea.waves
     up = None if dive.sun_in_air is None else (dive.sun_in_air, dive.sun_in_water)
     return {
         "sun_direction_in_air": _listed(None if up is None else up[0]),
@@ -51,7 +51,13 @@ def dive_truth(dive: Dive, times_s: list[float]) -> dict[str, Any]:
             "scattering_per_m": _listed(wet.scattering(_BANDS_NM)),
         },
         "sea": settings.sea.model_dump(mode="json"),
-        "waves": [wave.model_dump(mode="json") for wave in settings.sea.waves],
+        "waves": {
+            "wave_vector_rad_per_m": _listed(waves.wave_vector),
+            "amplitude_m": _listed(waves.amplitude_m),
+            "steepness": _listed(waves.steepness),
+            "phase_rad": _listed(waves.phase_rad),
+            "angular_frequency_rad_per_s": _listed(waves.angular_frequency),
+        },
         "settings": settings.model_dump(mode="json"),
         "frames": [_frame(dive, k, time_s) for k, time_s in enumerate(times_s)],
     }
