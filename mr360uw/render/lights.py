@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
+from mr360uw.ibl.sun.closure import BALANCED_SINE, sunlight
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words
@@ -114,7 +116,7 @@ class LightReader:
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
         depth, share = self._table.camera_depth_m, self._share
-        direct = 1.0 - (1.0 - share) * CLEAR_SKY
+        direct = beam_below(share, _sine_in_air(sun_up, self._refractive_index))
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
@@ -149,6 +151,24 @@ class LightReader:
         """Return the sun of a plate's frame in world axes; None if there is none."""
         sun = self.of(plate, time_s=time_s).sun
         return None if sun is None else replace(sun, direction=self.world_from_camera(time_s) @ sun.direction)
+
+
+def _sine_in_air(sine: float, refractive_index: float) -> float:
+    """Return the sine of the elevation above a flat surface of light with a sine of elevation below it."""
+    along = refractive_index * math.sqrt(max(1.0 - sine * sine, 0.0))
+    return math.sqrt(max(1.0 - along * along, 0.0))
+
+
+def beam_below(share: float, air_sine: float) -> Floats:
+    """Return the irradiance (3,) of the sun's beam just below the surface over that of sun and sky together.
+
+    share: of the beam in the luminance. air_sine: sine of the sun's elevation above the surface. A beam of a high sun
+    and a sky of the colour `CLEAR_SKY` are white together; a sun below 45 degrees is redder by its longer way through
+    the air.
+    """
+    high = max(share, CLEAR_SKY_DIRECT)
+    white = share * (1.0 - (1.0 - high) * CLEAR_SKY) / high
+    return np.asarray(white * sunlight(min(air_sine, BALANCED_SINE)))
 
 
 def direct_to_diffuse(table: MediumTable) -> float:

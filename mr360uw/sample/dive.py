@@ -63,7 +63,7 @@ def sample_dive(
     from mr360uw.scene.template import scene_text
 
     settings = settings if settings is not None else DiveSettings(seed=seed)
-    _check(width, frames, samples)
+    check_recording(width, frames, samples)
     folder = Path(folder)
     made = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
     if not overwrite:
@@ -97,7 +97,7 @@ def sample_dive(
     return made
 
 
-def _check(width: int, frames: int, samples: int) -> None:
+def check_recording(width: int, frames: int, samples: int) -> None:
     """Raise `ParameterError` with a line for each wrong number."""
     wrong = []
     if width < 64 or width % 4:

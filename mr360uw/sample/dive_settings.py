@@ -37,12 +37,18 @@ class DiveSettings(Parameters):
         None, "mean depth of the floor; none: 3.5 m below the camera", unit="m", low=0.25, high=200.0
     )
     water: JerlovType = parameter("IB", "Jerlov type of the water")
-    sky: Literal["clear", "overcast"] = parameter("clear", "clear: with a sun; overcast: an even cloud without one")
+    sky: Literal["clear", "even", "overcast"] = parameter(
+        "clear", "clear: blue, with a glow about the sun; even: the same all over, with a sun; overcast: without one"
+    )
     sky_map: Path | None = parameter(None, "equirectangular HDR picture of the sky, in place of `sky` and the sun")
     sun_elevation_deg: float = parameter(57.3, "elevation of the sun", unit="deg", low=3.0, high=90.0)
     sun_azimuth_deg: float = parameter(
         34.4, "azimuth of the sun, 0 = ahead, + = right", unit="deg", low=-360.0, high=360.0
     )
+    sun_share: float | None = parameter(
+        None, "fraction of the light below the surface that is the sun's; none: as its elevation gives it", unit="1",
+        above=0.0, high=0.95,
+    )  # fmt: skip
     wind_m_s: float = parameter(3.0, "speed of the wind", unit="m/s", low=0.3, high=15.0)
     wind_direction_deg: float = parameter(35.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
     detail_slope: float = parameter(
@@ -51,6 +57,9 @@ class DiveSettings(Parameters):
     )  # fmt: skip
     relief: float = parameter(
         1.0, "factor on the heights of sand, rocks and grass; 0: level", unit="1", low=0.0, high=2.0
+    )
+    sand_albedo: float = parameter(
+        0.34, "albedo of the sand in green: 0.1 volcanic, 0.5 white", unit="1", low=0.01, high=0.8
     )
     sand_contrast: float = parameter(
         1.0, "contrast of the sand's albedo: 1 ordinary, 0 even, 3 stones", unit="1", low=0.0, high=5.0

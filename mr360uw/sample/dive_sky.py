@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl import environment
-from mr360uw.ibl.sun.closure import BALANCED_SINE, air_mass, clear_air_depth, sunlight
+from mr360uw.ibl.sun.closure import BALANCED_SINE, air_mass, clear_air_depth
 from mr360uw.optics import fresnel_transmittance
-from mr360uw.render.lights import CLEAR_SKY, CLEAR_SKY_DIRECT
+from mr360uw.render.lights import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import directions, row_solid_angle, unit
 from mr360uw.surface.sky import Dome, sun_below
@@ -73,12 +73,12 @@ def dive_sky(settings: DiveSettings) -> DiveSky:
         return DiveSky(_scaled(_standard(_OVERCAST, np.array([0.0, 1.0, 0.0])), np.ones(3)), None)
     toward = settings.sun_in_air
     sine = float(toward[1])
-    share = direct_share(sine)
-    high = max(share, CLEAR_SKY_DIRECT)  # the colour of its beam makes the sum white; that of lower suns is redder
-    beam = share * (1.0 - (1.0 - high) * CLEAR_SKY) / high * sunlight(min(sine, BALANCED_SINE))
+    share = direct_share(sine) if settings.sun_share is None else settings.sun_share
+    beam = beam_below(share, sine)
     passed = fresnel_transmittance(sine, REFRACTIVE_INDEX_SEA)
     sun = Sun(toward, beam / (sine * passed), SUN_HALF_ANGLE_RAD, 1.0)
-    return DiveSky(_scaled(_standard(_CLEAR, toward) * _scattered(), (1.0 - share) * CLEAR_SKY), sun)
+    shape = np.ones((_ROWS, 2 * _ROWS, 1)) if settings.sky == "even" else _standard(_CLEAR, toward) * _scattered()
+    return DiveSky(_scaled(shape, (1.0 - share) * CLEAR_SKY), sun)
 
 
 def direct_share(sine: float) -> float:

@@ -30,9 +30,10 @@ from mr360uw.types import Floats
 
 SENSOR = DEFAULT_SENSOR
 """Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
-_LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS = 0.035, 0.7
-"""Most light of the water at the horizon and of the sky overhead after automatic exposure, 1 = white: in clear water a
-camera exposes for the sky, and only the sun's glitter clips."""
+_LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS, _FLOOR_BRIGHTNESS = 0.035, 0.7, 0.18
+"""Most light of the water at the horizon, of the sky overhead, and of the floor under the camera after automatic
+exposure, 1 = white: in clear water a camera exposes for the sky, over sand in the sun for that, so that lines of light
+five times as bright as the mean do not clip, and the sun's glitter does."""
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _FAR_M = 1e6
 """Length [m] of a ray through open water: nothing passes."""
@@ -69,7 +70,9 @@ class Dive:
         water = self._water(settings.depth_m)
         level = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
         self.exposure = 2.0**settings.stops * min(
-            _LEVEL_BRIGHTNESS / float(np.mean(level)), _SKY_BRIGHTNESS / float(np.max(self._overhead(water)))
+            _LEVEL_BRIGHTNESS / float(np.mean(level)),
+            _SKY_BRIGHTNESS / float(np.max(self._overhead(water))),
+            _FLOOR_BRIGHTNESS / float(np.max(self._underneath(water))),
         )
         self.level_radiance: Floats = self.exposure * level
 
@@ -162,3 +165,9 @@ class Dive:
         window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA))
         zenith = self.scene.dome.look(np.array([[0.0, 1.0, 0.0]]), np.zeros(1))
         return np.asarray((passed * window * zenith + veil)[0])
+
+    def _underneath(self, water: WaterLight) -> Floats:
+        """Return the mean radiance (3,) of the floor straight below the camera."""
+        way = np.array([self.settings.floor_depth_m - self.settings.depth_m])
+        passed, veil = water.along(way, np.array([-1.0]), True)
+        return np.asarray((passed * self.scene.floor.mean_albedo / PI * self.floor_irradiance + veil)[0])

@@ -20,8 +20,8 @@ _RIPPLES, _RIPPLE_M = 44, 0.012
 """Crests across the tile, 0.27 m apart, and their amplitude [m]: steepness 0.09, as of ripples of waves on sand."""
 _DUNE_M = 0.05
 """Standard deviation [m] of the sand's slow undulations."""
-_SAND, _ROCK, _GRASS = np.array([0.36, 0.34, 0.29]), np.array([0.15, 0.125, 0.10]), np.array([0.035, 0.05, 0.025])
-"""Mean albedo of dry-white coral sand as it is when wet, of rock under algae, and of sea grass."""
+_SAND_COLOR, _ROCK, _GRASS = np.array([1.06, 1.0, 0.86]), np.array([0.15, 0.125, 0.10]), np.array([0.035, 0.05, 0.025])
+"""Albedo of sand over that in green; mean albedo of rock under algae, and of sea grass."""
 _ROCK_HEIGHT_M, _GRASS_HEIGHT_M = 0.55, 0.22
 """Height [m] of the largest rocks, and of grass."""
 
@@ -40,14 +40,14 @@ class SeaBed:
 
 def sea_bed(settings: DiveSettings) -> SeaBed:
     """Return the floor of a dive, a function of its seed and its parameters of the floor."""
-    sand, dunes = _sand(_Noise(settings.seed, 0), settings.sand_contrast)
+    sand, dunes = _sand(_Noise(settings.seed, 0), settings.sand_albedo, settings.sand_contrast)
     rocks, boulders, crust = _rocks(_Noise(settings.seed, 1), settings.rocks)
     grass, tufts, blades = _grass(_Noise(settings.seed, 2), settings.grass)
     grass = grass * (1.0 - rocks)
     bare = (1.0 - rocks) * (1.0 - grass)
     height = settings.relief * (dunes * (1.0 - rocks) + boulders + grass * tufts)
     albedo = bare[..., None] * sand + rocks[..., None] * crust + grass[..., None] * blades
-    return SeaBed(height - height.mean(), np.clip(albedo, 0.01, 0.9), rocks, grass)
+    return SeaBed(height - height.mean(), np.clip(albedo, 0.0, 0.9), rocks, grass)
 
 
 class _Noise:
@@ -68,7 +68,7 @@ class _Noise:
         return np.asarray((field - field.mean()) / field.std())
 
 
-def _sand(noise: _Noise, contrast: float) -> tuple[Floats, Floats]:
+def _sand(noise: _Noise, albedo: float, contrast: float) -> tuple[Floats, Floats]:
     """Return albedo (size, size, 3) and height (size, size) [m] of rippled sand."""
     across = 2.0 * np.pi * _RIPPLES * np.arange(_SIZE) / _SIZE
     phase = across[:, None] + 1.8 * noise.smooth(2.0, 40.0)
@@ -77,7 +77,7 @@ def _sand(noise: _Noise, contrast: float) -> tuple[Floats, Floats]:
     height = _DUNE_M * noise.smooth(2.0, 6.0) + _RIPPLE_M * strength * crests
     # troughs collect darker grains and debris
     grey = 0.07 * strength * crests + 0.08 * noise.smooth(1.0, 120.0) + 0.09 * noise.smooth(1.6, 12.0)
-    return np.maximum(_SAND * (1.0 + contrast * grey[..., None]), 0.02), height
+    return albedo * _SAND_COLOR * np.maximum(1.0 + contrast * grey[..., None], 0.05), height
 
 
 def _rocks(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
