@@ -12,7 +12,7 @@ from typing import Any
 from mr360uw.sample import DiveSettings
 
 LEVEL_SAND: dict[str, Any] = {
-    "relief": 0.0, "rocks": 0.0, "grass": 0.0, "sand_albedo": 0.15, "sky": "even", "sun_share": 0.7,
+    "relief": 0.0, "rocks": 0.0, "grass": 0.0, "sand_albedo": 0.09, "sky": "even", "sun_share": 0.7,
 }  # fmt: skip
 
 

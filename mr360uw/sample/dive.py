@@ -120,10 +120,10 @@ def dive_scene(dive: Dive) -> dict[str, object]:
     if sun is None:
         light = {"light": {"sun": "none"}}
     else:
-        water |= {
-            "sun_share": round(dive.sky.sun_share, 4),
-            "sun_elevation_deg": round(float(np.degrees(np.arcsin(sun[1]))), 3),
-        }
+        elevation = round(float(np.degrees(np.arcsin(sun[1]))), 3)
+        azimuth = round(float(np.degrees(np.arctan2(sun[0], -sun[2]))), 3)
+        water |= {"sun_share": round(dive.sky.sun_share, 4), "sun_elevation_deg": elevation}
+        light = {"light": {"sun": "given", "sun_azimuth_deg": azimuth, "sun_elevation_deg": elevation}}
     plate: dict[str, Any] = {"path": "dive.mp4"}
     if settings.transfer != "srgb":
         plate["transfer"] = settings.transfer
