@@ -10,6 +10,7 @@ waves smaller than a pixel still spread light.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
+from mr360uw.surface.height_map import HeightMaps, height_maps
 from mr360uw.surface.spline import heights_at
 from mr360uw.types import Floats, Surface
 
@@ -55,7 +57,7 @@ class MovingSea(Protocol):
         """Return the displaced surface at the same points."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SampledSea:
     """Splines of a sea at one time.
 
@@ -110,8 +112,18 @@ class SampledSea:
         """Return the height (n,) [m] of the surface over the mean above places (n,)."""
         x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
         out = np.zeros(len(x))
-        heights_at(self.coefficients, self.start, self.size, self.tile_m, x, z, out)
+        heights_at(self.coefficients, self.table, self.tile_m, x, z, out)
         return out
+
+    @functools.cached_property
+    def table(self) -> NDArray[np.int64]:
+        """Start and size (L, 2) of every level."""
+        return np.stack([self.start, self.size], axis=-1)
+
+    @functools.cached_property
+    def maps(self) -> HeightMaps:
+        """Maps of the height over places."""
+        return height_maps(self.coefficients, self.table, self.tile_m, self.steepest)
 
     def level_of(self, sigma_m: Floats) -> Array:
         """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""
@@ -130,13 +142,22 @@ class SampledSea:
         """
         if self.detail is None:
             return normal, np.zeros(len(normal))
-        slopes, repeats = self.detail.slopes, self.detail.repeats
-        wave = 2.0 * np.pi * _DOMINANT_WAVES * repeats.max() / self.tile_m
-        kept = np.exp(-0.5 * (wave * sigma_m) ** 2)
+        kept = np.exp(-0.5 * (self.ripple_wave * sigma_m) ** 2)
         added = kept[:, None] * detail_slope(self.detail, rest[:, 0], rest[:, 1])
         tilted = normal - normal[:, 1:2] * np.stack([added[:, 0], np.zeros(len(added)), added[:, 1]], axis=-1)
-        variance = float(np.mean(np.sum(slopes**2, axis=-1)))  # of each map, both axes: of both maps, one axis
-        return tilted / np.linalg.norm(tilted, axis=-1, keepdims=True), (1.0 - kept**2) * variance
+        return tilted / np.linalg.norm(tilted, axis=-1, keepdims=True), (1.0 - kept**2) * self.ripple_variance
+
+    @property
+    def ripple_wave(self) -> float:
+        """The dominant wave [rad/m] of the ripples, 0 for none."""
+        if self.detail is None:
+            return 0.0
+        return float(2.0 * np.pi * _DOMINANT_WAVES * self.detail.repeats.max() / self.tile_m)
+
+    @property
+    def ripple_variance(self) -> float:
+        """Variance of the ripples' slope along each axis: of each map, both axes, which is that of both maps, one."""
+        return 0.0 if self.detail is None else float(np.mean(np.sum(self.detail.slopes**2, axis=-1)))
 
 
 _LEAST_ACROSS, _STEEPEST = 0.05, 8.0

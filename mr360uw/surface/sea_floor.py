@@ -65,11 +65,11 @@ class Floor:
         if not tile > 0.0:
             raise ParameterError(f"floor.tile_m - an image needs its size (got {tile_m}) - give metres above 0")
         self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
-        self._image = Tiled.of(image, tile)
+        self.image = Tiled.of(image, tile)
 
     def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
-        return self._image.at(x_m, z_m, footprint_m)
+        return self.image.at(x_m, z_m, footprint_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

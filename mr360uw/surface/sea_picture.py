@@ -7,19 +7,30 @@ surface again; in the air the sky, or another wave. Waves smaller than a pixel a
 
 from __future__ import annotations
 
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.surface.ray_tree import Rays, Stage, meet, refracted_distance, trace
-from mr360uw.surface.slopes import next_keys
+from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.surface.intersection import Hit, first_hit
+from mr360uw.surface.ray_tree import FARTHEST_M, OFF_M, Stage
+from mr360uw.surface.tracing.bare_arrays import bare
+from mr360uw.surface.tracing.random_keys import next_key
+from mr360uw.surface.tracing.ray_kernel import STACK, World, followed, put, to_floor
+from mr360uw.surface.tracing.ray_optics import bent
+from mr360uw.surface.tracing.stage_arrays import stage_arrays
+from mr360uw.surface.tracing.table_reads import add
 from mr360uw.types import View
 
 Array = NDArray[np.float64]
 
-_AT_ONCE = 1 << 17
-"""Rays that are traced together: with all they become they take 0.2 GB."""
+_AT_ONCE = 1 << 14
+"""Rays that are traced on one thread at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,40 +54,108 @@ class SurfacePicture:
 
 
 def rendered(stage: Stage, view: View, samples: int) -> SurfacePicture:
-    """Return the picture, made in bands of rows. samples: per pixel and axis."""
-    in_water = stage.camera_in_water
-    height, width = view.height, view.width
+    """Return the picture, made in bands of rows on all cores. samples: per pixel and axis."""
+    height, width, side = view.height, view.width, -1.0 if stage.camera_in_water else 1.0
     radiance, distance, wet = np.zeros((height, width, 3)), np.zeros((height, width)), np.zeros((height, width))
-    normal = np.zeros((height, width, 3))
-    surface, floor = np.zeros((height, width), bool), np.zeros((height, width), bool)
+    normal, met = np.zeros((height, width, 3)), np.zeros((height, width), np.uint8)
+    arrays, world = stage_arrays(stage)
     rows = max(_AT_ONCE // (width * samples * samples), 1)
-    for first in range(0, height, rows):
+
+    def draw(first: int) -> None:
         band = slice(first, min(first + rows, height))
-        shape = (band.stop - first, width)
-        middle = _camera_rays(view, band, 1)
-        met, hits = meet(stage, middle, in_water)
-        wet[band] = (met.distance if in_water else refracted_distance(stage, middle, hits)).reshape(shape)
-        distance[band], normal[band] = met.distance.reshape(shape), met.normal.reshape(*shape, 3)
-        surface[band], floor[band] = met.surface.reshape(shape), met.floor.reshape(shape)
-        rays = _camera_rays(view, band, samples)
-        radiance[band] = trace(stage, rays, shape[0] * width).reshape(*shape, 3)
-    return SurfacePicture(radiance, distance, wet, normal, surface, floor, in_water)
+        out = radiance[band], distance[band], wet[band], normal[band], met[band]
+        origins, directions = _camera_rays(view, band, 1)
+        footprint = view.pixel_m / samples, view.pixel_rad / samples
+        args: Any = world, origins, directions, side, view.pixel_m, view.pixel_rad, *out[1:]
+        middle = _centres(*(*arrays[:6], *args))
+        if samples > 1:
+            origins, directions = _camera_rays(view, band, samples)
+        key = (first * width * samples * samples) % 2**32
+        args = world, origins, directions, side, *footprint, key, middle, samples == 1, np.zeros(STACK), out[0]
+        _samples(*(*arrays, *args))
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(0, height, rows)))  # to see their errors
+    return SurfacePicture(radiance, distance, wet, normal, met == 1, met == 2, stage.camera_in_water)
 
 
-def _camera_rays(view: View, rows: slice, samples: int) -> Rays:
-    """Return the rays of a band of rows, `samples` squared in each pixel, evenly placed."""
+def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
+    """Return origins, y over the mean surface, and directions (h, w, n, 3) of the rays of a band of rows, `samples`
+    squared in each pixel, evenly placed."""
     place = (np.arange(samples) + 0.5) / samples
     row = np.arange(rows.start, rows.stop)[:, None] + place
     column = np.arange(view.width)[:, None] + place
-    y, x = np.broadcast_arrays(row[:, None, :, None], column[None, :, None, :])
-    count = x.size
-    pixel = np.repeat(np.arange(count // samples**2), samples**2)
-    direction = view.directions(x, y).reshape(count, 3)
-    origin = view.origins(x, y).reshape(count, 3) - np.array([0.0, view.surface_y_m, 0.0])
-    first = np.uint32(rows.start * view.width * samples * samples)
-    spread = np.full(count, view.pixel_rad / samples)
-    return Rays(
-        pixel, next_keys(np.arange(count, dtype=np.uint32) + first, 0), np.ascontiguousarray(origin),
-        np.ascontiguousarray(direction), np.full((count, 3), 1.0 / samples**2),
-        np.full(count, view.pixel_m / samples), spread, np.zeros(count),
-    )  # fmt: skip
+    shape = (len(row), view.width, samples, samples)
+    y, x = (a.reshape(len(row), view.width, -1) for a in np.broadcast_arrays(
+        np.broadcast_to(row[:, None, :, None], shape), np.broadcast_to(column[None, :, None, :], shape)
+    ))  # fmt: skip
+    origins = view.origins(x, y) - np.array([0.0, view.surface_y_m, 0.0])
+    return np.ascontiguousarray(origins), np.ascontiguousarray(view.directions(x, y))
+
+
+@compiled
+def _centres(
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, w: World, origins: Any, directions: Any, side: float,
+    width: float, spread: float, distance: Any, wet: Any, normal: Any, met: Any,
+) -> Any:  # fmt: skip
+    """Write what the rays of pixels' centres meet: `SurfacePicture`, met 1 for the surface, 2 for the floor. Return
+    where they meet the surface (h, w, 8).
+    """
+    c, n, h, s, m, steepest = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest)
+    rows, columns = distance.shape
+    hits = np.zeros((rows, columns, 8))
+    for row in range(rows):
+        for column in range(columns):
+            p, q = origins[row, column, 0], directions[row, column, 0]
+            o, v = (p[0], p[1], p[2]), (q[0], q[1], q[2])
+            floor = to_floor(w, o, v, side)
+            hit = first_hit(c, n, h, s, m, steepest, w.sea, o, v, side, width, spread, min(floor, FARTHEST_M))
+            t, length = hit.distance, 0.0
+            if t < math.inf:
+                met[row, column] = 1
+                nx, ny, nz = hit.normal
+                normal[row, column, 0], normal[row, column, 1], normal[row, column, 2] = nx, ny, nz
+                if side > 0.0:
+                    d = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / w.refractive_index)
+                    at = o[0] + t * v[0] + OFF_M * d[0], o[1] + t * v[1] + OFF_M * d[1], o[2] + t * v[2] + OFF_M * d[2]
+                    floor = to_floor(w, at, d, -1.0)
+                    on = first_hit(c, n, h, s, m, steepest, w.sea, at, d, -1.0, width, spread, min(floor, FARTHEST_M))
+                    length = min(on.distance, floor)
+            elif floor < math.inf:
+                t, met[row, column] = floor, 2
+            distance[row, column] = t
+            wet[row, column] = t if side < 0.0 else length
+            out = hits[row, column]
+            out[0], out[4], out[5], out[6], out[7] = hit.distance, hit.a, hit.b, hit.sigma_m, hit.level
+            out[1], out[2], out[3] = hit.normal
+    return hits
+
+
+@compiled
+def _samples(
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, d: Any,
+    dn: Any, wv: Any, wa: Any, w: World, origins: Any, directions: Any, side: float, width: float, spread: float,
+    key: int, hits: Any, known: bool, stack: Any, radiance: Any,
+) -> None:  # fmt: skip
+    """Write the radiance of pixels, the mean of their rays. key: number of the first ray of all. hits: where the rays
+    meet the surface, if that is known."""
+    c, n, h, s, m, steepest, lost, r = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest), bare(lost), bare(r)
+    f, fn, fk, fe, d, dn, wv, wa = bare(f), bare(fn), bare(fk), bare(fe), bare(d), bare(dn), bare(wv), bare(wa)
+    rows, columns, count = origins.shape[:3]
+    stack, origins, directions, hits = bare(stack), bare(origins), bare(directions), bare(hits)
+    share = 1.0 / count
+    for row in range(rows):
+        for column in range(columns):
+            k = hits[row, column]
+            start = Hit(k[0], (k[1], k[2], k[3]), k[4], k[5], k[6], k[7])
+            light = (0.0, 0.0, 0.0)
+            for sample in range(count):
+                p, q = origins[row, column, sample], directions[row, column, sample]
+                put(
+                    stack, 0, (p[0], p[1], p[2]), (q[0], q[1], q[2]), (share, share, share), (width, spread, 0.0),
+                    next_key((key + (row * columns + column) * count + sample) & 0xFFFFFFFF, 0), 0, side,
+                )  # fmt: skip
+                light = add(light, followed(
+                    c, n, h, s, m, steepest, lost, r, f, fn, fk, fe, d, dn, wv, wa, w, stack, start, known
+                ), 1.0)  # fmt: skip
+            radiance[row, column, 0], radiance[row, column, 1], radiance[row, column, 2] = light

@@ -50,7 +50,8 @@ class Dome:
         self.radiance: Array = map_
 
     @functools.cached_property
-    def _levels(self) -> list[Array]:
+    def levels(self) -> list[Array]:
+        """The map and its halves, by solid angle."""
         levels = [self.radiance]
         while min(levels[-1].shape[:2]) >= 8 and levels[-1].shape[0] % 2 == 0 and levels[-1].shape[1] % 4 == 0:
             m = levels[-1]
@@ -67,9 +68,9 @@ class Dome:
         """
         up = direction * np.array([1.0, 0.0, 1.0]) + np.abs(direction) * np.array([0.0, 1.0, 0.0])
         level = np.log2(np.maximum(footprint_rad * len(self.radiance) / PI, 1.0))
-        level = np.minimum(level, len(self._levels) - 1.0)
+        level = np.minimum(level, len(self.levels) - 1.0)
         out = np.zeros((len(up), 3))
-        for k, map_ in enumerate(self._levels):
+        for k, map_ in enumerate(self.levels):
             weight = np.maximum(1.0 - np.abs(level - k), 0.0)
             used = np.flatnonzero(weight)
             if len(used):

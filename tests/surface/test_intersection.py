@@ -5,12 +5,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.sphere import unit
 from mr360uw.surface import SampledSea
 from mr360uw.surface.intersection import first_hits
-from mr360uw.surface.slopes import Facets, next_keys
+from mr360uw.surface.tracing.facet_draws import Facets, drawn, facets_of, facing
+from mr360uw.surface.tracing.random_keys import next_key, normal_quantile
+from mr360uw.surface.tracing.ripples import level_slopes, tilted
+from mr360uw.surface.tracing.stage_arrays import ripples_of
 from tests.surface import tolerances as tol
 
 SEAS = {
@@ -50,12 +54,14 @@ def test_ripples_tilt_the_surface_or_are_kept_as_slopes() -> None:
     exact, sampled = sea.surface(x, 2.0 * x, 0.0), SampledSea.of(sea, 0.0)
     n, down = np.zeros(50), np.tile([0.0, -1.0, 0.0], (50, 1))
     hits = first_hits(sampled, exact.position - 5.0 * down, down, False, n, n, n + 1e3)
-    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n)
-    np.testing.assert_allclose(normal, exact.normal, atol=1e3 * tol.SPLINE_HEIGHT_M)
-    np.testing.assert_array_equal(lost, 0.0)
-    normal, lost = sampled.with_ripples(hits.normal, hits.rest, n + 10.0)
-    np.testing.assert_allclose(normal, hits.normal, atol=tol.SPLINE_HEIGHT_M)
-    np.testing.assert_allclose(lost, 0.5 * 0.05**2, rtol=tol.SPLINE_HEIGHT_M)
+    ripples, slopes = ripples_of(sampled)
+    for k, rest in enumerate(hits.rest):
+        normal, lost = tilted(slopes, ripples, tuple(hits.normal[k]), *rest, 0.0)
+        np.testing.assert_allclose(normal, exact.normal[k], atol=1e3 * tol.SPLINE_HEIGHT_M)
+        assert lost == 0.0
+        normal, lost = tilted(slopes, ripples, tuple(hits.normal[k]), *rest, 10.0)
+        np.testing.assert_allclose(normal, hits.normal[k], atol=tol.SPLINE_HEIGHT_M)
+        assert lost == pytest.approx(0.5 * 0.05**2, rel=tol.SPLINE_HEIGHT_M)
 
 
 @pytest.mark.parametrize("from_below", [False, True])
@@ -94,31 +100,31 @@ def test_wide_footprints_see_a_level_sea_and_lose_no_slope() -> None:
     )  # fmt: skip
     assert hits.distance[0] == pytest.approx(5.0, abs=tol.ON_SURFACE_M)
     fields = SEAS["gerstner"].grid_fields(128, 0.0)
-    lost = sea.unresolved(hits.level)[0]
+    lost = level_slopes(sea.lost_slope, sea.blur_variance, hits.level[0])
     assert lost[0] == pytest.approx(np.mean(fields.slope_x**2), rel=tol.SPLINE_HEIGHT_M)
     assert lost[2] == pytest.approx(np.mean(fields.slope_z**2), rel=tol.SPLINE_HEIGHT_M)
 
 
-def facets(count: int, up: float) -> Facets:
-    travel = np.broadcast_to(unit([0.8, up, 0.3]), (count, 3))
-    normal = np.broadcast_to(unit([0.05, 1.0, -0.02]), (count, 3))
-    return Facets(travel, normal, np.broadcast_to([0.02, 0.004, 0.01], (count, 3)), up > 0.0)
+def test_quantiles_of_the_normal_distribution() -> None:
+    share = np.linspace(2.0**-25, 1.0 - 2.0**-25, 301)
+    np.testing.assert_allclose([normal_quantile(p) for p in share.tolist()], ndtri(share), atol=tol.FLOAT64)
 
 
 @pytest.mark.parametrize("up", [-2.0, -0.15, 0.3])
 def test_facets_are_drawn_as_they_are_seen(up: float) -> None:
     """In proportion to density times max(f, 0), against a sum over slopes."""
-    count = 200_000
-    f = facets(count, up)
-    normal = f.drawn(next_keys(np.arange(count, dtype=np.uint32), 3))
+    count, side, mean = 100_000, -1.0 if up > 0.0 else 1.0, unit([0.05, 1.0, -0.02])
+    travel = tuple(unit([0.8, up, 0.3]).tolist())
+    f: Facets = facets_of(travel, tuple(mean.tolist()), (0.02, 0.004, 0.01), side)
+    normal = np.array([drawn(f, next_key(k, 3)) for k in range(count)])
     found = -normal[:, [0, 2]] / normal[:, 1:2]
-    one = facets(201 * 201, up)
     g = np.linspace(-6.0, 6.0, 201)
     a, b = (v.ravel() for v in np.meshgrid(g, g))
     root = np.linalg.cholesky([[0.02, 0.004], [0.004, 0.01]])
-    slope = one.slope + np.stack([a, b], axis=-1) @ root.T
-    weight = np.exp(-0.5 * (a * a + b * b)) * np.maximum(one.facing(slope), 0.0)
-    assert one.mean_facing()[0] == pytest.approx(weight.sum() * (g[1] - g[0]) ** 2 / (2.0 * np.pi), rel=tol.FACET_LIGHT)
-    mean = np.average(slope, axis=0, weights=weight)
-    np.testing.assert_allclose(found.mean(axis=0), mean, atol=tol.DRAWN_SLOPES * np.sqrt(0.02))
+    slope = -mean[[0, 2]] / mean[1] + np.stack([a, b], axis=-1) @ root.T
+    faced = np.maximum(np.vectorize(facing)(*travel, slope[:, 0], slope[:, 1], side), 0.0)
+    weight = np.exp(-0.5 * (a * a + b * b)) * faced
+    assert f.seen == pytest.approx(weight.sum() * (g[1] - g[0]) ** 2 / (2.0 * np.pi), rel=tol.FACET_LIGHT)
+    expected = np.average(slope, axis=0, weights=weight)
+    np.testing.assert_allclose(found.mean(axis=0), expected, atol=tol.DRAWN_SLOPES * np.sqrt(0.02))
     np.testing.assert_allclose(np.cov(found.T), np.cov(slope.T, aweights=weight, ddof=0), atol=tol.DRAWN_SLOPES * 0.02)

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What rays can meet, as the arrays and numbers that compiled rays read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.surface.intersection import surface_arrays, waves_of
+from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.sampled_sea import SampledSea
+from mr360uw.surface.tracing.floor_light import Ground
+from mr360uw.surface.tracing.ray_kernel import World
+from mr360uw.surface.tracing.ripples import Ripples
+from mr360uw.surface.tracing.sun_in_waves import Disc
+from mr360uw.surface.tracing.table_reads import WaterTable
+from mr360uw.surface.water_light import WaterLight
+from mr360uw.types import Sun
+
+Arrays = tuple[Any, ...]
+
+
+def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
+    """Return the arrays of `ray_kernel.followed` from c to wa, and its numbers."""
+    ripples, slopes = ripples_of(stage.sea)
+    ground, floor = _ground(stage)
+    disc, half_angle = disc_of(stage.sun)
+    veils, attenuations, tables, below = _water(stage.water)
+    dome = packed([level[None] for level in stage.dome.levels])
+    arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, *dome, veils, attenuations)
+    world = World(
+        waves_of(stage.sea), ripples, ground, disc, half_angle, stage.refractive_index, stage.samples,
+        stage.water.sky is not None, tables[0], tables[1], below[0], below[1],
+    )  # fmt: skip
+    return arrays, world
+
+
+def packed(pictures: Sequence[NDArray[Any]]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the texels (n, 3) of pictures (1, height, width, 1 or 3), and first texel, width and height of each."""
+    table, texels, first = [], [], 0
+    for picture in pictures:
+        height, width = picture.shape[1:3]
+        table.append((first, width, height))
+        texels.append(np.broadcast_to(picture, (1, height, width, 3)).reshape(-1, 3).astype(np.float32))
+        first += width * height
+    return np.concatenate(texels), np.array(table, np.int64)
+
+
+def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
+    """Return the ripples of a sea, and the slopes of their map (size, size, 2)."""
+    detail = sea.detail
+    if detail is None:
+        return Ripples(sea.tile_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, sea.blur_variance), np.zeros((1, 1, 2))
+    (a, b), ((ax, az), (bx, bz)) = detail.repeats.tolist(), detail.offset.tolist()
+    wave, variance = sea.ripple_wave, sea.ripple_variance
+    return Ripples(detail.tile_m, a, b, ax, az, bx, bz, wave, variance, sea.blur_variance), np.ascontiguousarray(
+        detail.slopes
+    )
+
+
+def _ground(stage: Stage) -> tuple[Ground, Arrays]:
+    """Return the floor's numbers, and its arrays f to fe of `floor_light`."""
+    light, albedo = stage.floor_light, stage.floor.image
+    tiles = [albedo, *(tiled for tiled, _ in light.patterns)]
+    texels, table = packed([level for tiled in tiles for level in tiled.levels])
+    counts = np.array([len(tiled.levels) for tiled in tiles])
+    rows = np.stack([np.cumsum(counts) - counts, counts], axis=-1)
+    parts = [np.concatenate([factor, tiled.origin]) for tiled, factor in light.patterns]
+    even = np.concatenate([light.even, *parts])[None]
+    ground = Ground(stage.floor_y_m, albedo.tile_m, stage.sea.tile_m, tuple(light.dry.tolist()))
+    return ground, (texels, table, rows, even)
+
+
+def disc_of(sun: Sun | None) -> tuple[Disc, float]:
+    """Return the sun and its angular radius."""
+    if sun is None or sun.direction[1] <= 0.0:
+        return Disc(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0), 0.0
+    solid_angle = 2.0 * math.pi * (1.0 - math.cos(sun.half_angle_rad))
+    (x, y, z), (red, green, blue) = sun.direction.tolist(), (sun.irradiance / solid_angle).tolist()
+    half = float(sun.half_angle_rad)
+    return Disc(x, y, z, math.cos(half), solid_angle, red, green, blue), half
+
+
+_DRY = WaterTable(0, 1.0, 1.0)
+
+
+def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32], Any, Any]:
+    """Return veils (t, U, T, 3) and attenuations (t, D, T, 3) of the tables, where the tables of sky and sun from
+    surface and camera are, and the irradiance (2, 3) that each is times."""
+    if water.sky is None:
+        nothing = np.zeros((1, 2, 2, 3), np.float32)
+        return nothing, nothing, ((_DRY, _DRY), (_DRY, _DRY)), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    lights = [water.sky, water.sky if water.sun is None else water.sun]
+    tables = [light.table(from_camera) for light in lights for from_camera in (False, True)]
+    veils, attenuations = (
+        np.stack([getattr(table, name) for table in tables]).astype(np.float32) for name in ("veil", "attenuation")
+    )
+    where = [WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables)]
+    below = (tuple(water.sky.below.tolist()), (0.0, 0.0, 0.0))
+    if water.sun is not None:
+        below = (below[0], tuple(water.sun.below.tolist()))
+    return veils, attenuations, ((where[0], where[1]), (where[2], where[3])), below

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads of tables and maps for one ray, compiled: mip maps that repeat, the dome, the water's tables.
+
+Twins: caustic_lookup.py, ibl/lookup.py and medium/lookup.py, which say what they are.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.surface.tracing.ray_optics import Vector
+
+
+class WaterTable(NamedTuple):
+    """Where the tables of a light lie in the water's arrays, and the scales of a `MediumTable`: the light's length and
+    the depth at which its rays start.
+    """
+
+    at: int
+    length_m: float
+    depth_m: float
+
+
+@compiled
+def add(a: Vector, b: Vector, share: float) -> Vector:
+    """Return a + share b."""
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@compiled
+def times(a: Vector, b: Vector) -> Vector:
+    """Return the products of the parts of two vectors."""
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@compiled
+def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector:
+    """Return the value between four texels of t (n, 3): a, b above, c, d below."""
+    wa, wb, wc, wd = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    return (
+        wa * t[a, 0] + wb * t[b, 0] + wc * t[c, 0] + wd * t[d, 0],
+        wa * t[a, 1] + wb * t[b, 1] + wc * t[c, 1] + wd * t[d, 1],
+        wa * t[a, 2] + wb * t[b, 2] + wc * t[c, 2] + wd * t[d, 2],
+    )
+
+
+@compiled
+def periodic(t: Any, n: Any, first: int, levels: int, u: float, v: float, level: float) -> Vector:
+    """Return the value of a picture with its halves at tile coordinates (`caustic_lookup.periodic_trilinear`).
+
+    t: (n, 3) texels of all pictures. n: (k, 3) first texel, width and height of every level of all; those of this one
+    are `levels` from row `first` on, squares whose sides are powers of two. level: fractional.
+    """
+    lower = min(int(level), levels - 1)
+    share = level - lower
+    value = _periodic_level(t, n[first + lower, 0], n[first + lower, 1], u, v)
+    if share <= 0.0 or lower + 1 >= levels:
+        return value
+    return between(value, _periodic_level(t, n[first + lower + 1, 0], n[first + lower + 1, 1], u, v), share)
+
+
+@compiled
+def between(a: Vector, b: Vector, share: float) -> Vector:
+    """Return (1 - share) a + share b."""
+    rest = 1.0 - share
+    return rest * a[0] + share * b[0], rest * a[1] + share * b[1], rest * a[2] + share * b[2]
+
+
+@compiled
+def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector:
+    x, y = u * size - 0.5, v * size - 0.5
+    column, row = math.floor(x), math.floor(y)
+    i, j, last = int(column), int(row), size - 1
+    above, below = first + (j & last) * size, first + ((j + 1) & last) * size
+    i0, i1 = i & last, (i + 1) & last
+    return four(t, above + i0, above + i1, below + i0, below + i1, x - column, y - row)
+
+
+@compiled
+def level_for(footprint: float, pixel: float, last: int) -> float:
+    """Return the level for a footprint and a pixel [m] (`caustic_lookup.mip_level`)."""
+    wanted = footprint / (math.sqrt(3.0) * pixel)
+    return min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
+
+
+@compiled
+def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: float) -> Vector:
+    """Return the radiance of the sky over a footprint [rad]; directions below the horizon see its mirror image.
+
+    t: (n, 3) texels of the dome; n: (L, 3) first texel, width and height of every level.
+    """
+    last = len(n) - 1
+    wanted = footprint * n[0, 2] / math.pi
+    level = min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
+    lower = int(level)
+    share = level - lower
+    longitude = math.atan2(dx, -dz) / (2.0 * math.pi) + 0.5
+    latitude = 0.5 - math.atan2(abs(dy), math.hypot(dx, dz)) / math.pi
+    value = _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude)
+    if share <= 0.0:
+        return value
+    lower += 1
+    return between(value, _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude), share)
+
+
+@compiled
+def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
+    x, y = longitude * width - 0.5, latitude * height - 0.5
+    column, row = math.floor(x), math.floor(y)
+    i, j = int(column), int(row)
+    above, below = first + max(j, 0) * width, first + min(j + 1, height - 1) * width
+    # a row beyond a pole is the row before it, half a turn away
+    over, under = width // 2 if j < 0 else 0, width // 2 if j + 1 >= height else 0
+    return four(
+        t, above + (i + over) % width, above + (i + 1 + over) % width, below + (i + under) % width,
+        below + (i + 1 + under) % width, x - column, y - row,
+    )  # fmt: skip
+
+
+@compiled
+def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
+    """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
+    x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
+    i, j = min(int(x), table.shape[1] - 2), min(int(y), table.shape[2] - 2)
+    fx, fy = x - i, y - j
+    a, b, c, d = (1.0 - fx) * (1.0 - fy), (1.0 - fx) * fy, fx * (1.0 - fy), fx * fy
+    return (
+        a * table[at, i, j, 0]
+        + b * table[at, i, j + 1, 0]
+        + c * table[at, i + 1, j, 0]
+        + d * table[at, i + 1, j + 1, 0],
+        a * table[at, i, j, 1]
+        + b * table[at, i, j + 1, 1]
+        + c * table[at, i + 1, j, 1]
+        + d * table[at, i + 1, j + 1, 1],
+        a * table[at, i, j, 2]
+        + b * table[at, i, j + 1, 2]
+        + c * table[at, i + 1, j, 2]
+        + d * table[at, i + 1, j + 1, 2],
+    )
+
+
+@compiled
+def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    smooth = _bilinear(veils, table.at, 0.5 + 0.5 * up, 1.0 - table.length_m / (s + table.length_m))
+    filled = -math.expm1(-s / table.length_m)
+    return filled * smooth[0], filled * smooth[1], filled * smooth[2]
+
+
+@compiled
+def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.transmittance_lookup` of a finite ray."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    depth = max(table.depth_m - s * up, 0.0)
+    length = table.length_m
+    a = _bilinear(attenuations, table.at, 1.0 - length / (depth + length), 1.0 - length / (s + length))
+    return math.exp(-a[0] * s), math.exp(-a[1] * s), math.exp(-a[2] * s)

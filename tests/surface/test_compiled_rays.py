@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled rays against the same formulas of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mr360uw import optics
+from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
+from mr360uw.sphere import unit
+from mr360uw.surface import slopes
+from mr360uw.surface.sky import Dome
+from mr360uw.surface.tracing import ray_optics
+from mr360uw.surface.tracing.facet_draws import drawn, facets_of
+from mr360uw.surface.tracing.stage_arrays import disc_of, packed
+from mr360uw.surface.tracing.sun_in_waves import sunlight
+from mr360uw.surface.tracing.table_reads import WaterTable, level_for, periodic, sky_radiance, transmittance, veil
+from mr360uw.types import Sun
+from tests.surface import tolerances as tol
+
+COUNT = 40
+
+
+def test_fresnel_refraction_and_reflection(rng: np.random.Generator) -> None:
+    normal, travel = unit(rng.standard_normal((COUNT, 3))), unit(rng.standard_normal((COUNT, 3)))
+    travel *= -np.sign(np.sum(travel * normal, axis=-1, keepdims=True))
+    for m in (1.34, 1.0 / 1.34):
+        found = [ray_optics.reflectance(-float(d @ n), m)[0] for d, n in zip(travel, normal, strict=True)]
+        np.testing.assert_allclose(found, optics.fresnel(-np.sum(travel * normal, axis=-1), m), atol=tol.FLOAT64)
+        found = [ray_optics.bent(*d, *n, 1.0 / m) for d, n in zip(travel, normal, strict=True)]
+        np.testing.assert_allclose(
+            found, unit(optics.refract_clamped(travel, normal, 1.0 / m)), atol=10.0 * tol.FLOAT64
+        )
+    found = [ray_optics.mirrored(*d, *n) for d, n in zip(travel, normal, strict=True)]
+    np.testing.assert_allclose(found, optics.reflect(travel, normal), atol=10.0 * tol.FLOAT64)
+
+
+@pytest.mark.parametrize("from_below", [False, True])
+def test_facets_and_their_sunlight(rng: np.random.Generator, from_below: bool) -> None:
+    side = -1.0 if from_below else 1.0
+    travel = unit(np.array([0.3, -side * 0.8, -0.52]) + rng.normal(0.0, 0.2, (COUNT, 3)))  # about the mirrored sun
+    normal = unit(rng.normal(0.0, 0.2, (COUNT, 3)) * [1.0, 0.0, 1.0] + [0.0, 1.0, 0.0])
+    covariance = np.stack([rng.uniform(1e-5, 0.05, COUNT), np.zeros(COUNT), rng.uniform(1e-5, 0.05, COUNT)], axis=-1)
+    covariance[:, 1] = 0.4 * np.sqrt(covariance[:, 0] * covariance[:, 2])
+    keys = np.arange(COUNT, dtype=np.uint32)
+    sun = Sun(unit([0.3, 0.8, -0.52]), np.array([1.0, 2.0, 3.0]), 0.05, 1.0)
+    disc, _ = disc_of(sun)
+    arrays = slopes.Facets(travel, normal, covariance, from_below)
+    normals, light = arrays.drawn(keys), arrays.sunlight(sun, 1.34)[:, 1]
+    for k in range(COUNT):
+        d, n = tuple(travel[k].tolist()), tuple(normal[k].tolist())
+        f = facets_of(d, n, tuple(covariance[k].tolist()), side)
+        assert f.seen == pytest.approx(float(arrays.mean_facing()[k]), rel=tol.GRAZING)
+        np.testing.assert_allclose(drawn(f, int(keys[k])), normals[k], atol=tol.HALVED)
+        found = disc.green * sunlight(disc, d, n, f, side, 1.34)
+        assert found == pytest.approx(float(light[k]), rel=tol.GRAZING, abs=1e-12)  # tails are left out
+    assert np.count_nonzero(light > 1e-15) > COUNT // 4
+
+
+def test_the_dome_and_maps_that_repeat(rng: np.random.Generator) -> None:
+    dome = Dome(rng.uniform(0.0, 1.0, (16, 32, 3)))
+    direction, footprint = unit(rng.standard_normal((COUNT, 3))), rng.uniform(0.0, 1.0, COUNT)
+    texels, table = packed([level[None] for level in dome.levels])
+    found = [sky_radiance(texels, table, *d, f) for d, f in zip(direction, footprint, strict=True)]
+    np.testing.assert_allclose(found, dome.look(direction, footprint), atol=tol.SINGLE)
+
+    levels = mip_levels(rng.uniform(0.0, 1.0, (1, 8, 8, 3)))
+    texels, table = packed(levels)
+    u, v, width = rng.uniform(-3.0, 3.0, (3, COUNT))
+    level = mip_level(np.abs(width), 0.25, 3.0)
+    found = [
+        periodic(texels, table, 0, 4, u[k], v[k], level_for(abs(width[k]), 0.25, 3)) for k in range(COUNT)
+    ]  # fmt: skip
+    expected = periodic_trilinear(levels, np.zeros(COUNT, np.int64), u, v, level)
+    np.testing.assert_allclose(found, expected, atol=tol.SINGLE)
+
+
+def test_the_water(rng: np.random.Generator) -> None:
+    table = Medium(Water.jerlov("IB"), camera_depth_m=3.0, band_count=8).unit_table
+    where = WaterTable(0, table.length_m, table.camera_depth_m)
+    veils, attenuations = table.veil[None], table.attenuation[None]
+    distance, up = rng.uniform(0.0, 60.0, COUNT), rng.uniform(-1.0, 1.0, COUNT)
+    distance[0], up[0] = np.inf, -0.3
+    found = [veil(veils, where, *pair) for pair in zip(distance, up, strict=True)]
+    np.testing.assert_allclose(found, veil_lookup(table, distance, up), atol=tol.SINGLE)
+    found = [transmittance(attenuations, where, *pair) for pair in zip(distance[1:], up[1:], strict=True)]
+    np.testing.assert_allclose(found, transmittance_lookup(table, distance[1:], up[1:]), atol=tol.SINGLE)
