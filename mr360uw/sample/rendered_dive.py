@@ -20,11 +20,13 @@ from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
 from mr360uw.optics import diffuse_reflectance_from_below, fresnel_from_below, refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.dive_sky import DiveSky, dive_sky
+from mr360uw.sample.relief_shade import relief_shade
 from mr360uw.sample.sea_bed import BED_TILE_M, SeaBed, sea_bed
 from mr360uw.sphere import directions
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.surface.sea_scene import SeaScene
+from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Floats
 
@@ -65,7 +67,12 @@ class Dive:
         self.sky: DiveSky = dive_sky(settings)
         self.bed: SeaBed = sea_bed(settings)
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
-        floor = Floor(settings.depth_m - settings.floor_depth_m, self.bed.albedo, BED_TILE_M)
+        light = WaterLight.of(medium, Dome(self.sky.dome), self.sky.sun, REFRACTIVE_INDEX_SEA)
+        albedo = self.bed.albedo
+        if np.ptp(self.bed.height_m) > 0.0:
+            shade = relief_shade(self.bed.height_m, BED_TILE_M, self.sun_in_water, _beam_share(light, settings))
+            albedo = np.clip(albedo * shade, 0.0, 1.0)
+        floor = Floor(settings.depth_m - settings.floor_depth_m, albedo, BED_TILE_M)
         self.scene = SeaScene(settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
         water = self._water(settings.depth_m)
         level = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
@@ -171,3 +178,12 @@ class Dive:
         way = np.array([self.settings.floor_depth_m - self.settings.depth_m])
         passed, veil = water.along(way, np.array([-1.0]), True)
         return np.asarray((passed * self.scene.floor.mean_albedo / PI * self.floor_irradiance + veil)[0])
+
+
+def _beam_share(light: WaterLight, settings: DiveSettings) -> Floats:
+    """Return the fraction (3,) of the irradiance of level ground at the floor's depth that is the sun's beam."""
+    if light.sun is None or light.sky is None:
+        return np.zeros(3)
+    depth = settings.floor_depth_m
+    beam = light.sun.below * beam_fraction(light.sun.from_surface, depth, light.sun_up)
+    return np.asarray(beam / (light.sky.down(depth) + light.sun.down(depth)))
