@@ -43,7 +43,9 @@ class HeightMaps(NamedTuple):
     steepest: Array
 
 
-def height_maps(coefficients: Array, table: NDArray[np.int64], tile_m: float, steepest: float) -> HeightMaps:
+def height_maps(
+    coefficients: NDArray[np.float32], table: NDArray[np.int64], tile_m: float, steepest: float
+) -> HeightMaps:
     """Return the maps of all levels. coefficients, table: of `spline`. steepest: bound of the greatest slope."""
     sizes = [min(int(table[0, 1]), _FINEST)] + [max(int(n) // 2, 4) for n in table[1:, 1]]
     start = np.cumsum([0, *(n * n for n in sizes)])
@@ -108,9 +110,17 @@ def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) ->
 
 @compiled
 def read_shift(s: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> tuple[float, float]:
-    """Return about the shift over (x, z) [m] of the particle above (x, z): that of the nearest node. s: `shift`."""
+    """Return the shift over (x, z) [m] of the particle above (x, z) at the next lower level. s: `shift` of the maps."""
     lower = min(int(level), len(n) - 1)
     size = n[lower, 1]
-    i, j = math.floor(x / tile_m * size + 0.5), math.floor(z / tile_m * size + 0.5)
-    at = n[lower, 0] + (j & (size - 1)) * size + (i & (size - 1))
-    return float(s[at, 0]), float(s[at, 1])
+    last, per_m = size - 1, size / tile_m
+    u, v = x * per_m, z * per_m
+    column, row = math.floor(u), math.floor(v)
+    i, j, fx, fy = int(column), int(row), u - column, v - row
+    above, below = n[lower, 0] + (j & last) * size, n[lower, 0] + ((j + 1) & last) * size
+    i0, i1 = i & last, (i + 1) & last
+    a, b, c, d = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    return (
+        a * s[above + i0, 0] + b * s[above + i1, 0] + c * s[below + i0, 0] + d * s[below + i1, 0],
+        a * s[above + i0, 1] + b * s[above + i1, 1] + c * s[below + i0, 1] + d * s[below + i1, 1],
+    )

@@ -30,6 +30,12 @@ _LEAST_UP = 0.05
 """Least |y| of a direction that stretches a footprint on the surface, by the mean of its two axes, up to 4.5 times."""
 _MOST_STEPS = 4000
 """Steps after which a ray in the layer of waves counts as free."""
+_BESIDE = 0.1
+"""Height below the map of the surface, over the distance of the splines' points, at which a ray may still start on it:
+five times what the map is off."""
+_NEAR = 1e-6
+"""Distance [m] from the solution from where one more step of Newton's method is right to 1e-11 m: it squares it, times
+curvatures of 10/m."""
 
 
 class Waves(NamedTuple):
@@ -96,6 +102,9 @@ def first_hit(
         sigma = sigma_at(width, spread, t, dy)
         level = level_at(sigma, sea.step_m, last)
         over = side * (oy + t * dy - read_height(h, m, sea.tile_m, level, ox + t * dx, oz + t * dz))
+        steep = steepest[min(int(level), last)] * across
+        if side * dy > steep and over > -_BESIDE * sea.step_m:  # away from the surface, faster than it can follow
+            break
         if over <= 0.0 and right:
             guess = before + (t - before) * was / (was - over)
             sigma = sigma_at(width, spread, guess, dy)
@@ -107,8 +116,7 @@ def first_hit(
         if t >= end:
             break
         before, was = t, over
-        speed = abs(dy) + steepest[min(int(level), last)] * across
-        t = min(t + max(abs(over) / speed, 0.5 * sea.step_m, 0.5 * sigma), end)
+        t = min(t + max(abs(over) / (abs(dy) + steep), 0.5 * sea.step_m, 0.5 * sigma), end)
     return Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
 
 
@@ -127,10 +135,7 @@ def _refined(
     for _ in range(12):
         p = displacement(c, n, tile, level, a, b)
         gx, gy, gz = a + p[1] - ox - t * dx, p[0] - oy - t * dy, b + p[2] - oz - t * dz
-        if abs(gx) + abs(gy) + abs(gz) < 1e-12 * (tile + t):
-            if max(low - sea.step_m, 0.0) <= t <= high + sea.step_m:
-                return Hit(t, _normal(p), a, b, sigma, level)
-            break
+        near = abs(gx) + abs(gy) + abs(gz) < _NEAR
         # columns: the tangents by a and b, and minus the direction (Cramer's rule)
         ux, uy, uz, vx, vy, vz = 1.0 + p[4], p[3], p[5], p[7], p[6], 1.0 + p[8]
         cx, cy, cz = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
@@ -141,6 +146,10 @@ def _refined(
         b -= (gx * (uz * dy - uy * dz) + gy * (ux * dz - uz * dx) + gz * (uy * dx - ux * dy)) / volume
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         t += (gx * nx + gy * ny + gz * nz) / volume
+        if near:
+            if max(low - sea.step_m, 0.0) <= t <= high + sea.step_m:
+                return Hit(t, _normal(p), a, b, sigma, level)
+            break
     return _bisected(c, n, sea, origin, direction, side, sigma, low, high)
 
 
@@ -213,7 +222,7 @@ def first_hits(
 def surface_arrays(sea: SampledSea) -> tuple[Any, ...]:
     """Return the arrays that `first_hit` takes first."""
     maps = sea.maps
-    return sea.coefficients, sea.table, maps.height, maps.shift, maps.table, maps.steepest
+    return sea.fine, sea.table, maps.height, maps.shift, maps.table, maps.steepest
 
 
 def waves_of(sea: SampledSea) -> Waves:

@@ -5,7 +5,7 @@ array   shape           what
 f       (n, 3)          texels of the albedo and of the light's patterns, each with its halves
 fn      (k, 3)          first texel, width and height of every level of each
 fk      (1 + p q, 2)    first row of `fn` and levels of the albedo, then of the q patterns of each of p planes
-fe      (p, 3 + 5 q)    of each plane: even light, then factor and origin over (x, z) of each pattern
+fe      (p, 3 + 2 q)    of each plane: even light, then the origin over (x, z) of each pattern
 """
 
 from __future__ import annotations
@@ -45,13 +45,12 @@ def plane_light(
     f: Any, fn: Any, fk: Any, fe: Any, plane: int, tile_m: float, x: float, z: float, footprint: float
 ) -> Vector:
     """Return the irradiance of one plane at (x, z)."""
-    e = fe[plane]
-    count = (len(e) - 3) // 5
-    light = e[0], e[1], e[2]
+    count = (fe.shape[1] - 3) // 2
+    light = fe[plane, 0], fe[plane, 1], fe[plane, 2]
     for k in range(count):
-        row, at = 1 + plane * count + k, 3 + 5 * k
-        pattern = _picture(f, fn, fk[row, 0], fk[row, 1], tile_m, x - e[at + 3], z - e[at + 4], footprint)
-        light = add(light, times((e[at], e[at + 1], e[at + 2]), pattern), 1.0)
+        row, at = 1 + plane * count + k, 3 + 2 * k
+        at_x, at_z = x - fe[plane, at], z - fe[plane, at + 1]
+        light = add(light, _picture(f, fn, fk[row, 0], fk[row, 1], tile_m, at_x, at_z, footprint), 1.0)
     return light
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.surface.intersection import surface_arrays, waves_of
 from mr360uw.surface.ray_tree import Stage
 from mr360uw.surface.sampled_sea import SampledSea
+from mr360uw.surface.sea_floor import FloorLight
 from mr360uw.surface.tracing.floor_light import Ground
 from mr360uw.surface.tracing.ray_kernel import World
 from mr360uw.surface.tracing.ripples import Ripples
@@ -65,14 +66,24 @@ def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
 def _ground(stage: Stage) -> tuple[Ground, Arrays]:
     """Return the floor's numbers, and its arrays f to fe of `floor_light`."""
     light, albedo = stage.floor_light, stage.floor.image
-    tiles = [albedo, *(tiled for tiled, _ in light.patterns)]
-    texels, table = packed([level for tiled in tiles for level in tiled.levels])
-    counts = np.array([len(tiled.levels) for tiled in tiles])
+    patterns = _merged(light)
+    pictures = [albedo.levels, *(levels for _, levels in patterns)]
+    texels, table = packed([level for levels in pictures for level in levels])
+    counts = np.array([len(levels) for levels in pictures])
     rows = np.stack([np.cumsum(counts) - counts, counts], axis=-1)
-    parts = [np.concatenate([factor, tiled.origin]) for tiled, factor in light.patterns]
-    even = np.concatenate([light.even, *parts])[None]
+    even = np.concatenate([light.even, *(np.asarray(origin) for origin, _ in patterns)])[None]
     ground = Ground(stage.floor_y_m, albedo.tile_m, stage.sea.tile_m, tuple(light.dry.tolist()))
     return ground, (texels, table, rows, even)
+
+
+def _merged(light: FloorLight) -> list[tuple[tuple[float, float], list[NDArray[Any]]]]:
+    """Return origin and levels of the patterns times their factors; those of one place and size are one."""
+    sums: dict[tuple[float, float, int], list[NDArray[Any]]] = {}
+    for tiled, factor in light.patterns:
+        lit = [level * factor for level in tiled.levels]
+        key = (*tiled.origin, len(lit))
+        sums[key] = [a + b for a, b in zip(sums[key], lit, strict=True)] if key in sums else lit
+    return [(key[:2], levels) for key, levels in sums.items()]
 
 
 def disc_of(sun: Sun | None) -> tuple[Disc, float]:
