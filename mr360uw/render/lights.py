@@ -11,12 +11,12 @@ import numpy as np
 
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, MINIMUM_SUN_UP
+from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.closure import BALANCED_SINE, sunlight
+from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words
@@ -27,11 +27,8 @@ from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
-CLEAR_SKY_DIRECT = 0.75
-"""Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
-CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 _SKY_UP = 0.83
 """Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
 _THIN_POWER = 20.0
@@ -157,18 +154,6 @@ def _sine_in_air(sine: float, refractive_index: float) -> float:
     """Return the sine of the elevation above a flat surface of light with a sine of elevation below it."""
     along = refractive_index * math.sqrt(max(1.0 - sine * sine, 0.0))
     return math.sqrt(max(1.0 - along * along, 0.0))
-
-
-def beam_below(share: float, air_sine: float) -> Floats:
-    """Return the irradiance (3,) of the sun's beam just below the surface over that of sun and sky together.
-
-    share: of the beam in the luminance. air_sine: sine of the sun's elevation above the surface. A beam of a high sun
-    and a sky of the colour `CLEAR_SKY` are white together; a sun below 45 degrees is redder by its longer way through
-    the air.
-    """
-    high = max(share, CLEAR_SKY_DIRECT)
-    white = share * (1.0 - (1.0 - high) * CLEAR_SKY) / high
-    return np.asarray(white * sunlight(min(air_sine, BALANCED_SINE)))
 
 
 def direct_to_diffuse(table: MediumTable) -> float:

@@ -11,12 +11,11 @@ import numpy as np
 from pydantic import ValidationError, model_validator
 
 from mr360uw.caustics import GerstnerSea
-from mr360uw.composite.motion import rotation_matrix
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.sphere import direction_from_angles
+from mr360uw.sphere import direction_from_angles, yaw_matrix
 from mr360uw.types import Floats, View
 
 _ABOVE_FLOOR_M = 3.5
@@ -146,7 +145,7 @@ class DiveSettings(Parameters):
         aside = 0.5 * turned * time_s if abs(turned) < 1e-9 else (1.0 - np.cos(turned)) / rate
         up = self.bob_m * np.sin(2.0 * PI * time_s / _BOB_S)
         place = np.array([self.speed_m_s * aside, up, -self.speed_m_s * ahead])
-        return place, rotation_matrix((self.yaw_deg_s * time_s, 0.0, 0.0))
+        return place, yaw_matrix(turned)
 
     def view(self, width: int, height: int, time_s: float) -> View:
         """Return the camera at a time: the world's origin is where it starts."""

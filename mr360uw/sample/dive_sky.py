@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl import environment
-from mr360uw.ibl.sun.closure import BALANCED_SINE, air_mass, clear_air_depth
+from mr360uw.ibl.sun.closure import air_mass, clear_air_depth
+from mr360uw.ibl.sun.daylight import CLEAR_SKY, beam_below, direct_share
 from mr360uw.optics import fresnel_transmittance
-from mr360uw.render.lights import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import directions, row_solid_angle, unit
 from mr360uw.surface.sky import Dome, sun_below
@@ -79,21 +79,6 @@ def dive_sky(settings: DiveSettings) -> DiveSky:
     sun = Sun(toward, beam / (sine * passed), SUN_HALF_ANGLE_RAD, 1.0)
     shape = np.ones((_ROWS, 2 * _ROWS, 1)) if settings.sky == "even" else _standard(_CLEAR, toward) * _scattered()
     return DiveSky(_scaled(shape, (1.0 - share) * CLEAR_SKY), sun)
-
-
-def direct_share(sine: float) -> float:
-    """Return the fraction of the irradiance just below the surface that is the beam of a sun at a sine of elevation.
-
-    Direct over diffuse goes with what clear air lets through over what it scatters, times what the surface lets through
-    of the beam; at 45 degrees the fraction is `CLEAR_SKY_DIRECT`.
-    """
-
-    def odds(s: float) -> float:
-        passed = float(luminance(np.exp(-clear_air_depth() * air_mass(s))))
-        return passed / (1.0 - passed) * float(fresnel_transmittance(s, REFRACTIVE_INDEX_SEA))
-
-    ratio = CLEAR_SKY_DIRECT / (1.0 - CLEAR_SKY_DIRECT) * odds(sine) / odds(BALANCED_SINE)
-    return ratio / (1.0 + ratio)
 
 
 def sky_of_map(path: Path) -> DiveSky:

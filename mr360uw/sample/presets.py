@@ -12,16 +12,16 @@ from mr360uw.errors import ParameterError
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "reef": {
         "depth_m": 6.0, "floor_m": 9.0, "water": "IB", "sun_elevation_deg": 62.0, "wind_m_s": 4.0, "rocks": 0.34,
-        "grass": 0.05, "speed_m_s": 0.4, "yaw_deg_s": 2.0, "bob_m": 0.05, "stops": 1.0, "noise": 0.5,
+        "grass": 0.05, "speed_m_s": 0.4, "yaw_deg_s": 2.0, "bob_m": 0.05, "stops": 0.5, "noise": 0.5,
     },
     "lagoon": {
         "depth_m": 1.5, "floor_m": 3.2, "water": "1C", "sun_elevation_deg": 70.0, "sun_azimuth_deg": -60.0,
         "wind_m_s": 2.0, "rocks": 0.02, "grass": 0.0, "sand_contrast": 0.7, "speed_m_s": 0.2, "bob_m": 0.03,
-        "stops": 0.5, "noise": 0.3,
+        "stops": 1.0, "noise": 0.3,
     },
     "blue": {
         "depth_m": 12.0, "floor_m": 60.0, "water": "IA", "sun_elevation_deg": 48.0, "sun_azimuth_deg": 20.0,
-        "wind_m_s": 6.0, "rocks": 0.0, "grass": 0.0, "yaw_deg_s": -3.0, "bob_m": 0.2, "stops": 1.5, "noise": 0.5,
+        "wind_m_s": 6.0, "rocks": 0.0, "grass": 0.0, "yaw_deg_s": -3.0, "bob_m": 0.2, "stops": 1.0, "noise": 0.5,
     },
     "coast": {
         "depth_m": 3.0, "floor_m": 5.0, "water": "3C", "sky": "overcast", "wind_m_s": 5.0, "rocks": 0.2, "grass": 0.3,
@@ -37,7 +37,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     },
     "storm": {
         "depth_m": 8.0, "floor_m": 14.0, "water": "III", "sky": "overcast", "wind_m_s": 13.0, "rocks": 0.25,
-        "grass": 0.0, "speed_m_s": 0.2, "bob_m": 0.4, "stops": 1.5, "noise": 2.0,
+        "grass": 0.0, "speed_m_s": 0.2, "bob_m": 0.4, "stops": 2.0, "noise": 2.0,
     },
 }  # fmt: skip
 """Dives that look different: bright coral sand, a shallow lagoon, open ocean, coasts with more and more in the water, a

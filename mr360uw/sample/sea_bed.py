@@ -16,8 +16,8 @@ BED_TILE_M = 12.0
 """Side [m] of the square after which the floor repeats."""
 _SIZE = 1024
 """Pixels across that square, 12 mm each: finer than a frame 1024 pixels wide shows on the floor."""
-_RIPPLES, _RIPPLE_M = 44, 0.012
-"""Crests across the tile, 0.27 m apart, and their amplitude [m]: steepness 0.09, as of ripples of waves on sand."""
+_RIPPLES, _RIPPLE_M = 44, 0.018
+"""Crests across the tile, 0.27 m apart, and their amplitude [m]: steepness 0.13, as of ripples of waves on sand."""
 _DUNE_M = 0.05
 """Standard deviation [m] of the sand's slow undulations."""
 _SAND_COLOR, _ROCK, _GRASS = np.array([1.06, 1.0, 0.86]), np.array([0.15, 0.125, 0.10]), np.array([0.035, 0.05, 0.025])

@@ -22,9 +22,14 @@ from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
 from mr360uw.sample import sample_dive
 from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.dive_sky import dive_sky
+from mr360uw.sample.presets import PRESETS
+from mr360uw.sample.relief_shade import relief_shade
 from mr360uw.sample.rendered_dive import SENSOR, Dive
+from mr360uw.sample.sensor import with_noise
 from mr360uw.scene.model import load_scene
-from mr360uw.sphere import directions, row_solid_angle
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
+from mr360uw.video import open_video, write_exr
 from tests.dives import LEVEL_SAND, over_sand
 from tests.tolerances import DIVE_FLOOR, DIVE_SAND, DIVE_SUN_SHARE, DIVE_WHITE, FLOAT64
 
@@ -136,3 +141,80 @@ def test_every_wrong_parameter_has_its_line(wrong: dict[str, Any], lines: int) -
     with pytest.raises(ParameterError, match="got") as caught:
         DiveSettings.of(**wrong)
     assert len(str(caught.value).splitlines()) == lines
+
+
+def test_presets_differ_and_can_be_dived() -> None:
+    settings = [DiveSettings.of(name) for name in PRESETS]
+    assert len({(s.water, s.sky, s.depth_m) for s in settings}) == len(PRESETS)
+    assert DiveSettings.of("reef", rocks=0.5, wind_m_s=None).rocks == 0.5
+    assert DiveSettings.of("reef").wind_m_s == PRESETS["reef"]["wind_m_s"]
+
+
+def test_a_turning_camera_swims_where_it_looks() -> None:
+    settings = DiveSettings(speed_m_s=2.0, yaw_deg_s=30.0, bob_m=0.2)
+    step = 1e-5
+    (before, _), (here, rotation), (after, _) = (settings.camera_at(1.0 + k * step) for k in (-1, 0, 1))
+    velocity = (after - before) / (2.0 * step)
+    np.testing.assert_allclose(velocity[[0, 2]], 2.0 * (rotation @ [0.0, 0.0, -1.0])[[0, 2]], atol=1e-6)
+    assert abs(here[1]) <= 0.2
+
+
+@pytest.mark.parametrize("elevation_deg", [5.0, 30.0, 70.0])
+def test_a_clear_sky_and_its_sun_bring_daylight(elevation_deg: float) -> None:
+    sky = dive_sky(DiveSettings(sun_elevation_deg=elevation_deg))
+    assert luminance(sky.sky_below + sky.sun_below) == pytest.approx(1.0, abs=DIVE_WHITE)
+    assert sky.sun is not None
+    assert np.all(np.diff(sky.sun.irradiance / sky.sky_below) < 0.0)  # the sun is redder than its sky
+
+
+def test_the_sun_of_a_picture_of_the_sky_is_found(tmp_path: Path) -> None:
+    toward = direction_from_angles(np.radians(40.0), np.radians(35.0))
+    view = directions(256, 128)
+    image = np.full((128, 256, 3), 0.2, np.float32) * [0.7, 1.0, 1.4]
+    image[np.arccos(np.clip(view @ toward, -1.0, 1.0)) < 0.025] += 3000.0
+    write_exr(tmp_path / "sky.exr", image.astype(np.float32))
+    sky = dive_sky(DiveSettings(sky_map=tmp_path / "sky.exr"))
+    assert sky.sun is not None
+    assert sky.sun.direction @ toward > np.cos(0.01)
+    np.testing.assert_allclose(luminance(sky.sky_below + sky.sun_below), 1.0, atol=FLOAT64)
+    np.testing.assert_allclose(sky.dome / sky.dome[0, 0], 1.0, rtol=1e-5)  # float32; the sun has left it
+
+
+def test_relief_shades_and_keeps_level_ground() -> None:
+    sun, beam = np.array([0.6, 0.8, 0.0]), np.full(3, 0.7)
+    np.testing.assert_allclose(relief_shade(np.zeros((16, 16)), 12.0, sun, beam), 1.0, atol=1e-6)  # float32
+    wall = np.zeros((64, 64))
+    wall[:, 32:36] = 1.0
+    shade = relief_shade(wall, 12.0, sun, beam)[32, :, 1]
+    assert shade[31] < 0.7 * 0.3 + 0.3  # in its shadow, towards -x
+    assert shade[42] > shade[31]
+    np.testing.assert_allclose(shade[16], 1.0, atol=0.1)
+
+
+def test_noise_is_that_of_photons_and_reading() -> None:
+    even = np.full((128, 256, 3), 0.2, np.float32)
+    noisy = with_noise(even, 4.0, 3, 5)
+    np.testing.assert_array_equal(noisy, with_noise(even, 4.0, 3, 5))
+    expected = np.sqrt(4.0 * (0.2 / 6000.0 + (3.0 / 6000.0) ** 2))
+    np.testing.assert_allclose((noisy - even).std(), expected, rtol=0.02)  # of 1e5 numbers: 0.2 %
+    assert with_noise(even, 0.0, 3, 5) is even
+
+
+def test_the_truth_of_every_frame(tmp_path: Path) -> None:
+    settings = DiveSettings(sky="overcast", bits=10, transfer="bt709", noise=1.0, yaw_deg_s=20.0, relief=0.0)
+    made = sample_dive(tmp_path, settings, width=64, frames=2, truth=True)
+    truth = json.loads(made.truth.read_text())
+    assert truth["sun_direction_in_water"] is None
+    dive = Dive(settings, 64, 32)
+    with open_video(made.plate, transfer="bt709") as video, np.load(tmp_path / "truth" / "00001.npz") as maps:
+        frame = list(video.frames())[1]
+        assert frame.spec.bits == 10
+        assert maps["floor"][20:].all()
+        seen = maps["radiance"].astype(np.float64)
+        np.testing.assert_allclose(seen, dive.radiance(truth["frames"][1]["time_s"]), rtol=1e-3, atol=1e-5)  # half
+        np.testing.assert_allclose(
+            luminance(frame.image_linear[20:].mean(axis=(0, 1))), luminance(seen[20:].mean(axis=(0, 1))), rtol=0.02
+        )  # of a codec that is lossy
+        np.testing.assert_allclose(maps["distance_m"][-1], 3.5, rtol=0.01)
+    scene = load_scene(made.scene)
+    assert (scene.plate.transfer, scene.light.sun) == ("bt709", "none")
