@@ -97,7 +97,7 @@ class DiveSettings(Parameters):
 
         Raises `ParameterError` with a line for each problem.
         """
-        from mr360uw.sample.presets import preset_of
+        from mr360uw.sample.named_dives import preset_of
         from mr360uw.scene.problems import problems
 
         given = {name: value for name, value in options.items() if value is not None}

@@ -13,6 +13,9 @@ from mr360uw.types import Floats
 
 CLEAR_SKY_DIRECT = 0.75
 """Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
+_LEAST_WHITE = 0.65
+"""Least share of a beam whose colour makes the sum with the sky white. Beams of less, of low suns and in haze, keep its
+colour: with a share of 0.2 a white sum would leave no blue in them."""
 CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 
 
@@ -23,7 +26,7 @@ def beam_below(share: float, air_sine: float) -> Floats:
     and a sky of the colour `CLEAR_SKY` are white together; a sun below 45 degrees is redder by its longer way through
     the air.
     """
-    high = max(share, CLEAR_SKY_DIRECT)
+    high = max(share, _LEAST_WHITE)
     white = share * (1.0 - (1.0 - high) * CLEAR_SKY) / high
     return np.asarray(white * sunlight(min(air_sine, BALANCED_SINE)))
 
