@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
@@ -45,7 +44,7 @@ _GLARE_RAD = 0.05
 class DiveSky:
     """dome: (h, w, 3) radiance of the sky without the sun. sun: as seen in the air, or None."""
 
-    dome: NDArray[np.float64]
+    dome: Floats
     sun: Sun | None
 
     @property

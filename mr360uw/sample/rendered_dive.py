@@ -30,6 +30,8 @@ from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Floats
 
+Array = NDArray[np.float64]
+
 SENSOR = DEFAULT_SENSOR
 """Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
 _LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS, _FLOOR_BRIGHTNESS = 0.035, 0.7, 0.18
@@ -148,13 +150,13 @@ class Dive:
         sharp, soft = (*patterns, none, none)[:2]
         return FloorParts(*(part.reshape(-1, self._size[0], 3) for part in (seen * light.even, soft, sharp)))
 
-    def _on_level_floor(self, time_s: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    def _on_level_floor(self, time_s: float) -> tuple[Array, Array, Array, Array, Array]:
         """Return x, z, footprint, distance [m] and y of the direction (n,) of the pixels below the horizon."""
         width, height = self._size
         view = self.settings.view(width, height, time_s)
-        direction = directions(width, height)[height // 2 :].reshape(-1, 3) @ view.world_from_camera.T
-        distance = (self.scene.floor.height_m - view.position[1]) / direction[:, 1]
-        place = view.position + distance[:, None] * direction
+        direction: Array = directions(width, height)[height // 2 :].reshape(-1, 3) @ view.world_from_camera.T
+        distance = (self.scene.floor.height_m - float(view.position[1])) / direction[:, 1]
+        place = view.position.astype(np.float64) + distance[:, None] * direction
         footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
         return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
 
