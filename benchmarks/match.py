@@ -12,8 +12,6 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
-from math import radians
 from pathlib import Path
 from typing import cast
 
@@ -34,7 +32,6 @@ WATERS: tuple[JerlovType, ...] = ("I", "IA", "IB", "II", "1C")
 ORDER = [str(name) for name in sorted(JERLOV_TYPES, key=lambda name: -visibility_m(Water.jerlov(name)))]
 
 
-@dataclass(frozen=True, slots=True)
 class MatchedDive(DiveSettings):
     """A dive whose dominant wave and direction can be chosen too."""
 
@@ -47,7 +44,7 @@ class MatchedDive(DiveSettings):
         known = DiveSettings(seed=self.seed).sea
         return known.model_copy(
             update={
-                "wind_speed": self.wind_speed_m_s,
+                "wind_speed": self.wind_m_s,
                 "wind_direction_deg": self.direction_deg,
                 "dominant_wavelength_m": self.dominant_m,
             }
@@ -59,12 +56,12 @@ def dive_of(seed: int) -> MatchedDive:
     r = np.random.default_rng([seed, 77])
     camera, height = r.uniform(2.5, 6.0), r.uniform(2.0, 4.5)
     return MatchedDive(
-        camera_depth_m=camera,
-        floor_depth_m=camera + height,
+        depth_m=camera,
+        floor_m=camera + height,
         water=cast("JerlovType", str(r.choice(WATERS))),
-        sun_azimuth_rad=radians(r.uniform(0.0, 360.0)),
-        sun_elevation_rad=radians(r.uniform(40.0, 80.0)),
-        wind_speed_m_s=float(np.exp(r.uniform(np.log(1.5), np.log(6.0)))),
+        sun_azimuth_deg=r.uniform(0.0, 360.0),
+        sun_elevation_deg=r.uniform(40.0, 80.0),
+        wind_m_s=float(np.exp(r.uniform(np.log(1.5), np.log(6.0)))),
         speed_m_s=float(r.choice([0.0, 0.0, 0.4])),
         seed=seed + 500,
         sand_contrast=float(r.uniform(0.3, 2.0)),
@@ -78,7 +75,7 @@ def made(folder: Path, seed: int) -> tuple[MatchedDive, Scene]:
     dive, place = dive_of(seed), folder / f"{seed:02d}"
     if not (place / "truth.json").exists():
         sample_dive(place, dive, width=WIDTH, frames=FRAMES, overwrite=True)
-    assert json.loads((place / "truth.json").read_text())["camera_depth_m"] == dive.camera_depth_m
+    assert json.loads((place / "truth.json").read_text())["camera_depth_m"] == dive.depth_m
     return dive, load_scene(place / "scene.toml")
 
 
@@ -96,10 +93,10 @@ def caustics(folder: Path, seeds: range) -> None:
         wave = match.changes.get("sea.dominant_wavelength_m", np.nan)
         turn = (match.changes.get("sea.wind_direction_deg", np.nan) - dive.direction_deg + 180.0) % 360.0 - 180.0
         sigma = [match.uncertainty.get(f"sea.{key}", np.nan) for key in ("wind_speed", "dominant_wavelength_m")]
-        errors.append((np.log(wind / dive.wind_speed_m_s), np.log(wave / dive.dominant_m), turn))
+        errors.append((np.log(wind / dive.wind_m_s), np.log(wave / dive.dominant_m), turn))
         print(
             f"{seed:4d}  {dive.water:>5s}  {dive.floor_depth_m:4.1f} m"
-            f"  {dive.wind_speed_m_s:5.2f}  {wind:5.2f} {sigma[0]:.2f}"
+            f"  {dive.wind_m_s:5.2f}  {wind:5.2f} {sigma[0]:.2f}"
             f"  {dive.dominant_m:5.2f}  {wave:5.2f} {sigma[1]:.2f}  {turn:5.0f}  {match.confidence:5.2f}"
             f"  {match.distance_before:15.2f}  {match.distance_after:5.2f}  {took:4.0f} s",
             flush=True,

@@ -461,8 +461,7 @@ def section_gain() -> None:
 
     from mr360uw.medium.fit.level import fit_level
     from mr360uw.render.plate_map import level_view
-    from mr360uw.sample.dive_plate import DivePlate
-    from mr360uw.sample.dive_settings import DiveSettings
+    from mr360uw.sample import Dive, DiveSettings
     from mr360uw.sample.recording import record
     from mr360uw.video import open_video
 
@@ -473,8 +472,8 @@ def section_gain() -> None:
     )
     for name in ("IA", "IB", "II", "1C", "3C"):
         for depth, sun in ((4.0, 57.3), (10.0, 35.0)):
-            settings = DiveSettings(depth, depth + 3.5, name, sun_elevation_rad=np.radians(sun))
-            plate = DivePlate(settings, 1024, 512)
+            settings = DiveSettings(depth_m=depth, water=name, sun_elevation_deg=sun)
+            plate = Dive(settings, 1024, 512)
             images = [plate.radiance(k / 6.0) for k in range(4)]
             medium = Medium(Water.jerlov(name), camera_depth_m=depth)
             fits = []
@@ -499,15 +498,14 @@ def section_names() -> None:
     from mr360uw.medium import fit_water
     from mr360uw.medium.fit.waterfit import CONFIDENT
     from mr360uw.render.plate_map import plate_map
-    from mr360uw.sample.dive_plate import DivePlate
-    from mr360uw.sample.dive_settings import DiveSettings
+    from mr360uw.sample import Dive, DiveSettings
 
     rng, found = np.random.default_rng(0), []
     for name in JERLOV_TYPES:
         cells = []
         for depth, sun, above in ((3.0, 70.0, 4.0), (9.0, 35.0, 4.0), (6.0, 50.0, 15.0)):
-            settings = DiveSettings(depth, depth + above, name, sun_elevation_rad=np.radians(sun))
-            shown = plate_map(np.clip(DivePlate(settings, 256, 128).radiance(0.0), 0.0, 1.0))
+            settings = DiveSettings(depth_m=depth, floor_m=depth + above, water=name, sun_elevation_deg=sun)
+            shown = plate_map(np.clip(Dive(settings, 256, 128).radiance(0.0), 0.0, 1.0))
             for balance in (np.ones(3), np.exp(rng.normal(0.0, 0.12, 3))):
                 fit = fit_water(shown * balance, depth)
                 found.append((fit.confidence, fit.water_type == name))

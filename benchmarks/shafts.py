@@ -410,7 +410,9 @@ def dive_picture(file: str) -> None:
     import cv2
 
     with tempfile.TemporaryDirectory() as folder, LivePreview("gl") as preview:
-        path = sample_dive(Path(folder) / "dive", DiveSettings(6.0, 9.5, "II"), width=1600, frames=2).scene
+        path = sample_dive(
+            Path(folder) / "dive", DiveSettings(depth_m=6.0, floor_m=9.5, water="II"), width=1600, frames=2
+        ).scene
         frames = []
         for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH):
             light = preview.frame(load_scene(path, sets), 1).picture.image_linear[100:660, 420:1180]

@@ -21,7 +21,7 @@ from mr360uw.color import luminance
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.optics import refract_to_water
-from mr360uw.sample.dive_plate import DivePlate, DiveSettings
+from mr360uw.sample import Dive, DiveSettings
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit
 
 RADII_DEG = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.0)
@@ -112,11 +112,11 @@ def dive_settings(seed: int) -> DiveSettings:
     rng = np.random.default_rng(seed)
     depth = rng.uniform(2.5, 8.0)
     return DiveSettings(
-        camera_depth_m=depth,
-        floor_depth_m=depth + rng.uniform(2.0, 5.0),
+        depth_m=depth,
+        floor_m=depth + rng.uniform(2.0, 5.0),
         water=("IB", "II")[rng.integers(2)],
-        sun_azimuth_rad=rng.uniform(-np.pi, np.pi),
-        sun_elevation_rad=np.radians(rng.uniform(35.0, 85.0)),
+        sun_azimuth_deg=rng.uniform(-180.0, 180.0),
+        sun_elevation_deg=rng.uniform(35.0, 85.0),
         seed=seed,
     )
 
@@ -130,7 +130,7 @@ def dives(count: int = 30) -> None:
     rows, errors, steps, raw = [], [], [], []
     for seed in range(100, 100 + count):
         settings = dive_settings(seed)
-        truth, plate = refract_to_water(settings.sun_in_air), DivePlate(settings, 512, 256)
+        truth, plate = refract_to_water(settings.sun_in_air), Dive(settings, 512, 256)
         frames = (clipped(plate.radiance(k / 24.0), 1.0) for k in range(48))
         suns = [ibl.measure_sun(ibl.environment(f, underwater=True), k / 24.0) for k, f in enumerate(frames)]
         found = ibl.track_suns(suns)
@@ -141,7 +141,7 @@ def dives(count: int = 30) -> None:
             continue
         error = [angle(d, truth) for d in found.direction]
         step = max(angle(a, b) for a, b in itertools.pairwise(found.direction))
-        elevation = f"{np.degrees(settings.sun_elevation_rad):.0f}"
+        elevation = f"{settings.sun_elevation_deg:.0f}"
         rows.append((seed, settings.water, elevation, float(np.median(seen)), max(error), step))
         errors += [max(error)]
         steps.append(step)

@@ -35,7 +35,7 @@ ALLOWED: dict[str, set[str]] = {
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
-    "sample": {"scene", "caustics", "medium", "caustic_lookup", "video", "progress", "threads"},
+    "sample": {"scene", "ibl", "caustics", "medium", "surface", "video", "progress", "threads"},
     "tune": {
         "match",
         "preview",

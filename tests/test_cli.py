@@ -79,7 +79,7 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert "whale.glb: " in out
     assert "caustics     runs" in out
     assert not (scene.parent / "out.mp4").exists()
-    code, out, _ = run("check", scene, "--set", 'water.type="none"')
+    code, out, _ = run("check", scene, "--set", 'water.type="none"', "--set", 'light.sun="detect"')
     assert code == 0
     assert "caustics     skipped  needs a sun and water" in out
     assert "light     first frame: sun at azimuth" in out or "no sun; best candidate at azimuth" in out

@@ -10,7 +10,8 @@ from pathlib import Path
 import mr360uw
 from mr360uw.from_above.settings import aerial_handbook
 from mr360uw.render.frame import frame_stages
-from mr360uw.scene.handbook import parameters_markdown
+from mr360uw.sample import DiveSettings
+from mr360uw.scene.handbook import parameters_markdown, table_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -18,6 +19,11 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_the_page_of_parameters_is_current() -> None:
     assert (ROOT / "docs" / "parameters.md").read_text("utf-8") == parameters_markdown()
     assert (ROOT / "docs" / "aerial-parameters.md").read_text("utf-8") == aerial_handbook()
+
+
+def test_the_page_of_the_sample_dive_has_its_parameters() -> None:
+    table = "\n".join(table_of("--set", DiveSettings))
+    assert table in (ROOT / "docs" / "sample.md").read_text("utf-8")
 
 
 def test_every_parameter_says_what_it_means() -> None:

@@ -27,9 +27,8 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import plate_light
 from mr360uw.render.plate_pattern import calm_series, plate_pattern
 from mr360uw.render.shots import shot_at
-from mr360uw.sample.dive_light import SENSOR
-from mr360uw.sample.dive_plate import DivePlate, FloorShade
 from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import scene_from_dict
 from mr360uw.sphere import directions, disc_directions, effective_half_angle
 from mr360uw.types import Environment, Floats, Sun
@@ -54,11 +53,24 @@ _RAYS = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FloorShade:
+    """Light that a body leaves on the floor, each (H/2, W) for the rows below the horizon, 0 to 1.
+
+    ambient: fraction of the ambient light. disc: visible fraction of the sun's disc. halo: of the wider disc from which
+    light arrives that the water has scattered forwards.
+    """
+
+    ambient: Floats
+    disc: Floats
+    halo: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ShadedDive:
     """A dive and the light that the ball leaves on its floor. loaded: its scene as a user would write it."""
 
     settings: DiveSettings
-    plate: DivePlate
+    plate: Dive
     exposure: float
     shade: FloorShade
     loaded: Loaded
@@ -67,16 +79,22 @@ class ShadedDive:
     def of(cls, water: str, floor_depth_m: float, elevation_deg: float, sand_contrast: float) -> ShadedDive:
         """Return the dive of a water, a depth, a sun's elevation in air, and a contrast of the sand's albedo."""
         settings = DiveSettings(
-            camera_depth_m=floor_depth_m - ABOVE_M, floor_depth_m=floor_depth_m, water=water,
-            sun_elevation_rad=float(np.radians(elevation_deg)), sand_contrast=sand_contrast,
+            depth_m=floor_depth_m - ABOVE_M, floor_m=floor_depth_m, water=water, sun_elevation_deg=elevation_deg,
+            sand_contrast=sand_contrast, relief=0.0, rocks=0.0, grass=0.0,
         )  # fmt: skip
-        loaded, plate = _loaded(settings), DivePlate(settings, WIDTH, WIDTH // 2)
+        loaded, plate = _loaded(settings), Dive(settings, WIDTH, WIDTH // 2)
         exposure = _FLOOR / float(plate.radiance(0.0)[-WIDTH // 8 :].mean(axis=(0, 1)).max())
         return cls(settings, plate, exposure, _shade(settings, loaded), loaded)
 
     def picture(self, index: int, shade: FloorShade | None = None) -> Floats:
         """Return the light (H, W, 3) of a frame, with or without the ball's shade."""
-        return self.exposure * self.plate.radiance(index / RATE_HZ, shade)
+        time_s = index / RATE_HZ
+        image = self.plate.radiance(time_s).astype(np.float64)
+        if shade is not None:
+            lost, parts = image[WIDTH // 4 :], self.plate.floor_parts(time_s)
+            for share, part in ((shade.ambient, parts.even), (shade.halo, parts.soft), (shade.disc, parts.sharp)):
+                lost -= (1.0 - share)[..., None] * part
+        return self.exposure * image
 
     def frame(self, index: int) -> VideoFrame:
         """Return a recorded frame without the ball."""
@@ -105,7 +123,7 @@ class ShadedDive:
 
     def _light(self) -> Environment:
         """Return an even sky and a sun with the dive's irradiance at the camera."""
-        ambient, beam = self.plate.irradiance(self.settings.camera_depth_m)
+        ambient, beam = self.plate.irradiance(self.settings.depth_m)
         above = directions(COARSE_COLUMNS, COARSE_ROWS)[..., 1:2] > 0.0
         sun = Sun(refract_to_water(self.settings.sun_in_air), beam, _SUN_HALF_ANGLE, 1.0)
         return assemble(np.where(above, ambient / np.pi, 0.0).astype(np.float32), sun)
@@ -113,8 +131,8 @@ class ShadedDive:
 
 def _given(settings: DiveSettings) -> dict[str, float]:
     """Return the sun's direction in the water as a scene gives it."""
-    azimuth, up = settings.sun_azimuth_rad, refract_to_water(settings.sun_in_air)[1]
-    return {"sun_azimuth_deg": float(np.degrees(azimuth)), "sun_elevation_deg": float(np.degrees(np.arcsin(up)))}
+    up = refract_to_water(settings.sun_in_air)[1]
+    return {"sun_azimuth_deg": settings.sun_azimuth_deg, "sun_elevation_deg": float(np.degrees(np.arcsin(up)))}
 
 
 def _loaded(settings: DiveSettings) -> Loaded:
@@ -127,7 +145,7 @@ def _loaded(settings: DiveSettings) -> Loaded:
         scene = scene_from_dict(
             {
                 "plate": "dive.mp4",
-                "camera": {"depth_m": settings.camera_depth_m},
+                "camera": {"depth_m": settings.depth_m},
                 "water": {"type": settings.water, "sensor": SENSOR},
                 "sea": settings.sea.model_dump(exclude_unset=True),
                 "object": [{"mesh": "ball.glb", "position_m": CENTER.tolist(), **look}],

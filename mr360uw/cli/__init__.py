@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import rendering, tools, tuning
+from mr360uw.cli import dives, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -33,7 +33,7 @@ for _command in (
     tuning.tune,
     rendering.check,
     rendering.clean,
-    tools.sample,
+    dives.sample,
     tools.analyse,
     tools.caustics,
     tools.match,

@@ -29,30 +29,6 @@ def new(
     typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
 
 
-def sample(
-    folder: Annotated[Path, typer.Argument(help="folder to make")],
-    width: Annotated[int, typer.Option(help="frame width in pixels; the height is half of it")] = 1024,
-    frames: Annotated[int, typer.Option(help="number of frames")] = 48,
-    seed: Annotated[int, typer.Option(help="seed of sea and sand")] = 1,
-    water: Annotated[str, typer.Option(help="Jerlov type of the water")] = "IB",
-    depth: Annotated[float, typer.Option(help="depth of the camera in metres")] = 4.0,
-    floor: Annotated[float | None, typer.Option(help="depth of the sand in metres; default: 3.5 below")] = None,
-    sun_elevation: Annotated[float, typer.Option(help="of the sun above the surface, in degrees")] = 57.3,
-    sun_azimuth: Annotated[float, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = 34.4,
-    wind: Annotated[float, typer.Option(help="speed of the wind in m/s")] = 3.0,
-    speed: Annotated[float, typer.Option(help="speed in m/s at which the camera swims ahead")] = 0.0,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make a synthetic 360 dive: plate with sound, whale, and a scene file that puts one into the other."""
-    from mr360uw.progress import terminal_progress
-    from mr360uw.sample import DiveSettings, sample_dive
-
-    dive_of = DiveSettings.in_degrees(water, depth, floor, sun_elevation, sun_azimuth, wind, speed, seed)
-    with terminal_progress() as progress:
-        dive = sample_dive(folder, dive_of, width=width, frames=frames, overwrite=overwrite, progress=progress)
-    typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}")
-
-
 def analyse(
     video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,

@@ -13,6 +13,7 @@ clip stays.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -20,7 +21,7 @@ import numpy as np
 
 from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, MINIMUM_SUN_UP
+from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
@@ -28,6 +29,7 @@ from mr360uw.ibl.glossy import glossy_levels
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
+from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words
@@ -40,11 +42,8 @@ from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
-CLEAR_SKY_DIRECT = 0.75
-"""Direct fraction of the irradiance just below the surface, for a high sun in a clear sky."""
 _TYPICAL_SUN_UP = 0.85
 """Sine of the elevation, in the water, of that sun."""
-CLEAR_SKY = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B])
 _SKY_UP = 0.83
 """Sine of elevation in the water of a beam that fades like skylight, the mean of a refracted uniform sky."""
 _THIN_POWER = 20.0
@@ -136,7 +135,7 @@ class LightReader:
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
         depth, share = self._table.camera_depth_m, self._share
-        direct = 1.0 - (1.0 - share) * CLEAR_SKY
+        direct = beam_below(share, _sine_in_air(sun_up, self._refractive_index))
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
@@ -171,6 +170,12 @@ class LightReader:
         """Return the sun of a plate's frame in world axes; None if there is none."""
         sun = self.of(plate, time_s=time_s).sun
         return None if sun is None else replace(sun, direction=self.world_from_camera(time_s) @ sun.direction)
+
+
+def _sine_in_air(sine: float, refractive_index: float) -> float:
+    """Return the sine of the elevation above a flat surface of light with a sine of elevation below it."""
+    along = refractive_index * math.sqrt(max(1.0 - sine * sine, 0.0))
+    return math.sqrt(max(1.0 - along * along, 0.0))
 
 
 def direct_to_diffuse(table: MediumTable) -> float:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from mr360uw.sample.dive import SampleDive, sample_dive
+from mr360uw.sample.dive import SampleDive, check_recording, sample_dive
 from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.rendered_dive import Dive
 
-__all__ = ["DiveSettings", "SampleDive", "sample_dive"]
+__all__ = ["Dive", "DiveSettings", "SampleDive", "check_recording", "sample_dive"]

@@ -8,28 +8,32 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
-from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES, PICTURE
-from mr360uw.sample.dive_light import SENSOR, SUN_SHARE
-from mr360uw.sample.dive_plate import DivePlate
+from mr360uw.sample.camera_noise import with_noise
 from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.recording import record
+from mr360uw.sample.rendered_dive import SENSOR, Dive
+from mr360uw.sample.truth import dive_truth, write_frame_truth
 from mr360uw.sample.whale import write_whale
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
 TRACK = "camera.csv"
 """Name of the file with the camera's motion, beside the scene, where the camera moves."""
+TRUTH_FOLDER = "truth"
+"""Name of the folder with the frames' distances and masks."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleDive:
-    """The files of a sample dive. truth: JSON with the sun's directions, the sea, the water and the depths."""
+    """The files of a sample dive. truth: JSON of `dive_truth`; beside it is the folder `truth` with .npz files."""
 
     plate: Path
     mesh: Path
@@ -45,86 +49,103 @@ def sample_dive(
     frames: int = 48,
     frame_rate: Fraction = Fraction(24),
     seed: int = 1,
+    samples: int = 1,
+    truth: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> SampleDive:
     """Make `folder` with a synthetic 360 clip (sound, spherical metadata), a whale, a scene file and the truth.
 
-    settings: of the dive; seed: of sea and sand without them. width: of the frame, a multiple of 4; the height is half
-    of it. Raises `ParameterError`, `OutputExistsError` or
-    `VideoError`; each file appears when it is complete.
+    settings: of the dive; seed: of sea, floor and noise without them. width: of the frame, a multiple of 4; the height
+    is half of it. samples: rays of a pixel, each axis. truth: distances and masks of every frame, not of the first
+    alone. Raises `ParameterError`, `OutputExistsError` or `VideoError`; each file appears when it is complete.
     """
-    from mr360uw.sample.recording import record
     from mr360uw.scene.template import scene_text
 
-    if width < 64 or width % 4:
-        raise ParameterError(f"width - must be a multiple of 4 from 64 up (got {width}) - take 1024 or 2048")
-    PICTURE.check("width", width * width // 2, ParameterError)
-    FRAMES.check("frames", frames, ParameterError)
-    if frames < 1:
-        raise ParameterError(f"frames - must be at least 1 (got {frames}) - take 48")
     settings = settings if settings is not None else DiveSettings(seed=seed)
+    check_recording(width, frames, samples)
     folder = Path(folder)
-    dive = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
+    made = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
     if not overwrite:
-        for path in (dive.plate, dive.mesh, dive.scene, dive.truth):
+        for path in (made.plate, made.mesh, made.scene, made.truth):
             if path.exists():
                 raise OutputExistsError(f"{path} - is there already - name another folder, or give --overwrite")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whale(dive.mesh)
-    plate = DivePlate(settings, width, width // 2)
+    dive = Dive(settings, width, width // 2, samples=samples)
+    (folder / TRUTH_FOLDER).mkdir(parents=True, exist_ok=True)
+    write_whale(made.mesh)
+    times = [float(index / frame_rate) for index in range(frames)]
+
+    def image(index: int) -> Floats:
+        seen = dive.picture(times[index])
+        if truth or index == 0:
+            write_frame_truth(folder / TRUTH_FOLDER / f"{index:05d}.npz", dive, seen)
+        light = (dive.exposure * seen.radiance).astype(np.float32)
+        return with_noise(light, settings.noise, settings.seed, index)
 
     def images() -> Iterator[Floats]:
-        times = (float(index / frame_rate) for index in range(frames))
-        for index, image in enumerate(prefetch(map(plate.radiance, times), depth=1)):
-            yield image
+        for index, light in enumerate(prefetch(map(image, range(frames)), depth=1)):
+            yield light
             if progress is not None:
                 progress(index + 1, frames)
 
     with one_blas_thread():
-        record(dive.plate, images(), frame_rate, settings.seed)
-    if settings.speed_m_s:
-        write_whole(folder / TRACK, _track(settings, frames, frame_rate))
-    write_whole(dive.truth, json.dumps(_truth(settings, plate), indent=2) + "\n")
-    write_whole(dive.scene, scene_text(dive_scene(settings)))
-    return dive
+        record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
+    if settings.moves:
+        write_whole(folder / TRACK, _track(settings, times))
+    write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")
+    write_whole(made.scene, scene_text(dive_scene(dive)))
+    return made
 
 
-def dive_scene(settings: DiveSettings) -> dict[str, object]:
+def check_recording(width: int, frames: int, samples: int) -> None:
+    """Raise `ParameterError` with a line for each wrong number."""
+    wrong = []
+    if width < 64 or width % 4:
+        wrong.append(f"width - must be a multiple of 4 from 64 up (got {width}) - take 1024 or 2048")
+    if frames < 1:
+        wrong.append(f"frames - must be at least 1 (got {frames}) - take 48")
+    if not 1 <= samples <= 8:
+        wrong.append(f"samples - must be 1 to 8 (got {samples}) - take 1, or 2 for smooth edges")
+    if wrong:
+        raise ParameterError("\n".join(wrong))
+    PICTURE.check("width", width * width // 2, ParameterError)
+    FRAMES.check("frames", frames, ParameterError)
+
+
+def dive_scene(dive: Dive) -> dict[str, object]:
     """Return the keys of the dive's scene that differ from their defaults."""
-    sun_up = float(refract_to_water(settings.sun_in_air)[1])
-    water = {"sun_share": SUN_SHARE, "sun_elevation_deg": round(float(np.degrees(np.arcsin(sun_up))), 3)}
-    track: dict[str, object] = {"track": TRACK} if settings.speed_m_s else {}
+    settings, sun = dive.settings, dive.sun_in_water
+    water: dict[str, Any] = {"type": settings.water, "sensor": SENSOR}
+    light: dict[str, Any] = {}
+    if sun is None:
+        light = {"light": {"sun": "none"}}
+    else:
+        elevation = round(float(np.degrees(np.arcsin(sun[1]))), 3)
+        azimuth = round(float(np.degrees(np.arctan2(sun[0], -sun[2]))), 3)
+        water |= {"sun_share": round(dive.sky.sun_share, 4), "sun_elevation_deg": elevation}
+        light = {"light": {"sun": "given", "sun_azimuth_deg": azimuth, "sun_elevation_deg": elevation}}
+    plate: dict[str, Any] = {"path": "dive.mp4"}
+    if settings.transfer != "srgb":
+        plate["transfer"] = settings.transfer
+    track: dict[str, object] = {"track": TRACK} if settings.moves else {}
     return {
-        "plate": {"path": "dive.mp4"},
-        "camera": {"depth_m": settings.camera_depth_m} | track,
-        "water": {"type": settings.water, "sensor": SENSOR} | water,
+        "plate": plate,
+        "camera": {"depth_m": settings.depth_m} | track,
+        "water": water,
+        **light,
         "sea": settings.sea.model_dump(exclude_unset=True),
         "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "rotation_deg": [-60.0, 4.0, 0.0]}],
-        "receiver": {"height_m": settings.camera_depth_m - settings.floor_depth_m},
+        "receiver": {"height_m": settings.depth_m - settings.floor_depth_m},
     }
 
 
-def _track(settings: DiveSettings, frames: int, frame_rate: Fraction) -> str:
+def _track(settings: DiveSettings, times_s: list[float]) -> str:
     """Return the camera's motion as CSV."""
+    from scipy.spatial.transform import Rotation
+
     rows = ["time_s,x,y,z,qx,qy,qz,qw"]
-    for index in range(frames):
-        time_s = float(index / frame_rate)
-        x, y, z = settings.camera_at(time_s)
-        rows.append(f"{time_s!r},{float(x)!r},{float(y)!r},{float(z)!r},0,0,0,1")
+    for time_s in times_s:
+        position, rotation = settings.camera_at(time_s)
+        numbers = (time_s, *position, *Rotation.from_matrix(rotation).as_quat())
+        rows.append(",".join(repr(float(number)) for number in numbers))
     return "\n".join(rows) + "\n"
-
-
-def _truth(settings: DiveSettings, plate: DivePlate) -> dict[str, object]:
-    return {
-        "sun_direction_in_air": settings.sun_in_air.tolist(),
-        "sun_direction_in_water": refract_to_water(settings.sun_in_air).tolist(),
-        "sun_share_of_surface_irradiance": SUN_SHARE,
-        "camera_depth_m": settings.camera_depth_m,
-        "camera_speed_m_s": settings.speed_m_s,
-        "floor_depth_m": settings.floor_depth_m,
-        "floor_irradiance_over_surface": plate.floor_irradiance.tolist(),
-        "level_radiance_linear": plate.level_radiance.tolist(),
-        "water": settings.water,
-        "sea": settings.sea.model_dump(mode="json"),
-    }

@@ -1,96 +1,152 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a synthetic dive: depths, water, sun, wind, motion of the camera."""
+"""Parameters of a synthetic dive: depths, water, sky, waves, floor, camera, recording."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import degrees, pi, radians
-from typing import cast
+from math import radians
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
+from pydantic import ValidationError, model_validator
 
 from mr360uw.caustics import GerstnerSea
+from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
-from mr360uw.medium.jerlov import JERLOV_TYPES, JerlovType
-from mr360uw.sphere import direction_from_angles
-from mr360uw.types import Floats
+from mr360uw.medium.jerlov import JerlovType
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.sphere import direction_from_angles, yaw_matrix
+from mr360uw.types import Floats, View
 
 _ABOVE_FLOOR_M = 3.5
-"""Height [m] of the camera above the sand where no depth of the sand is given."""
+"""Height [m] of the camera above the floor where no depth of the floor is given."""
+_LEAST_ABOVE_M = 0.2
+"""Least height [m] of the camera over the floor's mean."""
+_TILE_M = 16.0
+"""Side [m] of the square after which the waves repeat."""
+_BOB_S = 4.0
+"""Period [s] in which the camera bobs: that of a light swell."""
 
 
-_SLICK_SLOPE = 0.02
-"""Root mean square slope of the waves that are not drawn. Twice as large, the lines of light are twice as wide."""
+class DiveSettings(Parameters):
+    """Parameters of a dive. Angles of the sun are those above the water."""
 
+    depth_m: float = parameter(4.0, "depth of the camera at the start", unit="m", low=0.05, high=100.0)
+    floor_m: float | None = parameter(
+        None, "mean depth of the floor; none: 3.5 m below the camera", unit="m", low=0.25, high=200.0
+    )
+    water: JerlovType = parameter("IB", "Jerlov type of the water")
+    sky: Literal["clear", "even", "overcast"] = parameter(
+        "clear", "clear: blue, with a glow about the sun; even: the same all over, with a sun; overcast: without one"
+    )
+    sky_map: Path | None = parameter(None, "equirectangular HDR picture of the sky, in place of `sky` and the sun")
+    sun_elevation_deg: float = parameter(57.3, "elevation of the sun", unit="deg", low=3.0, high=90.0)
+    sun_azimuth_deg: float = parameter(
+        34.4, "azimuth of the sun, 0 = ahead, + = right", unit="deg", low=-360.0, high=360.0
+    )
+    sun_share: float | None = parameter(
+        None, "fraction of the light below the surface that is the sun's; none: as its elevation gives it", unit="1",
+        above=0.0, high=0.95,
+    )  # fmt: skip
+    wind_m_s: float = parameter(3.0, "speed of the wind", unit="m/s", low=0.3, high=15.0)
+    wind_direction_deg: float = parameter(35.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
+    detail_slope: float = parameter(
+        0.02, "root mean square slope of ripples that are not drawn: they widen the lines of light", unit="1", low=0.0,
+        high=0.5,
+    )  # fmt: skip
+    relief: float = parameter(
+        1.0, "factor on the heights of sand, rocks and grass; 0: level", unit="1", low=0.0, high=2.0
+    )
+    sand_albedo: float = parameter(
+        0.34, "albedo of the sand in green: 0.1 volcanic, 0.5 white", unit="1", low=0.01, high=0.8
+    )
+    sand_contrast: float = parameter(
+        1.0, "contrast of the sand's albedo: 1 ordinary, 0 even, 3 stones", unit="1", low=0.0, high=5.0
+    )
+    rocks: float = parameter(0.06, "fraction of the floor under rocks", unit="1", low=0.0, high=0.7)
+    grass: float = parameter(0.1, "fraction of the floor under sea grass", unit="1", low=0.0, high=0.9)
+    speed_m_s: float = parameter(0.0, "speed at which the camera swims ahead", unit="m/s", low=-10.0, high=10.0)
+    yaw_deg_s: float = parameter(0.0, "rate at which the camera turns right", unit="deg/s", low=-90.0, high=90.0)
+    bob_m: float = parameter(
+        0.0, "amplitude of the camera's bobbing, with a period of 4 s", unit="m", low=0.0, high=2.0
+    )
+    stops: float = parameter(0.0, "exposure over the automatic one", unit="stops", low=-10.0, high=10.0)
+    transfer: Literal["srgb", "bt709"] = parameter("srgb", "transfer curve of the codes")
+    bits: Literal[8, 10] = parameter(8, "bits of a code")
+    noise: float = parameter(
+        0.0, "variance of the sensor's noise over that of a small camera in good light", unit="1", low=0.0, high=16.0
+    )
+    seed: int = parameter(1, "seed of waves, floor and noise", low=0, high=2**31 - 1)
 
-@dataclass(frozen=True, slots=True)
-class DiveSettings:
-    """Parameters of the dive.
-
-    Depths below the mean surface [m], angles of the sun above the surface [rad], speed of the wind and of the camera,
-    which swims straight ahead [m/s]. sand_contrast: of the sand's albedo, 1 ordinary, 0 an even floor, 3 stones. Raises
-    `ParameterError`.
-    """
-
-    camera_depth_m: float = 4.0
-    floor_depth_m: float = 7.5
-    water: JerlovType = "IB"
-    sun_azimuth_rad: float = radians(34.4)
-    sun_elevation_rad: float = radians(57.3)
-    wind_speed_m_s: float = 3.0
-    speed_m_s: float = 0.0
-    seed: int = 1
-    sand_contrast: float = 1.0
-
-    def __post_init__(self) -> None:
-        camera, floor, sun = self.camera_depth_m, self.floor_depth_m, self.sun_elevation_rad
-        if self.water not in JERLOV_TYPES:
-            raise ParameterError(f"water - no such type (got {self.water!r}) - take one of {', '.join(JERLOV_TYPES)}")
-        if not 0.05 <= camera <= 100.0:
-            raise ParameterError(f"depth - is out of range (got {camera:g} m) - give 0.05 to 100")
-        if not camera + 0.2 <= floor <= 200.0:
-            raise ParameterError(f"floor - must lie below the camera (got {floor:g} m) - give {camera + 0.2:g} to 200")
-        if not radians(3.0) <= sun <= pi / 2.0:
-            raise ParameterError(f"sun elevation - is out of range (got {degrees(sun):g} degrees) - give 3 to 90")
-        if not np.isfinite(self.sun_azimuth_rad):
-            raise ParameterError(f"sun azimuth - must be finite (got {self.sun_azimuth_rad}) - give an angle")
-        if self.seed < 0:
-            raise ParameterError(f"seed - must be 0 or more (got {self.seed}) - give another whole number")
-        if not 0.3 <= self.wind_speed_m_s <= 15.0:
-            raise ParameterError(f"wind - is out of range (got {self.wind_speed_m_s:g} m/s) - give 0.3 to 15")
-        if not abs(self.speed_m_s) <= 10.0:
-            raise ParameterError(f"speed - is out of range (got {self.speed_m_s:g} m/s) - give -10 to 10")
+    @model_validator(mode="after")
+    def _afloat(self) -> Self:
+        lowest = self.depth_m + self.bob_m + _LEAST_ABOVE_M
+        if self.floor_depth_m < lowest:
+            raise ValueError(
+                f"floor_m - must lie below the camera (got {self.floor_depth_m:g} m) - give at least {lowest:g}"
+            )
+        if self.bob_m > 0.0 and self.bob_m > self.depth_m - 0.05:
+            raise ValueError(
+                f"bob_m - takes the camera out of the water (got {self.bob_m:g} m) - give less than {self.depth_m:g}"
+            )
+        return self
 
     @classmethod
-    def in_degrees(
-        cls,
-        water: str,
-        depth_m: float,
-        floor_m: float | None,
-        sun_elevation_deg: float,
-        sun_azimuth_deg: float,
-        wind_m_s: float,
-        speed_m_s: float,
-        seed: int,
-    ) -> DiveSettings:
-        """Return the parameters with angles in degrees. floor_m: None for 3.5 m below the camera."""
-        floor = depth_m + _ABOVE_FLOOR_M if floor_m is None else floor_m
-        angles = radians(sun_azimuth_deg), radians(sun_elevation_deg)
-        return cls(depth_m, floor, cast("JerlovType", water), *angles, wind_m_s, speed_m_s, seed)
+    def of(cls, preset: str | None = None, **options: Any) -> DiveSettings:
+        """Return a preset's parameters (the defaults for None) with options that differ; None counts as not given.
+
+        Raises `ParameterError` with a line for each problem.
+        """
+        from mr360uw.sample.named_dives import preset_of
+        from mr360uw.scene.problems import problems
+
+        given = {name: value for name, value in options.items() if value is not None}
+        lines, base = [], {}
+        try:
+            base = {} if preset is None else preset_of(preset)
+        except ParameterError as error:
+            lines.append(str(error))
+        try:
+            settings = cls.model_validate(base | given)
+        except ValidationError as error:
+            lines += [line.removeprefix("dive ").lstrip(" -") for line in problems(error, cls, "dive", {})]
+        if lines:
+            raise ParameterError("\n".join(lines))
+        return settings
+
+    @property
+    def floor_depth_m(self) -> float:
+        """Mean depth of the floor [m]."""
+        return self.depth_m + _ABOVE_FLOOR_M if self.floor_m is None else self.floor_m
 
     @property
     def sun_in_air(self) -> Floats:
-        """Unit direction towards the sun, above the surface."""
-        return direction_from_angles(self.sun_azimuth_rad, self.sun_elevation_rad)
+        """Unit direction (3,) towards the sun, above the surface; of a map of the sky it is in the map."""
+        return direction_from_angles(radians(self.sun_azimuth_deg), radians(self.sun_elevation_deg))
 
     @property
     def sea(self) -> GerstnerSea:
         """The surface of the dive, with few ripples, as under a natural slick (Cox & Munk 1954)."""
         return GerstnerSea(
-            wind_speed=self.wind_speed_m_s, wind_direction_deg=35.0, tile_m=16.0, seed=self.seed,
-            detail_slope=_SLICK_SLOPE,
+            wind_speed=self.wind_m_s, wind_direction_deg=self.wind_direction_deg, tile_m=_TILE_M, seed=self.seed,
+            detail_slope=self.detail_slope,
         )  # fmt: skip
 
-    def camera_at(self, time_s: float) -> Floats:
-        """Return the position (3,) [m] of the camera, which swims straight ahead."""
-        return np.array([0.0, 0.0, -self.speed_m_s * time_s])
+    @property
+    def moves(self) -> bool:
+        """Whether the camera does."""
+        return bool(self.speed_m_s or self.yaw_deg_s or self.bob_m)
+
+    def camera_at(self, time_s: float) -> tuple[Floats, Floats]:
+        """Return position (3,) [m] and rotation (3, 3) of the camera, which swims where it looks."""
+        rate = radians(self.yaw_deg_s)
+        turned = rate * time_s
+        ahead = time_s if abs(turned) < 1e-9 else np.sin(turned) / rate
+        aside = 0.5 * turned * time_s if abs(turned) < 1e-9 else (1.0 - np.cos(turned)) / rate
+        up = self.bob_m * np.sin(2.0 * PI * time_s / _BOB_S)
+        place = np.array([self.speed_m_s * aside, up, -self.speed_m_s * ahead])
+        return place, yaw_matrix(turned)
+
+    def view(self, width: int, height: int, time_s: float) -> View:
+        """Return the camera at a time: the world's origin is where it starts."""
+        return View(width, height, *self.camera_at(time_s), surface_y_m=self.depth_m)

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from mr360uw.color import encode, ycbcr_from_rgb
+from mr360uw.color import Transfer, encode, ycbcr_from_rgb
 from mr360uw.files import whole_file
 from mr360uw.types import Floats
 
@@ -17,14 +18,18 @@ _SOUND_RATE_HZ = 48_000
 _TONE_HZ = 110.0
 _BT709 = 1
 """FFmpeg's number of BT.709 among matrices, primaries and transfer curves."""
+_FORMATS = {8: "yuv420p", 10: "yuv420p10le"}
 _LIMITED = 1
 """FFmpeg's number of limited range (16 to 235)."""
 
 
-def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int) -> int:
+def record(
+    path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int, transfer: Transfer = "srgb",
+    bits: Literal[8, 10] = 8,
+) -> int:  # fmt: skip
     """Write linear images (H, W, 3) as an MP4 with a tone of the same length; return how many there were.
 
-    Values above 1 clip, as in a camera. The file appears when it is complete.
+    Values above 1 clip, as in a camera. transfer, bits: of the codes. The file appears when it is complete.
     """
     from mr360uw.video import SphericalMetadata, write_spherical
     from mr360uw.video.read.probe import create_local
@@ -35,14 +40,14 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
             sound = container.add_stream("aac", rate=_SOUND_RATE_HZ)
             sound.layout = "mono"
             video = container.add_stream("libx264", rate=frame_rate, options={"crf": "14", "preset": "veryfast"})
-            video.pix_fmt = "yuv420p"
+            video.pix_fmt = _FORMATS[bits]
             context = video.codec_context
             context.colorspace = context.color_primaries = context.color_trc = _BT709
             context.color_range = _LIMITED
             for image in images:
                 if count == 0:
                     video.height, video.width = image.shape[:2]
-                container.mux(video.encode(_picture(image, count, seed)))
+                container.mux(video.encode(_picture(image, transfer, bits, (seed, count))))
                 count += 1
             container.mux(video.encode(None))
             samples = int(_SOUND_RATE_HZ * count / frame_rate)
@@ -53,22 +58,23 @@ def record(path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int
     return count
 
 
-def _picture(image: Floats, index: int, seed: int) -> object:
-    """Return a frame of 8-bit planes, 4:2:0, limited range, each with a dither of its own.
+def _picture(image: Floats, transfer: Transfer, bits: Literal[8, 10], seed: tuple[int, int]) -> object:
+    """Return a frame of planes, 4:2:0, limited range, each with a dither of its own.
 
     Dither goes onto Y', Cb and Cr, not onto RGB: in deep blue water a step of Cr is a tenth of the red.
     """
     import av
 
-    code = encode(np.clip(image, 0.0, 1.0), "srgb").astype(np.float32)
+    code = encode(np.clip(image, 0.0, 1.0), transfer).astype(np.float32)
     luma, blue, red = np.moveaxis(code @ ycbcr_from_rgb("bt709").T.astype(np.float32), -1, 0)
-    rng = np.random.default_rng((seed, index))
-    frame = av.VideoFrame(code.shape[1], code.shape[0], "yuv420p")
+    rng = np.random.default_rng(seed)
+    frame = av.VideoFrame(code.shape[1], code.shape[0], _FORMATS[bits])
+    step, kind = 2 ** (bits - 8), np.uint8 if bits == 8 else np.uint16
     for plane, values in zip(
         frame.planes, (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))), strict=True
     ):
-        codes = np.clip(np.floor(values + rng.random(values.shape, np.float32)), 1, 254).astype(np.uint8)
-        rows = np.zeros((plane.height, plane.line_size), np.uint8)
+        codes = np.clip(np.floor(step * values + rng.random(values.shape, np.float32)), step, 255 * step - 1)
+        rows = np.zeros((plane.height, plane.line_size // np.dtype(kind).itemsize), kind)
         rows[:, : plane.width] = codes
         plane.update(rows.tobytes())
     return frame

@@ -22,11 +22,12 @@ def parameters_markdown(
         key = field.alias or name
         repeated = isinstance(field.default, tuple)
         for model in models_of(field.annotation):
-            lines += _section(f"[[{key}]]" if repeated else f"[{key}]", model)
+            lines += table_of(f"[[{key}]]" if repeated else f"[{key}]", model)
     return "\n".join(lines) + "\n"
 
 
-def _section(header: str, model: type[BaseModel]) -> list[str]:
+def table_of(header: str, model: type[BaseModel]) -> list[str]:
+    """Return the lines of a heading and a table of a model's parameters, and those of the models in it."""
     summary = (model.__doc__ or "").strip().splitlines()[0]
     lines = [
         "",
@@ -46,7 +47,7 @@ def _section(header: str, model: type[BaseModel]) -> list[str]:
         cells = (f"`{field.alias or name}`", _default(field), allowed, field.description or "")
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     for path, inner_model in nested:
-        lines += _section(f"[[{path}]]", inner_model)
+        lines += table_of(f"[[{path}]]", inner_model)
     return lines
 
 

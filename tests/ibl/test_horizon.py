@@ -49,10 +49,10 @@ def test_water_without_a_window_tells_nothing(side: float) -> None:
 
 
 def test_a_dive_is_levelled_by_its_clip() -> None:
-    from mr360uw.sample.dive_plate import DivePlate
-    from mr360uw.sample.dive_settings import DiveSettings
+    from mr360uw.sample import Dive
+    from tests.dives import over_sand
 
-    plate = DivePlate(DiveSettings(camera_depth_m=8.0, floor_depth_m=20.0, water="IB"), 256, 128)
+    plate = Dive(over_sand(depth_m=8.0, floor_m=20.0, water="IB"), 256, 128)
     lights = [ibl.environment(np.clip(plate.radiance(t), 0.0, 1.0).astype(np.float32)) for t in (0.0, 2.1, 4.7)]
     found = clip_horizon([estimate_horizon(light.residual) for light in lights])
     assert found is not None

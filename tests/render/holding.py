@@ -23,13 +23,14 @@ from mr360uw.render.first_pass import first_pass
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import load
 from mr360uw.sample.dive import dive_scene
-from mr360uw.sample.dive_plate import DivePlate
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.recording import record
+from mr360uw.sample.rendered_dive import Dive
 from mr360uw.scene import scene_from_dict
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import open_video
+from tests.dives import over_sand
 
 ABOVE_SAND_M = 2.0
 HALF_SIDE_M = 1.0
@@ -70,8 +71,8 @@ def held(
     direction; waves displace the glitter of a clip of one second by degrees.
     """
     camera_m, height = depth_m - ABOVE_SAND_M, width // 2
-    settings = DiveSettings(camera_m, depth_m, water, sun_elevation_rad=float(np.radians(sun_deg)))
-    plate = DivePlate(settings, width, height)
+    settings = over_sand(depth_m=camera_m, floor_m=depth_m, water=water, sun_elevation_deg=sun_deg)
+    plate = Dive(settings, width, height)
     images = [plate.radiance(k / 6.0) for k in range(frames)]
     (folder / "dive.mp4").unlink(missing_ok=True)
     record(folder / "dive.mp4", images, Fraction(6), settings.seed)
@@ -85,7 +86,7 @@ def held(
         "casts_shadow": False,
     }  # fmt: skip
     light = {"light": given_sun(settings)} if sun_known else {}
-    scene = scene_from_dict(dive_scene(settings) | light | {"object": [card], "draw": {"samples": 5}}, folder)
+    scene = scene_from_dict(dive_scene(plate) | light | {"object": [card], "draw": {"samples": 5}}, folder)
     backend, _ = make_backend("reference")
     shown, covered = np.zeros(3), np.zeros(3)
     with open_video(folder / "dive.mp4") as video:
@@ -103,8 +104,7 @@ def held(
 def given_sun(settings: DiveSettings) -> dict[str, object]:
     """Return the keys of a scene's light that give the direction of a dive's sun, as the camera sees it."""
     elevation = float(np.degrees(np.arcsin(refract_to_water(settings.sun_in_air)[1])))
-    azimuth = float(np.degrees(settings.sun_azimuth_rad))
-    return {"sun": "given", "sun_azimuth_deg": azimuth, "sun_elevation_deg": elevation}
+    return {"sun": "given", "sun_azimuth_deg": settings.sun_azimuth_deg, "sun_elevation_deg": elevation}
 
 
 def _rounding(image: Floats, settings: DiveSettings, under: NDArray[np.bool_]) -> Floats:

@@ -20,15 +20,14 @@ from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.sample.dive_light import SENSOR
-from mr360uw.sample.dive_plate import DivePlate
-from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.recording import record
+from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb
+from tests.dives import over_sand
 from tests.scenes import scene_with
 from tests.tolerances import CHROMA_STEP, FLOAT32, FLOAT64, GAIN, GAIN_FLICKER, GAIN_OF_CLEAR, GAIN_OF_DIVE
 
@@ -201,8 +200,8 @@ def test_the_gain_of_a_dive_over_sand_is_that_of_its_water(
     tmp_path: Path, water_type: JerlovType, right: float
 ) -> None:
     # in IB sand shows through 40 m of water: with rows within 12 degrees of the horizon the gain was 1.4 times too high
-    settings = DiveSettings(camera_depth_m=8.0, floor_depth_m=11.5, water=water_type)
-    plate = DivePlate(settings, 1024, 512)
+    settings = over_sand(depth_m=8.0, floor_m=11.5, water=water_type)
+    plate = Dive(settings, 1024, 512)
     record(tmp_path / "dive.mp4", [plate.radiance(0.0)], Fraction(24), 1)
     with uw.open_video(tmp_path / "dive.mp4") as video:
         frame = next(iter(video.frames()))

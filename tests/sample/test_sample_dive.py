@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,45 +14,60 @@ from mr360uw.caustics import GerstnerSea
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.color import luminance
 from mr360uw.composite import read_camera_track
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water, bands
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.optics import refract_to_water
+from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
 from mr360uw.sample import sample_dive
-from mr360uw.sample.dive_light import SENSOR, SKY_COLOR, SUN_SHARE, DiveLight
-from mr360uw.sample.dive_plate import DivePlate
+from mr360uw.sample.camera_noise import with_noise
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.sand import sand_albedo
+from mr360uw.sample.dive_sky import dive_sky
+from mr360uw.sample.named_dives import PRESETS
+from mr360uw.sample.relief_shade import relief_shade
+from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import load_scene
-from mr360uw.sphere import directions, row_solid_angle
-from tests.tolerances import DIVE_FLOOR, DIVE_SAND, DIVE_SUN_SHARE, DIVE_WHITE, FLOAT32_LOOKUP
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
+from mr360uw.video import open_video, write_exr
+from tests.dives import LEVEL_SAND, over_sand
+from tests.tolerances import DIVE_FLOOR, DIVE_SAND, DIVE_SUN_SHARE, DIVE_WHITE, FLOAT64
 
-WIDTH, HEIGHT = 512, 256
+WIDTH, HEIGHT, SAMPLES = 128, 64, 6
+GLOW_RAD = 0.1
+"""Radius about the sun within which its light falls: its disc, spread by ripples that tilt by 0.02."""
 
 
 class CalmDive(DiveSettings):
-    """A dive in a flat sea."""
+    """A dive in a flat sea, with ripples that spread the sun's image over several samples."""
 
     @property
     def sea(self) -> GerstnerSea:
-        return GerstnerSea(explicit_waves=(GerstnerWave(wave_vector=(1.0, 0.0), amplitude_m=0.0),))
+        return GerstnerSea(explicit_waves=(GerstnerWave(wave_vector=(1.0, 0.0), amplitude_m=0.0),), detail_slope=0.02)
 
 
 @pytest.fixture(scope="module")
-def flux() -> np.ndarray:
-    """What pixels (H, W, 3) bring from above, just under a flat sea; the sun is ahead."""
-    settings = CalmDive(camera_depth_m=0.05, sun_azimuth_rad=0.0)
-    image = DivePlate(settings, WIDTH, HEIGHT).radiance(0.0).astype(np.float64)
+def calm() -> Dive:
+    """A camera just under a flat sea, over a black floor; the sun is ahead."""
+    return Dive(
+        CalmDive(**LEVEL_SAND, depth_m=0.05, floor_m=100.0, sun_azimuth_deg=0.0), WIDTH, HEIGHT, samples=SAMPLES
+    )
+
+
+@pytest.fixture(scope="module")
+def flux(calm: Dive) -> np.ndarray:
+    """What pixels (H, W, 3) bring from above."""
+    image = calm.picture(0.0).radiance
     return image * np.maximum(directions(WIDTH, HEIGHT)[..., 1:2], 0.0) * row_solid_angle(WIDTH, HEIGHT)[:, None, None]
 
 
-def test_the_picture_holds_the_suns_share(flux: np.ndarray) -> None:
-    down = flux.sum(axis=0)
-    # the sky is as bright ahead as behind
-    ahead = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2) < WIDTH / 4
-    total, behind = luminance(down.sum(axis=0)), luminance(down[~ahead].sum(axis=0))
-    assert 1.0 - 2.0 * behind / total == pytest.approx(SUN_SHARE, abs=DIVE_SUN_SHARE)
+def test_the_picture_holds_the_suns_share(calm: Dive, flux: np.ndarray) -> None:
+    cosine = directions(WIDTH, HEIGHT) @ calm.sun_in_water
+    # the sky about the sun is a smooth glow: the ring of twice the radius has three times the area
+    disc, ring = (cosine > np.cos(GLOW_RAD)), (cosine <= np.cos(GLOW_RAD)) & (cosine > np.cos(2.0 * GLOW_RAD))
+    sun = luminance(flux[disc].sum(axis=0)) - luminance(flux[ring].mean(axis=0)) * np.count_nonzero(disc)
+    share = sun / luminance(flux.sum(axis=(0, 1)))
+    assert share == pytest.approx(calm.sky.sun_share, abs=DIVE_SUN_SHARE)
 
 
 def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:
@@ -62,7 +77,7 @@ def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:
 
 @pytest.mark.parametrize("water", ["IB", "II", "1C", "3C"])
 def test_the_floor_gets_all_of_the_solved_light(water: JerlovType) -> None:
-    settings = CalmDive(water=water, camera_depth_m=4.0, floor_depth_m=9.0)
+    settings = CalmDive(**LEVEL_SAND, water=water, depth_m=4.0, floor_m=9.0)
     sun_up = float(refract_to_water(settings.sun_in_air)[1])
     of, observed = Water.jerlov(water), bands(61, named_sensor(SENSOR))
     nm = observed.wavelength_nm
@@ -70,33 +85,36 @@ def test_the_floor_gets_all_of_the_solved_light(water: JerlovType) -> None:
         LightField(of.absorption(nm), of.scattering(nm), of.moments(nm, 65), sky=kind)
         for kind in ("uniform", ("sun", sun_up, 1.0))
     )
-    expected = (SKY_COLOR * (sky.irradiance(9.0, 1.0) @ observed.lobes)
-                + (1.0 - SKY_COLOR) * (sun.irradiance(9.0, 1.0) @ observed.lobes))  # fmt: skip
-    plate = DivePlate(settings, 256, 128)
+    plate = Dive(settings, 128, 64)
+    expected = (plate.sky.sky_below * (sky.irradiance(9.0, 1.0) @ observed.lobes)
+                + plate.sky.sun_below * (sun.irradiance(9.0, 1.0) @ observed.lobes))  # fmt: skip
+    # what the sand sends up comes back from the surface, again and again
+    albedo, camera = plate.scene.floor.mean_albedo, plate.scene.water.seen_from(4.0)
+    passed = plate.scene.water.along(np.array([9.0]), np.array([-1.0]), False)[0][0]
+    expected /= 1.0 - albedo * diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, -2.0 * np.log(passed))
     np.testing.assert_allclose(plate.floor_irradiance, expected, rtol=DIVE_FLOOR)
     # without waves the pattern is 1, and the picture holds albedo, irradiance, water and veil
     straight_down = plate.radiance(0.0)[-1].mean(axis=0)
-    light = DiveLight(water, 4.0, sun_up)
-    under = np.array(5.0), np.array(-1.0)
-    sand = sand_albedo(settings.seed).mean(axis=(0, 1)) / np.pi * expected
-    exposure = plate.level_radiance / light.veil(np.array(1e6), np.array(0.0))
-    seen = exposure * (light.veil(*under) + light.transmittance(*under) * sand)
+    transmittance, veil = camera.along(np.array([5.0]), np.array([-1.0]), True)
+    seen = plate.exposure * (veil + transmittance * albedo / np.pi * expected)[0]
     np.testing.assert_allclose(straight_down, seen, rtol=DIVE_SAND)
 
 
 def test_a_camera_that_swims_sees_what_lies_ahead() -> None:
-    settings = replace(DiveSettings(), speed_m_s=2.0)
-    at_rest = DivePlate(DiveSettings(), 256, 128)
-    moved, still = DivePlate(settings, 256, 128).radiance(8.0), at_rest.radiance(8.0)
-    np.testing.assert_array_equal(settings.camera_at(8.0), [0.0, 0.0, -16.0])
-    # the sea repeats after 16 m, the sand after 6 m
-    np.testing.assert_allclose(moved[:64], still[:64], atol=FLOAT32_LOOKUP)
-    assert np.abs(moved[64:] - still[64:]).max() > 100.0 * FLOAT32_LOOKUP
-    assert np.abs(DivePlate(settings, 256, 128).radiance(1.0)[:64] - at_rest.radiance(1.0)[:64]).max() > 0.01
+    moving, resting = (Dive(over_sand(speed_m_s=speed), 128, 64) for speed in (2.0, 0.0))
+    moved, still = (dive.picture(8.0) for dive in (moving, resting))
+    np.testing.assert_array_equal(moving.settings.camera_at(8.0)[0], [0.0, 0.0, -16.0])
+    # the sea repeats after 16 m, the floor after 12 m
+    np.testing.assert_allclose(moved.distance_m, still.distance_m, rtol=FLOAT64)
+    np.testing.assert_allclose(moved.normal, still.normal, atol=FLOAT64)
+    assert np.abs(moving.radiance(8.0)[32:] - resting.radiance(8.0)[32:]).max() > 0.01
+    assert np.abs(moving.radiance(1.0)[:32] - resting.radiance(1.0)[:32]).max() > 0.01
 
 
 def test_a_dive_of_other_water_and_sun_is_its_own_scene(tmp_path: Path) -> None:
-    settings = DiveSettings.in_degrees("1C", 5.0, None, 30.0, -90.0, 5.0, 0.5, 3)
+    settings = DiveSettings(
+        water="1C", depth_m=5.0, sun_elevation_deg=30.0, sun_azimuth_deg=-90.0, wind_m_s=5.0, speed_m_s=0.5, seed=3
+    )
     made = sample_dive(tmp_path, settings, width=64, frames=3)
     scene = load_scene(made.scene)
     assert (scene.water.type, scene.camera.depth_m, scene.receiver.height_m) == ("1C", 5.0, -3.5)
@@ -106,6 +124,97 @@ def test_a_dive_of_other_water_and_sun_is_its_own_scene(tmp_path: Path) -> None:
     assert np.arcsin(truth["sun_direction_in_water"][1]) == pytest.approx(
         np.radians(scene.water.sun_elevation_deg), abs=1e-4
     )
-    for wrong in (("XX", 5.0, None, 30.0), ("IB", 0.0, None, 30.0), ("IB", 5.0, 4.0, 30.0), ("IB", 5.0, None, 1.0)):
-        with pytest.raises(ParameterError, match="got"):
-            DiveSettings.in_degrees(*wrong, 0.0, 3.0, 0.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "lines"),
+    [
+        ({"water": "XX", "sun_elevation_deg": 1.0}, 2),
+        ({"depth_m": 0.0}, 1),
+        ({"floor_m": 4.0, "depth_m": 5.0}, 1),
+        ({"preset": "reff", "noise": -1.0, "rocks": 2.0}, 3),
+        ({"bob_m": 1.5, "depth_m": 1.0}, 1),
+        ({"depths_m": 1.0}, 1),
+    ],
+)
+def test_every_wrong_parameter_has_its_line(wrong: dict[str, Any], lines: int) -> None:
+    with pytest.raises(ParameterError, match="got") as caught:
+        DiveSettings.of(**wrong)
+    assert len(str(caught.value).splitlines()) == lines
+
+
+def test_presets_differ_and_can_be_dived() -> None:
+    settings = [DiveSettings.of(name) for name in PRESETS]
+    assert len({(s.water, s.sky, s.depth_m) for s in settings}) == len(PRESETS)
+    assert DiveSettings.of("reef", rocks=0.5, wind_m_s=None).rocks == 0.5
+    assert DiveSettings.of("reef").wind_m_s == PRESETS["reef"]["wind_m_s"]
+
+
+def test_a_turning_camera_swims_where_it_looks() -> None:
+    settings = DiveSettings(speed_m_s=2.0, yaw_deg_s=30.0, bob_m=0.2)
+    step = 1e-5
+    (before, _), (here, rotation), (after, _) = (settings.camera_at(1.0 + k * step) for k in (-1, 0, 1))
+    velocity = (after - before) / (2.0 * step)
+    np.testing.assert_allclose(velocity[[0, 2]], 2.0 * (rotation @ [0.0, 0.0, -1.0])[[0, 2]], atol=1e-6)
+    assert abs(here[1]) <= 0.2
+
+
+@pytest.mark.parametrize("elevation_deg", [5.0, 30.0, 70.0])
+def test_a_clear_sky_and_its_sun_bring_daylight(elevation_deg: float) -> None:
+    sky = dive_sky(DiveSettings(sun_elevation_deg=elevation_deg))
+    assert luminance(sky.sky_below + sky.sun_below) == pytest.approx(1.0, abs=DIVE_WHITE)
+    assert sky.sun is not None
+    assert np.all(np.diff(sky.sun.irradiance / sky.sky_below) < 0.0)  # the sun is redder than its sky
+
+
+def test_the_sun_of_a_picture_of_the_sky_is_found(tmp_path: Path) -> None:
+    toward = direction_from_angles(np.radians(40.0), np.radians(35.0))
+    view = directions(256, 128)
+    image = np.full((128, 256, 3), 0.2, np.float32) * [0.7, 1.0, 1.4]
+    image[np.arccos(np.clip(view @ toward, -1.0, 1.0)) < 0.025] += 3000.0
+    write_exr(tmp_path / "sky.exr", image.astype(np.float32))
+    sky = dive_sky(DiveSettings(sky_map=tmp_path / "sky.exr"))
+    assert sky.sun is not None
+    assert sky.sun.direction @ toward > np.cos(0.01)
+    np.testing.assert_allclose(luminance(sky.sky_below + sky.sun_below), 1.0, atol=FLOAT64)
+    np.testing.assert_allclose(sky.dome / sky.dome[0, 0], 1.0, rtol=1e-5)  # float32; the sun has left it
+
+
+def test_relief_shades_and_keeps_level_ground() -> None:
+    sun, beam = np.array([0.6, 0.8, 0.0]), np.full(3, 0.7)
+    np.testing.assert_allclose(relief_shade(np.zeros((16, 16)), 12.0, sun, beam), 1.0, atol=1e-6)  # float32
+    wall = np.zeros((64, 64))
+    wall[:, 32:36] = 1.0
+    shade = relief_shade(wall, 12.0, sun, beam)[32, :, 1]
+    assert shade[31] < 0.7 * 0.3 + 0.3  # in its shadow, towards -x
+    assert shade[42] > shade[31]
+    np.testing.assert_allclose(shade[16], 1.0, atol=0.1)
+
+
+def test_noise_is_that_of_photons_and_reading() -> None:
+    even = np.full((128, 256, 3), 0.2, np.float32)
+    noisy = with_noise(even, 4.0, 3, 5)
+    np.testing.assert_array_equal(noisy, with_noise(even, 4.0, 3, 5))
+    expected = np.sqrt(4.0 * (0.2 / 6000.0 + (3.0 / 6000.0) ** 2))
+    np.testing.assert_allclose((noisy - even).std(), expected, rtol=0.02)  # of 1e5 numbers: 0.2 %
+    assert with_noise(even, 0.0, 3, 5) is even
+
+
+def test_the_truth_of_every_frame(tmp_path: Path) -> None:
+    settings = DiveSettings(sky="overcast", bits=10, transfer="bt709", noise=1.0, yaw_deg_s=20.0, relief=0.0)
+    made = sample_dive(tmp_path, settings, width=64, frames=2, truth=True)
+    truth = json.loads(made.truth.read_text())
+    assert truth["sun_direction_in_water"] is None
+    dive = Dive(settings, 64, 32)
+    with open_video(made.plate, transfer="bt709") as video, np.load(tmp_path / "truth" / "00001.npz") as maps:
+        frame = list(video.frames())[1]
+        assert frame.spec.bits == 10
+        assert maps["floor"][20:].all()
+        seen = maps["radiance"].astype(np.float64)
+        np.testing.assert_allclose(seen, dive.radiance(truth["frames"][1]["time_s"]), rtol=1e-3, atol=1e-5)  # half
+        np.testing.assert_allclose(
+            luminance(frame.image_linear[20:].mean(axis=(0, 1))), luminance(seen[20:].mean(axis=(0, 1))), rtol=0.02
+        )  # of a codec that is lossy
+        np.testing.assert_allclose(maps["distance_m"][-1], 3.5, rtol=0.01)
+    scene = load_scene(made.scene)
+    assert (scene.plate.transfer, scene.light.sun) == ("bt709", "none")

@@ -30,7 +30,7 @@ spectrum over the CIE 1931 observer for elevations of 5 to 90 degrees, to 0.03. 
 primaries (0.61, 0.55, 0.465) redden a sun at 8 degrees by half as much."""
 _HAZE, _HAZE_POWER = 0.05, 1.3
 """Optical depth of haze at 1 um, and the power of the wavelength by which it falls."""
-_BALANCED_SINE = math.sin(math.radians(45.0))
+BALANCED_SINE = math.sin(math.radians(45.0))
 """Sine of the elevation of the sun that a camera's white balance makes white."""
 
 
@@ -49,17 +49,17 @@ def close(split: Split, plate: Plate, ratio: float | None) -> Split:
 
 def sunlight(sine: float) -> Floats:
     """Return the colour (3,) of the sun at a sine of its elevation, of luminance 1; white at 45 degrees."""
-    colour = np.exp(-_optical_depth() * (_air_mass(sine) - _air_mass(_BALANCED_SINE)))
+    colour = np.exp(-clear_air_depth() * (air_mass(sine) - air_mass(BALANCED_SINE)))
     return np.asarray(colour / luminance(colour))
 
 
-def _optical_depth() -> Floats:
+def clear_air_depth() -> Floats:
     """Return the optical depth (3,) of clear air to the zenith."""
     air = 0.008569 * _BANDS_UM**-4 * (1.0 + 0.0113 * _BANDS_UM**-2 + 0.00013 * _BANDS_UM**-4)
     return np.asarray(air + _HAZE * _BANDS_UM**-_HAZE_POWER)
 
 
-def _air_mass(sine: float) -> float:
+def air_mass(sine: float) -> float:
     """Return the air along the way to the sun over that to the zenith (Kasten 1989, table II)."""
     degrees = math.degrees(math.asin(min(max(sine, 0.0), 1.0)))
     return float(1.0 / (math.sin(math.radians(degrees)) + 0.50572 * (degrees + 6.07995) ** -1.6364))

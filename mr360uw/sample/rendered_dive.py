@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of a synthetic 360 dive, rendered through its waves by `mr360uw.surface`, and the light that made them.
+
+Units: the irradiance just below a level surface, see `dive_sky`. Frames are times the exposure: 1 is white.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.caustics.settings import CausticSettings
+from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import beam_fraction
+from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
+from mr360uw.optics import diffuse_reflectance_from_below, fresnel_from_below, refract_to_water
+from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.dive_sky import DiveSky, dive_sky
+from mr360uw.sample.relief_shade import relief_shade
+from mr360uw.sample.sea_bed import BED_TILE_M, SeaBed, sea_bed
+from mr360uw.sphere import directions
+from mr360uw.surface.sea_floor import Floor
+from mr360uw.surface.sea_picture import SurfacePicture
+from mr360uw.surface.sea_scene import SeaScene
+from mr360uw.surface.sky import Dome
+from mr360uw.surface.water_light import WaterLight
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+SENSOR = DEFAULT_SENSOR
+"""Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
+_LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS, _FLOOR_BRIGHTNESS = 0.035, 0.7, 0.18
+"""Most light of the water at the horizon, of the sky overhead, and of the floor under the camera after automatic
+exposure, 1 = white: in clear water a camera exposes for the sky, over sand in the sun for that, so that lines of light
+five times as bright as the mean do not clip, and the sun's glitter does."""
+_CAUSTICS = CausticSettings(size=512, grid=192)
+_FAR_M = 1e6
+"""Length [m] of a ray through open water: nothing passes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorParts:
+    """Light of the floor in a frame's pixels below the horizon, each (H/2, W, 3), exposed and as the camera sees it.
+
+    Only pixels that see the level floor itself have any. even: light without the waves' pattern. soft, sharp: that of
+    the beam which the water has turned by small angles, and which it has not.
+    """
+
+    even: Floats
+    soft: Floats
+    sharp: Floats
+
+
+class Dive:
+    """Renders a dive's frames; what does not move is made once.
+
+    sky: sun and dome. bed: relief and albedo of the floor. scene: of all of it, for other cameras. exposure: factor of
+    a frame on radiance. level_radiance: (3,) of the water at the horizon at the start, after exposure.
+    """
+
+    def __init__(self, settings: DiveSettings, width: int, height: int, *, samples: int = 1) -> None:
+        """Take the size of frames and the number of rays for each pixel and axis."""
+        self.settings, self._size, self._samples = settings, (width, height), samples
+        self.sky: DiveSky = dive_sky(settings)
+        self.bed: SeaBed = sea_bed(settings)
+        medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
+        light = WaterLight.of(medium, Dome(self.sky.dome), self.sky.sun, REFRACTIVE_INDEX_SEA)
+        albedo = self.bed.albedo
+        if np.ptp(self.bed.height_m) > 0.0:
+            shade = relief_shade(self.bed.height_m, BED_TILE_M, self.sun_in_water, _beam_share(light, settings))
+            albedo = np.clip(albedo * shade, 0.0, 1.0)
+        floor = Floor(settings.depth_m - settings.floor_depth_m, albedo, BED_TILE_M)
+        self.scene = SeaScene(settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
+        water = self._water(settings.depth_m)
+        level = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
+        self.exposure = 2.0**settings.stops * min(
+            _LEVEL_BRIGHTNESS / float(np.mean(level)),
+            _SKY_BRIGHTNESS / float(np.max(self._overhead(water))),
+            _FLOOR_BRIGHTNESS / float(np.max(self._underneath(water))),
+        )
+        self.level_radiance: Floats = self.exposure * level
+
+    @property
+    def sun_in_air(self) -> Floats | None:
+        """Direction (3,) to the sun above the surface, or None."""
+        return None if self.sky.sun is None else self.sky.sun.direction
+
+    @property
+    def sun_in_water(self) -> Floats | None:
+        """Direction (3,) to the sun below a level surface, or None."""
+        return None if self.sun_in_air is None else refract_to_water(self.sun_in_air, REFRACTIVE_INDEX_SEA)
+
+    def picture(self, time_s: float) -> SurfacePicture:
+        """Return a frame's radiance, not exposed, with distances and masks."""
+        return self.scene.picture(self.settings.view(*self._size, time_s), time_s, samples=self._samples)
+
+    def radiance(self, time_s: float) -> NDArray[np.float32]:
+        """Return a frame (H, W, 3) in linear light, exposed; values above 1 clip in the recording."""
+        return (self.exposure * self.picture(time_s).radiance).astype(np.float32)
+
+    def irradiance(self, depth_m: float) -> tuple[Floats, Floats]:
+        """Return the ambient irradiance (3,) on a level plane at a depth, and the beam's (3,) perpendicular to itself.
+
+        Both are means over the waves. Ambient is all light but the beam and what the water has turned by small angles.
+        """
+        water = self.scene.water
+        assert water.sky is not None
+        beam = np.zeros(3)
+        ambient = water.sky.down(depth_m)
+        if water.sun is not None:
+            beam = water.sun.below * beam_fraction(water.sun.from_surface, depth_m, water.sun_up)
+            ambient = ambient + water.sun.down(depth_m) - beam
+        # light of the floor that the surface sends back
+        path = self.settings.floor_depth_m + depth_m
+        back = diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, -np.log(np.maximum(self._passed(path), 1e-300)))
+        ambient = ambient + self.scene.floor.mean_albedo * back * self.floor_irradiance
+        return np.asarray(ambient), np.asarray(beam / water.sun_up)
+
+    @functools.cached_property
+    def floor_irradiance(self) -> Floats:
+        """Downwelling irradiance (3,) at the floor's mean depth, with what it sends up and gets back."""
+        water, depth = self.scene.water, self.settings.floor_depth_m
+        assert water.sky is not None
+        light = water.sky.down(depth) + (0.0 if water.sun is None else water.sun.down(depth))
+        tau = -2.0 * np.log(np.maximum(self._passed(depth), 1e-300))
+        return np.asarray(
+            light / (1.0 - self.scene.floor.mean_albedo * diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, tau))
+        )
+
+    @functools.cached_property
+    def albedo(self) -> Floats:
+        """Albedo (H/2, W, 3) of the floor in the lower half of the first frame, as if it was level."""
+        x, z, footprint, _, _ = self._on_level_floor(0.0)
+        return self.scene.floor.albedo(x, z, footprint).reshape(-1, self._size[0], 3)
+
+    def floor_parts(self, time_s: float) -> FloorParts:
+        """Return the light of the floor in a frame's lower half by its way through the water, for a level camera."""
+        x, z, footprint, distance, up = self._on_level_floor(time_s)
+        view = self.settings.view(*self._size, time_s)
+        stage = self.scene.stage(view, time_s, self._samples**2)
+        seen = self.scene.floor.albedo(x, z, footprint) / PI * stage.water.along(distance, up, True)[0] * self.exposure
+        light = stage.floor_light
+        patterns = [seen * factor * tiled.at(x, z, footprint) for tiled, factor in light.patterns]
+        none = np.zeros_like(seen)
+        sharp, soft = (*patterns, none, none)[:2]
+        return FloorParts(*(part.reshape(-1, self._size[0], 3) for part in (seen * light.even, soft, sharp)))
+
+    def _on_level_floor(self, time_s: float) -> tuple[Array, Array, Array, Array, Array]:
+        """Return x, z, footprint, distance [m] and y of the direction (n,) of the pixels below the horizon."""
+        width, height = self._size
+        view = self.settings.view(width, height, time_s)
+        direction: Array = directions(width, height)[height // 2 :].reshape(-1, 3) @ view.world_from_camera.T
+        distance = (self.scene.floor.height_m - float(view.position[1])) / direction[:, 1]
+        place = view.position.astype(np.float64) + distance[:, None] * direction
+        footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
+        return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
+
+    def _passed(self, distance_m: float) -> Floats:
+        """Return the transmittance (3,) of a way straight through the water."""
+        return self.scene.water.along(np.array([distance_m]), np.array([-1.0]), False)[0][0]
+
+    def _water(self, depth_m: float) -> WaterLight:
+        return self.scene.water.seen_from(depth_m)
+
+    def _overhead(self, water: WaterLight) -> Floats:
+        """Return the radiance (3,) of the sky straight overhead through a level surface."""
+        up, depth = np.array([1.0]), np.array([self.settings.depth_m])
+        passed, veil = water.along(depth, up, True)
+        window = REFRACTIVE_INDEX_SEA**2 * (1.0 - fresnel_from_below(1.0, REFRACTIVE_INDEX_SEA))
+        zenith = self.scene.dome.look(np.array([[0.0, 1.0, 0.0]]), np.zeros(1))
+        return np.asarray((passed * window * zenith + veil)[0])
+
+    def _underneath(self, water: WaterLight) -> Floats:
+        """Return the mean radiance (3,) of the floor straight below the camera."""
+        way = np.array([self.settings.floor_depth_m - self.settings.depth_m])
+        passed, veil = water.along(way, np.array([-1.0]), True)
+        return np.asarray((passed * self.scene.floor.mean_albedo / PI * self.floor_irradiance + veil)[0])
+
+
+def _beam_share(light: WaterLight, settings: DiveSettings) -> Floats:
+    """Return the fraction (3,) of the irradiance of level ground at the floor's depth that is the sun's beam."""
+    if light.sun is None or light.sky is None:
+        return np.zeros(3)
+    depth = settings.floor_depth_m
+    beam = light.sun.below * beam_fraction(light.sun.from_surface, depth, light.sun_up)
+    return np.asarray(beam / (light.sky.down(depth) + light.sun.down(depth)))
