@@ -13,7 +13,7 @@ import numpy as np
 
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
-from mr360uw.ibl.sun.series import SunSeries
+from mr360uw.ibl.sun_series import SunSeries
 from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.progress import Progress

@@ -28,8 +28,8 @@ from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
+from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words

@@ -99,8 +99,7 @@ def first_hit(
     elif oy < sea.lowest_m or oy > sea.highest_m:
         end = -1.0
     across = math.hypot(dx, dz)
-    # a ray from the surface, by another footprint, may start on the wrong side of it by a little
-    least = sigma_at(width, 0.0, 0.0, dy)
+    least = sigma_at(width, 0.0, 0.0, dy)  # a ray from the surface may start a little on its wrong side
     before, was, right = t, 0.0, False
     for _ in range(_MOST_STEPS):
         if t > end:
@@ -153,8 +152,7 @@ def _refined(
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         t += (gx * nx + gy * ny + gz * nz) / volume
         if near:
-            slack = max(sea.step_m, sigma)
-            if max(low - slack, 0.0) <= t <= high + slack:
+            if max(low - max(sea.step_m, sigma), 0.0) <= t <= high + max(sea.step_m, sigma):
                 return Hit(t, _normal(p), a, b, sigma, level)
             break
     return _bisected(c, n, sea, origin, direction, side, sigma, low, high)
@@ -164,9 +162,7 @@ def _refined(
 def _bisected(
     c: Any, n: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
 ) -> Hit:
-    """Return the hit between two distances, at the first if the ray is behind the splines there; an infinite one if it
-    is before them at the second.
-    """
+    """Return the hit between two distances: the first if the ray is behind the splines there, none if not at the last."""
     (ox, oy, oz), (dx, dy, dz) = origin, direction
     tile = sea.tile_m
     level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
