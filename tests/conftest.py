@@ -36,10 +36,10 @@ def whale(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def dive(tmp_path_factory: pytest.TempPathFactory):
-    """A sample dive of eight frames, 256x128."""
-    from mr360uw.sample import sample_dive
+    """A sample dive of eight frames, 256x128, with ripples that spread the sun over a pixel and more."""
+    from mr360uw.sample import DiveSettings, sample_dive
 
-    return sample_dive(tmp_path_factory.mktemp("dive"), width=256, frames=8)
+    return sample_dive(tmp_path_factory.mktemp("dive"), DiveSettings(detail_slope=0.05), width=256, frames=8)
 
 
 @pytest.fixture(params=["reference", "gl"])

@@ -259,7 +259,8 @@ def test_odd_places_are_noted_in_the_report(override: str, says: str, scene: Pat
 
 def test_places_as_they_should_be_are_not_noted(scene: Path, run: Run) -> None:
     assert "object[0]" not in run("check", scene)[1]
-    assert "surface" not in run("check", scene, "--set", "object.0.position_m=[0,9,-3]", "--set", "water.type=none")[1]
+    dry = run("check", scene, "--set", "object.0.position_m=[0,9,-3]", "--set", "water.type=none")[1]
+    assert "above the water's surface" not in dry
 
 
 def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) -> None:

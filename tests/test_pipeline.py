@@ -195,7 +195,7 @@ def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -
     from mr360uw.ibl import load_track
     from mr360uw.preview.plate_report import analyse_video
 
-    page, table, sheet = analyse_video(dive.scene, tmp_path / "page.html")
+    page, table, sheet = analyse_video(dive.plate, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")
     assert "sun at azimuth" in page.read_text("utf-8")
     assert "https://" not in page.read_text("utf-8").replace("https://www.w3.org", "")
@@ -208,13 +208,15 @@ def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -
     edited.write_text(
         "\n".join([",".join(rows[0]), *(",".join([*r[:column], "100.0", *r[column + 1 :]]) for r in rows[1:])])
     )
-    scene = load_scene(dive.scene, [f'light.track="{edited}"'])
+    scene = load_scene(dive.scene, ['light.sun="detect"', f'light.track="{edited}"'])
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1), backend="reference")
     assert np.degrees(np.arctan2(*load_track(edited).at(0).direction[[0, 2]] * [1, -1])) == pytest.approx(100.0)
     short = tmp_path / "short.csv"
     short.write_text("\n".join(text.splitlines()[:5]) + "\n")
     with pytest.raises(uw.SceneError, match="another clip"):
-        uw.composite_video(load_scene(dive.scene, [f'light.track="{short}"']), tmp_path / "no.mp4")
+        uw.composite_video(
+            load_scene(dive.scene, ['light.sun="detect"', f'light.track="{short}"']), tmp_path / "no.mp4"
+        )
 
 
 def test_a_camera_that_turns_sees_the_same_world(whale: Path, tmp_path: Path, backend: str) -> None:

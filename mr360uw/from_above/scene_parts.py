@@ -19,7 +19,8 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.formation import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.sample.sand import sand_albedo
+from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.surface import Floor, SeaScene
 from mr360uw.video.read.images import read_picture
 
@@ -53,7 +54,7 @@ def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
     albedo = np.broadcast_to(np.asarray(floor.albedo, np.float64), (3,))
     image: Array = albedo[None, None]
     if floor.ground == "sand":
-        sand = sand_albedo(_SAND_SEED)
+        sand = sea_bed(DiveSettings(seed=_SAND_SEED, rocks=0.0, grass=0.0)).albedo
         image = sand / sand.mean(axis=(0, 1)) * albedo
     elif floor.ground == "picture":
         assert floor.picture is not None

@@ -132,7 +132,7 @@ class AerialFloorSettings(Parameters):
     )
     ground: Literal["sand", "even", "picture"] = parameter("sand", "rippled sand, one colour, or a picture")
     picture: Path | None = parameter(None, "for ground picture: its albedo, read as sRGB; repeats")
-    tile_m: float = parameter(6.0, "side of the square after which the ground repeats", unit="m", above=0.0, high=1e4)
+    tile_m: float = parameter(12.0, "side of the square after which the ground repeats", unit="m", above=0.0, high=1e4)
     relief: Path | None = parameter(None, "a square picture of heights over depth_m, which repeats; none: level")
     relief_m: float = parameter(1.0, "height of white over black of that picture", unit="m", low=0.0, high=1000.0)
     relief_tile_m: float = parameter(20.0, "side of that picture's square", unit="m", above=0.0, high=1e4)

@@ -74,7 +74,7 @@ def sigma_at(width: float, spread: float, t: float, up: float) -> float:
 def level_at(sigma: float, step_m: float, last: int) -> float:
     """Return `SampledSea.level_of` of one number."""
     s = sigma / step_m
-    return min(s if s < 1.0 else 1.0 + math.log2(s), float(last))
+    return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
 
 
 @compiled
@@ -99,7 +99,7 @@ def first_hit(
     elif oy < sea.lowest_m or oy > sea.highest_m:
         end = -1.0
     across = math.hypot(dx, dz)
-    least = sigma_at(width, 0.0, 0.0, dy)  # a ray from the surface may start a little on its wrong side
+    inside = sea.lowest_m <= oy <= sea.highest_m  # a ray from the surface may start a little on its wrong side
     before, was, right = t, 0.0, False
     for _ in range(_MOST_STEPS):
         if t > end:
@@ -111,10 +111,10 @@ def first_hit(
         if side * dy > steep and over > -_BESIDE * sea.step_m:  # away from the surface, faster than it can follow
             break
         if over <= 0.0 and right:
-            guess = before + (t - before) * was / (was - over)
+            guess = before + (t - before) * (was / (was - over) if was > 0.0 else 0.5)
             sigma = sigma_at(width, spread, guess, dy)
             hit = _refined(c, n, s, m, sea, origin, direction, side, sigma, before, t, guess)
-            if least <= hit.distance < math.inf:
+            if (sigma_at(width, 0.0, 0.0, dy) if inside else 0.0) <= hit.distance < math.inf:
                 return hit
             right = hit.distance == math.inf  # the maps are wrong: by the splines it is not there yet
         right = right or over > 0.0

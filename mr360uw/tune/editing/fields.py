@@ -112,11 +112,11 @@ class Field:
         """Return the value of a position of the slider, with three significant digits; within the allowed range."""
         assert self.span is not None
         low, high = self.span
-        value = low * (high / low) ** position if self.logarithmic else low + (high - low) * position
+        value = min(low * (high / low) ** position if self.logarithmic else low + (high - low) * position, high)
         if self.kind == "integer":
             return round(value)
         digits = 2 - math.floor(math.log10(abs(value))) if self.logarithmic else 1 - math.floor(math.log10(self.step))
-        return round(value, digits) if value else 0.0
+        return min(max(round(value, digits), low), high) if value else 0.0
 
 
 @dataclass(frozen=True, slots=True)
