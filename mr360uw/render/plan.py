@@ -91,14 +91,14 @@ def make_plan(
     share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
     """
     snow = _snow(scene, medium)
-    visible, light = bool(objects) or snow.runs, scene.light
-    beam = _beam_at_objects(objects, medium)
+    visible, light, beam = bool(objects) or snow.runs, scene.light, _beam_at_objects(objects, medium)
     sun = _sun(light, visible, beam)
     gain = _gain(scene, visible, medium)
     receiver, shadow = scene.receiver, _shadow(scene, lit=sun.runs)
+    quality = f"{scene.draw.quality} quality, {scene.draw.samples} samples a pixel"
     waves = f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects"
-    focuses, none = scene.caustics.enabled, "switched off" if not scene.caustics.enabled else "needs a sun and water"
-    caustics = _stage(sun.runs and medium is not None and focuses, waves, none)
+    none = "needs a sun and water" if scene.caustics.enabled else "switched off"
+    caustics = _stage(sun.runs and medium is not None and scene.caustics.enabled, waves, none)
     return Plan(
         environment=_stage(visible, f"{'objects are' if objects else 'snow is'} lit by the plate", "nothing to light"),
         sun=sun,
@@ -130,8 +130,8 @@ def make_plan(
         layer=_stage(
             visible,
             "no objects, but snow" if not objects
-            else "objects move" if any(facts.moves for facts in objects)
-            else "objects stand still: geometry is kept between frames",
+            else f"{quality}; objects "
+            + ("move" if any(o.moves for o in objects) else "stand still: geometry is kept between frames"),
             "no objects: the plate goes through untouched",
         ),
         snow=snow,

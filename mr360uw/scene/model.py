@@ -18,13 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Transfer
-from mr360uw.composite.settings import (
-    DrawSettings,
-    HoldoutSettings,
-    LampSettings,
-    ObjectSettings,
-    ReceiverSettings,
-)
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ObjectSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.ibl.settings import LightSettings
@@ -36,6 +30,7 @@ from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.overrides import override
 from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
+from mr360uw.scene.quality import with_quality
 from mr360uw.video.settings import EncodeSettings
 
 
@@ -120,6 +115,8 @@ class Scene(Parameters):
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"
     )
     keys: tuple[KeyedParameter, ...] = parameter((), "parameters that change over time", fixed="keys stay as they are")
+
+    _of_quality = model_validator(mode="before")(staticmethod(with_quality))
 
     @model_validator(mode="after")
     def _lamps_on_objects(self) -> Scene:
