@@ -14,7 +14,7 @@ from mr360uw.caustics import CausticSettings, caustic_stack, refract_to_air, sta
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.shafts.shaft_light import ShaftLight
-from mr360uw.medium import Medium, ShaftScene, shaft_field
+from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.shafts.deviation import march
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.medium.small_angles import spread_of
@@ -25,7 +25,7 @@ _WIDTH = 4096
 """Width [pixels] of the frame that the grid is for: so large that it takes as many nodes as the settings give it."""
 _STRIDE = 8
 """Pixels from ray to ray of those that the grid is read for."""
-_TRUE_RAYS, _STEPS = 256, 2048
+_TRUE_RAYS, _STEPS = 128, 2048
 """Rays that are compared, and their segments."""
 _SUN = Sun(unit([0.3, 0.85, -0.4]), np.ones(3), 0.0035, 1.0)
 
@@ -40,8 +40,8 @@ def shaft_stage() -> Stage:
     return Stage(
         "shafts",
         "Shafts: nodes and slices of their grid",
-        "the grid's nodes that a view of 90 x 60 degrees reads, and reading 256 rays",
-        "2048 segments along each of 256 rays, of the sun under waves and behind a whale: the change of radiance",
+        "the grid's nodes that a view of 90 x 60 degrees reads, and reading 128 rays",
+        "2048 segments along each of 128 rays, of the sun under waves and behind a whale: the change of radiance",
         tuple(of(size, slices) for size in sizes for slices in (8, 16, 32, 64)),
         (of(256, 8), of(512, 32)),
         qualities("shafts.resolution", "shafts.slices"),
@@ -52,7 +52,7 @@ def shaft_stage() -> Stage:
 def _open(bench: Workbench) -> Workload:
     scene = bench.scene({})
     depth_m = scene.camera.depth_m
-    medium = Medium(scene.water.water(), camera_depth_m=depth_m)
+    medium = Medium(Water.jerlov("IB"), camera_depth_m=depth_m)
     view = View(_WIDTH, _WIDTH // 2, surface_y_m=depth_m)
     whale = load_objects(scene.objects)[0].at(0.0, 0, np.zeros(3), np.eye(3))
     waves = caustic_stack(

@@ -62,7 +62,7 @@ def medium_stage() -> Stage:
         "medium",
         "Water: wavelengths and model of the veil",
         "solving a water and tabulating it, once a clip",
-        "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, per channel",
+        "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, without gain",
         (*of("table", "rectangle", 3, 5, 8, 12, 16, 31), *fitted, *models),
         (*of("table", "rectangle", 8, 16), *fitted[-1:], *models[:1]),
         qualities("water.mode", "water.rule", "water.bands"),
@@ -94,7 +94,7 @@ def caustic_stage() -> Stage:
         "caustics",
         "One caustic map: its pixels, and the cells of the surface",
         "one map of a plane 4.5 m deep, as arrays",
-        "a map of 2048 x 2048 pixels from 1024 x 1024 cells, quick 1024 and 512, read at 50000 points: ratio minus 1",
+        "a map of 2048 x 2048 pixels from 1024 x 1024 cells, read at 50000 points: ratio minus 1",
         product(caustics__size=(64, 128, 256, 512, 1024), caustics__grid=(32, 64, 96, 128, 192, 256, 512)),
         product(caustics__size=(128, 256, 512), caustics__grid=(64, 128)),
         qualities("caustics.size", "caustics.grid"),
@@ -120,7 +120,7 @@ def plane_stage() -> Stage:
 def _open_caustics(bench: Workbench) -> Workload:
     depth_m = float(np.mean(_REACH_M))
     x, z = np.random.default_rng(1).uniform(0.0, SEA.tile_m, (2, _POINTS))
-    finest = CausticSettings(size=1024, grid=512) if bench.quick else CausticSettings(size=2048, grid=1024)
+    finest = CausticSettings(size=2048, grid=1024)
     truth = _read(_stack(bench, np.array([depth_m]), finest), x, np.full(_POINTS, depth_m), z)
 
     def prepare(knobs: Knobs) -> Callable[[int], Any]:
@@ -146,9 +146,7 @@ def _open_planes(bench: Workbench) -> Workload:
 
 def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:
     backend = bench.backend
-    return backend.download(
-        backend.caustics(SEA, SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
-    )
+    return backend.download(backend.caustics(SEA, SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None))
 
 
 def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Floats:

@@ -22,7 +22,7 @@ from mr360uw.video import VideoFrame
 
 _RUNS, _QUICK_RUNS = 5, 3
 _WIDTH, _QUICK_WIDTH = 1024, 512
-"""Width [pixels] of the dive's frames: shadows and edges cost and err as in larger frames, in a fraction of the time."""
+"""Width [pixels] of the dive's frames: shadows and edges cost and err as in larger ones, in a fraction of the time."""
 _SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, position_m=[1.4, -0.4, -3.2]}]"
 """Motion of the whale: nothing of a frame can be kept for the next because it stands still."""
 

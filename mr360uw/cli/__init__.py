@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import rendering, tools, tuning
+from mr360uw.cli import benching, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -38,6 +38,7 @@ for _command in (
     tools.match,
     tools.schema,
     tools.info,
+    benching.bench,
 ):
     app.command()(_command)
 

@@ -12,7 +12,8 @@ import numba
 def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
     """Write the composite (h, w, 3) of a tile over the plate's pixels (h, w, 3).
 
-    shafts: (h, w, 3), or (0, 0, 3) for none. one: 1 in the type that is computed in. Where a tile changes nothing the plate is copied bit for bit.
+    shafts: (h, w, 3), or (0, 0, 3) for none. one: 1 in the type that is computed in. Where a tile changes nothing the
+    plate is copied bit for bit.
     """
     zero, none = one - one, shafts.shape[0] == 0
     for j in range(alpha.shape[0]):
