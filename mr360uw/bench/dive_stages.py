@@ -45,7 +45,7 @@ def sun_stage() -> Stage:
         tuple({"draw.sun_samples": count} for count in counts),
         tuple({"draw.sun_samples": count} for count in counts[::4]),
         qualities("draw.sun_samples"),
-        lambda bench: _of_frames(bench, {"draw.sun_samples": MAXIMUM_SUN_SAMPLES}),
+        lambda bench: frames_against(bench, {"draw.sun_samples": MAXIMUM_SUN_SAMPLES}),
     )
 
 
@@ -63,7 +63,7 @@ def pixel_stage() -> Stage:
         (*of("pixel", *_COUNTS), *of("sample", *_COUNTS)),
         of("pixel", 1, 5, 29),
         qualities("draw.samples", "draw.shading"),
-        lambda bench: _of_frames(bench, {"draw.samples": 65, "draw.shading": "sample"}),
+        lambda bench: frames_against(bench, {"draw.samples": 65, "draw.shading": "sample"}),
     )
 
 
@@ -81,7 +81,7 @@ def frame_stage() -> Stage:
         of(1.0, 0.75, 0.5, 0.25),
         of(0.5)[:2],
         qualities("draw.quality", "plate.scale"),
-        lambda bench: _of_frames(bench, {"draw.quality": "reference", "plate.scale": 1.0}),
+        lambda bench: frames_against(bench, {"draw.quality": "reference", "plate.scale": 1.0}),
     )
 
 
@@ -99,7 +99,7 @@ def _open_light(bench: Workbench) -> Workload:
     return Workload(prepare, lambda light: relative_rms(light.irradiance, truth))
 
 
-def _of_frames(bench: Workbench, finest: Knobs) -> Workload:
+def frames_against(bench: Workbench, finest: Knobs) -> Workload:
     """Return the workload of whole frames; finest: settings of the truth. Its error is taken where that has a layer."""
     best = bench.frames(finest)(0)
     truth = picture_of(best)

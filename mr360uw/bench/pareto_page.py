@@ -27,8 +27,9 @@ def bench_page(report: BenchReport) -> str:
     """Return the page of a run as one HTML string, readable offline."""
     machine = report.machine
     where = f"{machine.cpu}, {machine.cores} cores, {machine.system}; renderer {machine.backend}: {machine.device}"
-    parts = ["<h1>What settings cost and bring</h1>", f"<p>mr360uw {html.escape(report.version)}; {html.escape(where)}"]
-    parts.append("; a quick run</p>" if report.quick else "</p>")
+    kind = "; a quick run" if report.quick else ""
+    head = html.escape(f"mr360uw {report.version}; {where}{kind}")
+    parts = ["<h1>What settings cost and bring</h1>", f"<p>{head}</p>"]
     if machine.busy:
         parts.append(f'<p class="note">Other programs were running (load {machine.load:.1f}): times are too long.</p>')
     parts.append(

@@ -92,7 +92,7 @@ def _notes(before: BenchReport, now: BenchReport) -> tuple[str, ...]:
     ):
         if was != is_:
             notes.append(f"note: the {name} differ ({was}; now {is_}): times are not comparable")
-    for word, run in (("earlier", before), ("this", now)):
+    for word, run in (("the earlier", before), ("this", now)):
         if run.machine.busy:
-            notes.append(f"note: the machine was busy in the {word} run (load {run.machine.load:.1f})")
+            notes.append(f"note: the machine was busy in {word} run (load {run.machine.load:.1f})")
     return tuple(notes)
