@@ -191,11 +191,11 @@ def test_a_real_stage_runs(tmp_path: Path) -> None:
 def test_frames_of_the_dive_err_by_their_settings_alone(dive: SampleDive, tmp_path: Path) -> None:
     bench = Workbench(tmp_path, Reference(), quick=True)
     bench.runs, bench.scene_file = 1, dive.scene  # smaller than its own
-    cheap = {"plate.scale": 0.25, "water.bands": 5, "light.smooth": "false", "shafts.mode": "off", "draw.samples": 5}
-    work = frames_against(bench, {**cheap, "draw.sun_samples": 2})
-    same, other = (work.error(work.prepare({**cheap, "draw.sun_samples": count})(0)) for count in (2, 1))
+    cheap = {"plate.scale": 0.25, "water.bands": 5, "light.smooth": "false", "shafts.mode": "off"}
+    work = frames_against(bench, {**cheap, "draw.samples": 5})
+    same, other = (work.error(work.prepare({**cheap, "draw.samples": count})(0)) for count in (5, 1))
     assert same == 0.0
-    assert 1e-5 < other < 0.1
+    assert 1e-3 < other < 0.3
 
 
 # --- the command ---------------------------------------------------------------------------------------------------
