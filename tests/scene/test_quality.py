@@ -85,6 +85,16 @@ def test_an_unknown_quality_and_a_broken_table_are_reported(tmp_path: Path) -> N
         scene_from_dict({"plate": "plate.png", "draw": {"quality": "draft"}, "water": 3}, tmp_path)
 
 
+def test_the_docs_have_the_values() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "benchmarks.md").read_text("utf-8")
+    rows = [line for line in page.partition("## Quality")[2].splitlines() if line.startswith("| `")]
+    for quality, column in (("draft", 1), ("reference", 3)):
+        for table, knobs in QUALITIES[quality].items():
+            for key, value in knobs.items():
+                row = next(r for r in rows if f"`{table}.{key}`" in r)
+                assert str(value) in row.strip("| ").split(" | ")[column].split(", "), f"{table}.{key}"
+
+
 def test_the_plan_names_the_quality(tmp_path: Path, whale: Path) -> None:
     scene = scene_with(tmp_path, whale, draw={"quality": "draft"}, water={"type": "none"})
     assert "draft quality, 13 samples a pixel" in load(scene, 64, 32).plan.layer.why
