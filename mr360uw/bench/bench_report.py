@@ -23,7 +23,7 @@ class _Frozen(BaseModel):
 
 
 class Machine(_Frozen):
-    """What the figures were measured on. load: mean number of processes that wanted a core before the run began."""
+    """What the figures were measured on. load: mean number of processes that wanted a core in the minute before."""
 
     cpu: str
     cores: int
@@ -34,7 +34,7 @@ class Machine(_Frozen):
 
     @property
     def busy(self) -> bool:
-        """Whether other programs disturbed the times."""
+        """Whether other programs may have disturbed the times: more than half of the cores were taken."""
         return self.load > 0.5 * self.cores
 
 
@@ -83,7 +83,7 @@ class BenchReport(_Frozen):
         machine = self.machine
         yield f"mr360uw {self.version}, {machine.cpu}, {machine.cores} cores, {machine.backend}: {machine.device}"
         if machine.busy:
-            yield f"note: other programs were running (load {machine.load:.1f}): times are too long, errors are right"
+            yield f"note: the load average was {machine.load:.1f} at the start: times may be too long, errors are right"
         for stage in self.stages:
             yield f"\n{stage.name}: {stage.title}\n  time of {stage.timed}\n  error against {stage.truth}"
             yield f"  {'':2} {'CPU ms':>9} {'wall ms':>9} {'error':>9}"

@@ -31,7 +31,9 @@ def bench_page(report: BenchReport) -> str:
     head = html.escape(f"mr360uw {report.version}; {where}{kind}")
     parts = ["<h1>What settings cost and bring</h1>", f"<p>{head}</p>"]
     if machine.busy:
-        parts.append(f'<p class="note">Other programs were running (load {machine.load:.1f}): times are too long.</p>')
+        parts.append(
+            f'<p class="note">The load average was {machine.load:.1f} at the start: times may be too long.</p>'
+        )
     parts.append(
         "<p>Each dot is a setting: right is dearer, up is less accurate, both in powers of ten. Blue dots on the line "
         "are the Pareto front: no other setting is both cheaper and as accurate. Rings are the settings that "
