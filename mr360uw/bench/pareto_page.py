@@ -12,8 +12,8 @@ from mr360uw.bench.measuring import Measurement, front, knobs_in_words
 from mr360uw.ibl.report import html_page
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _EDGE = 900, 360, 70, 44, 14
-_LEAST_ERROR = 1e-5
-"""Error at the lower edge, where exact settings are drawn too."""
+_BELOW = 0.3
+"""Place of exact settings, in units of the smallest error that is not 0: below the others, and near enough to them."""
 _FRONT, _OTHER = "#0b6e99", "#9aa7b2"
 _COLOURS = {"default": "#c2410c", "draft": "#4d7c0f", "reference": "#6d28d9"}
 _STYLE = """
@@ -49,7 +49,8 @@ def bench_page(report: BenchReport) -> str:
 def pareto_plot(stage: StageResult) -> str:
     """Return an inline SVG of error over processor time, both logarithmic, with front and named settings."""
     found, best = stage.measurements, front(stage.measurements)
-    times, errors = [m.cpu_ms for m in found], [max(m.error, _LEAST_ERROR) for m in found]
+    least = _BELOW * min((m.error for m in found if m.error > 0.0), default=1.0)
+    times, errors = [max(m.cpu_ms, 1e-3) for m in found], [max(m.error, least) for m in found]
     x = _axis(times, _LEFT + _EDGE, _WIDTH - _EDGE)
     y = _axis(errors, _HEIGHT - _BOTTOM - _EDGE, _EDGE)
     label = html.escape(f"{stage.title}: relative error over CPU time in ms")
@@ -62,12 +63,13 @@ def pareto_plot(stage: StageResult) -> str:
         at = y(value)
         out.append(f'<path d="M{_LEFT} {at:.1f}H{_WIDTH - _EDGE}" stroke="#e3e9ee"/>')
         out.append(f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{value:g}</text>')
-    line = "L".join(f"{x(m.cpu_ms):.1f} {y(max(m.error, _LEAST_ERROR)):.1f}" for m in best)
+    places = {id(m): (x(time), y(error)) for m, time, error in zip(found, times, errors, strict=True)}
+    line = "L".join("{:.1f} {:.1f}".format(*places[id(m)]) for m in best)
     out.append(f'<path d="M{line}" fill="none" stroke="{_FRONT}" stroke-width="1.6"/>')
-    out += [_dot(m, x(m.cpu_ms), y(max(m.error, _LEAST_ERROR)), on_front=m in best) for m in found]
+    out += [_dot(m, *places[id(m)], on_front=m in best) for m in found]
     out.append(f'<text x="{_WIDTH - _EDGE}" y="{_HEIGHT - 6}" text-anchor="end">CPU time of one run</text>')
-    out.append(f'<text x="{_LEFT}" y="{_HEIGHT - 6}">relative error (up) against the truth; {_LEAST_ERROR:g} and '
-               "less at the lower edge</text></svg>")  # fmt: skip
+    exact = "; 0 is drawn at the lower edge" if min(m.error for m in found) == 0.0 else ""
+    out.append(f'<text x="{_LEFT}" y="{_HEIGHT - 6}">relative error (up) against the truth{exact}</text></svg>')
     return f"<figure>{''.join(out)}</figure>"
 
 
@@ -95,13 +97,15 @@ def _axis(values: Sequence[float], first: float, last: float) -> Place:
 
 
 def _ticks(values: Sequence[float]) -> list[float]:
-    """Return 1, 2 and 5 times powers of ten within the range of values; if there is none, its middle."""
+    """Return round numbers within the range of values: 1, 2, 5 times powers of ten, or even steps in a narrow range."""
     low, high = min(values), max(values)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    found = [digit * 10.0**power for power in powers for digit in (1, 2, 5)]
-    tens = [value for value in found if low <= value <= high and f"{value:e}"[0] == "1"]
-    inside = [value for value in found if low <= value <= high]
-    return (tens if len(tens) >= 3 else inside) or [math.sqrt(low * high)]
+    inside = [d * 10.0**power for power in powers for d in (1, 2, 5) if low <= d * 10.0**power <= high]
+    tens = [10.0**power for power in powers if low <= 10.0**power <= high]
+    if len(tens) >= 3 or len(inside) >= 3 or high <= low:
+        return (tens if len(tens) >= 3 else inside) or [low]
+    step = 10.0 ** math.floor(math.log10(high - low))
+    return [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)] or [low]
 
 
 def _words(stage: StageResult) -> str:

@@ -169,6 +169,9 @@ def test_the_page_needs_nothing_from_elsewhere_and_marks_the_default() -> None:
     dots = [(float(c.get("cx")), float(c.get("cy"))) for c in drawing.findall("circle")]
     assert all(0.0 < x < 900.0 and 0.0 < y < 360.0 for x, y in dots)
     pareto_plot(report_of(at(1.0, 0.0)).stages[0])  # a single setting has axes too
+    narrow = pareto_plot(report_of(at(224.0, 0.1), at(346.0, 0.02)).stages[0])
+    assert re.findall(r">(\d+) ms<", narrow) == ["300"]
+    assert re.findall(r">(0\.\d+)<", narrow) == ["0.02", "0.05", "0.1"]
 
 
 def test_stages_are_measured_at_the_defaults_of_scenes() -> None:
