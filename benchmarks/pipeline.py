@@ -3,14 +3,17 @@
 
     python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W] [--scene FILE]
 
-rate: composite / plain transcode of one clip with the same settings, taken in turns; medians; with and without a
-receiver. The clip is a sample dive of two whales, or that of a scene file. memory: peak of a whole process over 120 and
-over 1200 frames.
+rate: composite / plain transcode of one clip with the same settings, taken in turns; medians of the ratios of wall time
+and of processor time, children included. Without a scene file: a sample dive with two whales that stand still, without
+and with a receiver; two whales that swim while the camera sinks, and twenty that swim, where little can be kept.
+memory: peak of a whole process over 120 and over 1200 frames.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import resource
 import shutil
 import statistics
 import subprocess
@@ -18,16 +21,22 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import mr360uw as uw
 from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.types import Floats
 from mr360uw.video import transcode
 
-_OBJECTS = [
+_OBJECTS: list[dict[str, Any]] = [
     {"mesh": "whale.glb", "position_m": [0.4, -0.6, -4.2], "rotation_deg": [-60.0, 4.0, 0.0]},
     {"mesh": "whale.glb", "scale": 0.4, "position_m": [-1.6, -1.6, -3.2], "rotation_deg": [70.0, -5.0, 0.0]},
 ]
+
+
+_DEPTH_M = 4.0
+_SECONDS, _SINKS_M = 2.0, 1.0
+"""Length of the clip [s], and how far the camera sinks in it [m]."""
 
 
 def scene_of(folder: Path, receiver: bool = True) -> Scene:
@@ -35,7 +44,7 @@ def scene_of(folder: Path, receiver: bool = True) -> Scene:
     return scene_from_dict(
         {
             "plate": "dive.mp4",
-            "camera": {"depth_m": 4.0},
+            "camera": {"depth_m": _DEPTH_M},
             "water": {"type": "IB"},
             "object": _OBJECTS,
             **({"receiver": {"height_m": -3.5}} if receiver else {}),
@@ -44,27 +53,80 @@ def scene_of(folder: Path, receiver: bool = True) -> Scene:
     )
 
 
-def rate(scene: Scene, folder: Path, runs: int) -> None:
-    """Print frames per second of plain transcoding and of compositing, and their ratio, run by run."""
+def sinking_scene(folder: Path) -> Scene:
+    """Return the scene with two whales that swim while the camera sinks towards the floor."""
+    swimming = [_swimming(whale, forward_m) for whale, forward_m in zip(_OBJECTS, (1.6, -0.8), strict=True)]
+    still = scene_of(folder)
+    depths = [[0.0, _DEPTH_M], [_SECONDS, _DEPTH_M + _SINKS_M]]
+    return scene_from_dict(
+        {
+            "plate": str(still.plate.path), "camera": {"depth_m": _DEPTH_M, "depth_keys": depths},
+            "water": {"type": "IB"}, "object": swimming, "receiver": {"height_m": -3.5},
+        },
+        folder,
+    )  # fmt: skip
+
+
+def crowded_scene(folder: Path) -> Scene:
+    """Return the scene with twenty small whales that swim, all round the camera, above a receiver."""
+    school = []
+    for number in range(20):
+        yaw, far = 18.0 * number, 2.5 + 0.5 * (number % 5)
+        x, z = far * math.sin(math.radians(yaw)), -far * math.cos(math.radians(yaw))
+        y = -1.8 + 0.4 * (number % 7)
+        placed = {
+            "mesh": "whale.glb",
+            "scale": 0.25,
+            "position_m": [x, y, z],
+            "rotation_deg": [40.0 * number, 3.0, 0.0],
+        }
+        school.append(_swimming(placed, 0.8 if number % 2 else -0.8))
+    tables = {"camera": {"depth_m": _DEPTH_M}, "water": {"type": "IB"}, "receiver": {"height_m": -3.5}}
+    return scene_from_dict({"plate": "dive.mp4", "object": school, **tables}, folder)
+
+
+def _swimming(whale: dict[str, Any], along_m: float) -> dict[str, Any]:
+    """Return an object that moves to the right by some metres in the course of the clip."""
+    x, y, z = whale["position_m"]
+    keys = [{"time_s": 0.0, "position_m": [x, y, z]}, {"time_s": _SECONDS, "position_m": [x + along_m, y + 0.2, z]}]
+    return {**whale, "key": keys}
+
+
+def processor_s() -> float:
+    """Return the processor time [s] of this process and of its children that have ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+def rate(scene: Scene, folder: Path, runs: int, what: str) -> None:
+    """Print frames per second of plain transcoding and of compositing, and their ratio, run by run.
+
+    The ratio of processor time is that of plain over composite too: both are 1 where compositing costs nothing.
+    """
     plate = scene.plate.path
     uw.composite_video(scene, folder / "warm.mp4", frames=(0, 4), overwrite=True)
-    ratios, plain_fps, composite_fps = [], [], []
+    ratios, of_cpu, plain_fps, composite_fps, frame_cpu = [], [], [], [], []
     for _ in range(runs):
-        began = time.perf_counter()
+        began, used = time.perf_counter(), processor_s()
         count = transcode(plate, folder / "plain.mp4", scene.output, overwrite=True)
         plain_fps.append(count / (time.perf_counter() - began))
+        plain_cpu, used = (processor_s() - used) / count, processor_s()
         report = uw.composite_video(scene, folder / "composite.mp4", overwrite=True)
         composite_fps.append(report.frames / report.seconds)
+        frame_cpu.append((processor_s() - used) / report.frames)
         ratios.append(composite_fps[-1] / plain_fps[-1])
+        of_cpu.append(plain_cpu / frame_cpu[-1])
     image = _first(plate)
     tiles = uw.render_frame(image, scene).layer.tiles
     touched = sum(tile.alpha.size for tile in tiles) / image[..., 0].size
     receiver = "with a receiver" if scene.receiver is not None else "no receiver"
-    print(f"{plate.name}, {report.frames} frames, {len(scene.objects)} meshes, {receiver}, on {report.device}")
+    print(f"{what}: {plate.name}, {report.frames} frames, {len(scene.objects)} meshes, {receiver}, on {report.device}")
     print(f"  tiles      {100 * touched:6.2f} % of the pixels")
     print(f"  plain      {statistics.median(plain_fps):6.2f} frames/s")
     print(f"  composite  {statistics.median(composite_fps):6.2f} frames/s")
     print(f"  ratio      {statistics.median(ratios):6.3f}   (runs: {', '.join(f'{r:.3f}' for r in ratios)})")
+    print(f"  CPU ratio  {statistics.median(of_cpu):6.3f}   (runs: {', '.join(f'{r:.3f}' for r in of_cpu)})")
+    print(f"  CPU        {1e3 * statistics.median(frame_cpu):6.1f} ms a frame")
     print("  " + ", ".join(f"{name} {1e3 * s / report.frames:.1f} ms" for name, s in report.stage_s.items()))
 
 
@@ -139,12 +201,23 @@ def main() -> None:
             if section == "memory":
                 memory(Path(folder))
                 continue
-            if given.scene is None:
-                uw.sample_dive(folder, width=given.width, frames=48)
-            scene = load_scene(given.scene) if given.scene else scene_of(Path(folder))
-            rate(scene.model_copy(update={"receiver": None}), Path(folder), given.runs)
-            if scene.receiver is not None:
-                rate(scene, Path(folder), given.runs)
+            for what, scene in measured_scenes(Path(folder), given.scene, given.width).items():
+                rate(scene, Path(folder), given.runs, what)
+
+
+def measured_scenes(folder: Path, file: Path | None, width: int) -> dict[str, Scene]:
+    """Return the scenes of `rate` by what they show: of a file without and with its receiver, or of a sample dive."""
+    if file is not None:
+        scene = load_scene(file)
+        found = {"scene": scene.model_copy(update={"receiver": None})}
+        return found | ({"scene with its receiver": scene} if scene.receiver is not None else {})
+    uw.sample_dive(folder, width=width, frames=48)
+    return {
+        "standing still": scene_of(folder, receiver=False),
+        "standing still, shadows": scene_of(folder),
+        "swimming, the camera sinks": sinking_scene(folder),
+        "twenty that swim": crowded_scene(folder),
+    }
 
 
 if __name__ == "__main__":

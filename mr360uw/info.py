@@ -29,9 +29,19 @@ def describe() -> str:
     ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
     found = [name for name in _ENCODERS if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
+    lines += [
+        f"package   {name} {version}" if version else f"package   {name} is not installed"
+        for name, version in package_versions().items()
+    ]
+    return "\n".join(lines)
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that results depend on, "" for those that are not installed."""
+    found = {}
     for name in _PACKAGES:
         try:
-            lines.append(f"package   {name} {importlib.metadata.version(name)}")
+            found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            lines.append(f"package   {name} is not installed")
-    return "\n".join(lines)
+            found[name] = ""
+    return found

@@ -13,7 +13,8 @@ import numpy as np
 
 from mr360uw.caustics import GerstnerSea
 from mr360uw.optics import refract_to_water
-from mr360uw.sample.sand import SAND_TILE_M, sand_albedo
+from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.sea_bed import BED_TILE_M, sea_bed
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.types import Floats, Sun
@@ -120,7 +121,8 @@ class Dive:
     @cached_property
     def floor(self) -> Floor:
         """The sand."""
-        return Floor(-self.above_floor_m, sand_albedo(self.seed), SAND_TILE_M)
+        bare = DiveSettings(seed=self.seed, rocks=0.0, grass=0.0)
+        return Floor(-self.above_floor_m, sea_bed(bare).albedo, BED_TILE_M)
 
     @property
     def floor_depth_m(self) -> float:

@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import dives, rendering, tools, tuning
+from mr360uw.cli import benching, dives, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -39,6 +39,7 @@ for _command in (
     tools.match,
     tools.schema,
     tools.info,
+    benching.bench,
 ):
     app.command()(_command)
 

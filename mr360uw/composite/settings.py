@@ -19,6 +19,7 @@ Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera", "surface"]
 Interpolation = Literal["linear", "smooth"]
 Loop = Literal["repeat", "once", "ping-pong"]
+Quality = Literal["draft", "final", "reference"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
 _MOTION = "it is a motion over time itself"
 
@@ -206,6 +207,10 @@ class LampSettings(Parameters):
 class DrawSettings(Parameters):
     """Sampling of objects and shadows, motion blur, grain."""
 
+    quality: Quality = parameter(
+        "final", "values of the settings that trade time for accuracy, where a scene does not set them",
+        fixed="a clip has one quality",
+    )  # fmt: skip
     samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
     shading: Literal["pixel", "sample"] = parameter("pixel", "shade each surface once a pixel, or once a sample")
     ambient_occlusion: bool = parameter(

@@ -58,11 +58,16 @@ def light_report(
     for snapshot in snapshots:
         parts += [f"<h2>Frame at {snapshot.time_s:.2f} s</h2>", _frame(snapshot)]
     parts += [f"<h2>{html.escape(name)}</h2>\n{fragment}" for name, fragment in sections]
+    return html_page(title, parts)
+
+
+def html_page(title: str, parts: Sequence[str], style: str = "") -> str:
+    """Return a self-contained page of HTML fragments. style: more rules of CSS than those that all pages have."""
     body = "\n".join(parts)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"<title>{html.escape(title)}</title><style>{_STYLE}{style}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
 
 

@@ -80,6 +80,7 @@ def make_plan(
     sun = sun_stage(light, visible, beam)
     gain = gain_stage(scene, visible, medium)
     receiver, shadow = scene.receiver, shadow_stage(scene, lit=sun.runs)
+    quality = f"{scene.draw.quality} quality, {scene.draw.samples} samples a pixel"
     waves = f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects"
     focuses, none = scene.caustics.enabled, "switched off" if not scene.caustics.enabled else "needs a sun and water"
     caustics = stage(sun.runs and medium is not None and focuses, waves, none)
@@ -114,8 +115,8 @@ def make_plan(
         layer=stage(
             visible,
             "no objects, but snow" if not objects
-            else "objects move" if any(facts.moves for facts in objects)
-            else "objects stand still: geometry is kept between frames",
+            else f"{quality}; objects "
+            + ("move" if any(o.moves for o in objects) else "stand still: geometry is kept between frames"),
             "no objects: the plate goes through untouched",
         ),
         surface=surface_stage(scene, objects, medium),

@@ -18,13 +18,7 @@ from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
-from mr360uw.composite.settings import (
-    DrawSettings,
-    HoldoutSettings,
-    LampSettings,
-    ObjectSettings,
-    ReceiverSettings,
-)
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ObjectSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
@@ -33,6 +27,7 @@ from mr360uw.parameters import Parameters, parameter
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.problems import Lines
+from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
 from mr360uw.video.settings import EncodeSettings
 
@@ -119,6 +114,8 @@ class Scene(Parameters):
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"
     )
     keys: tuple[KeyedParameter, ...] = parameter((), "parameters that change over time", fixed="keys stay as they are")
+
+    _of_quality = model_validator(mode="before")(staticmethod(with_quality))
 
     @model_validator(mode="after")
     def _lamps_on_objects(self) -> Scene:

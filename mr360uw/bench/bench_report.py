@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of a benchmark run: the machine, the versions, every measurement; as JSON and as a table."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mr360uw.bench.measuring import Measurement, Stage, better_than_default, front, knobs_in_words
+from mr360uw.errors import ParameterError
+from mr360uw.reading.input_files import read_text, unreadable
+
+_CPU_INFO = Path("/proc/cpuinfo")
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Machine(_Frozen):
+    """What the figures were measured on. load: mean number of processes that wanted a core in the minute before."""
+
+    cpu: str
+    cores: int
+    system: str
+    backend: str
+    device: str
+    load: float
+
+    @property
+    def busy(self) -> bool:
+        """Whether other programs may have disturbed the times: more than half of the cores were taken."""
+        return self.load > 0.5 * self.cores
+
+
+class StageResult(_Frozen):
+    """Measurements of a stage. title, timed, truth: as in `measuring.Stage`."""
+
+    name: str
+    title: str
+    timed: str
+    truth: str
+    measurements: tuple[Measurement, ...]
+
+    @classmethod
+    def of(cls, stage: Stage, found: list[Measurement]) -> StageResult:
+        """Return the result of a stage."""
+        return cls(name=stage.name, title=stage.title, timed=stage.timed, truth=stage.truth, measurements=tuple(found))
+
+
+class BenchReport(_Frozen):
+    """Results of a run. format: of the file. quick: with fewer settings, smaller frames."""
+
+    format: Literal[1] = 1
+    version: str
+    packages: dict[str, str]
+    machine: Machine
+    quick: bool
+    stages: tuple[StageResult, ...]
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    @property
+    def off_front(self) -> list[str]:
+        """A line for each stage whose default another setting beats."""
+        lines = []
+        for stage in self.stages:
+            if better := better_than_default(stage.measurements):
+                usual = next(m for m in stage.measurements if "default" in m.names)
+                lines.append(
+                    f"{stage.name}: {knobs_in_words(better[0].knobs)} ({better[0].cpu_ms:.1f} ms, error "
+                    f"{better[0].error:.2g}) beats the default ({usual.cpu_ms:.1f} ms, {usual.error:.2g})"
+                )
+        return lines
+
+    def _lines(self) -> Iterator[str]:
+        machine = self.machine
+        yield f"mr360uw {self.version}, {machine.cpu}, {machine.cores} cores, {machine.backend}: {machine.device}"
+        if machine.busy:
+            yield f"note: the load average was {machine.load:.1f} at the start: times may be too long, errors are right"
+        for stage in self.stages:
+            yield f"\n{stage.name}: {stage.title}\n  time of {stage.timed}\n  error against {stage.truth}"
+            yield f"  {'':2} {'CPU ms':>9} {'wall ms':>9} {'error':>9}"
+            best = front(stage.measurements)
+            for m in sorted(stage.measurements, key=lambda m: m.cpu_ms):
+                names = f"  ({', '.join(m.names)})" if m.names else ""
+                mark = "*" if m in best else ""
+                yield (f"  {mark:2} {m.cpu_ms:9.1f} {m.wall_ms:9.1f} {m.error:9.2g}  {knobs_in_words(m.knobs)}{names}")
+        yield "\n* no other setting is cheaper and as accurate, or more accurate and as cheap (see docs/benchmarks.md)"
+        yield from (f"default off the front - {line}" for line in self.off_front)
+
+
+def read_report(path: Path) -> BenchReport:
+    """Return the results that a run wrote as JSON; raise `ParameterError` where the file holds none."""
+    if reason := unreadable(path):
+        raise ParameterError(f"{path} - {reason}")
+    try:
+        return BenchReport.model_validate_json(read_text(path, ParameterError))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise ParameterError(
+            f"{path} - is no result of bench (got, at {where}: {first['msg']}) - name a file that --json wrote"
+        ) from None
+
+
+def this_machine(backend: str, device: str) -> Machine:
+    """Return the machine that this runs on. backend, device: of the renderer."""
+    system, load = f"{platform.system()} {platform.release()}", os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return Machine(cpu=_processor(), cores=_cores(), system=system, backend=backend, device=device, load=round(load, 2))
+
+
+def _cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _processor() -> str:
+    lines = _CPU_INFO.read_text("utf-8", errors="replace").splitlines() if _CPU_INFO.is_file() else []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, "") or platform.processor() or platform.machine()

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages that `mr360uw bench` measures: water, caustics, shafts by themselves, the others in frames of a dive."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mr360uw.bench.dive_stages import frame_stage, light_stage, pixel_stage, sun_stage
+from mr360uw.bench.measuring import Knobs, Stage, Workload, qualities, relative_rms
+from mr360uw.bench.shaft_stage import shaft_stage
+from mr360uw.bench.workbench import Workbench
+from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.caustics import CausticSettings, GerstnerSea
+from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.sphere import unit
+from mr360uw.types import CausticStack, Floats
+
+_CAMERA_M = 4.0
+"""Depth [m] of the camera."""
+SEA = GerstnerSea(wind_speed=4.0, wind_direction_deg=30.0, tile_m=8.0, seed=1)
+SUN_IN_AIR = unit([0.45, 0.85, -0.3])
+_REACH_M = (3.0, 6.0)
+"""Depths [m] that a body takes up."""
+_POINTS = 50_000
+"""Points at which maps are compared."""
+
+
+def all_stages() -> dict[str, Stage]:
+    """Return the stages by name, in the order in which a frame runs them."""
+    made: Sequence[Callable[[], Stage]] = (
+        light_stage, medium_stage, caustic_stage, plane_stage, shaft_stage, sun_stage, pixel_stage, frame_stage,
+    )  # fmt: skip
+    stages = [make() for make in made]
+    return {stage.name: stage for stage in stages}
+
+
+def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
+    """Return all combinations of values; a double underscore in a name stands for a dot."""
+    names = [name.replace("__", ".") for name in values]
+    return tuple(dict(zip(names, each, strict=True)) for each in itertools.product(*values.values()))
+
+
+# --- water ---------------------------------------------------------------------------------------------------------
+
+
+def medium_stage() -> Stage:
+    """Water: number of wavelengths, their choice, and the model of the veil."""
+
+    def of(mode: str, rule: str, *bands: int) -> tuple[Knobs, ...]:
+        return product(water__mode=(mode,), water__rule=(rule,), water__bands=bands)
+
+    models = (*of("kd", "rectangle", 61), *of("kd+", "rectangle", 61), *of("rgb", "rectangle", 61))
+    fitted = of("table", "fitted", 3, 5, 8)
+    return Stage(
+        "medium",
+        "Water: wavelengths and model of the veil",
+        "solving a water and tabulating it, once a clip",
+        "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, without gain",
+        (*of("table", "rectangle", 3, 5, 8, 12, 16, 31), *fitted, *models),
+        (*of("table", "rectangle", 8, 16), *fitted[-1:], *models[:1]),
+        qualities("water.mode", "water.rule", "water.bands"),
+        _open_medium,
+    )
+
+
+def _open_medium(bench: Workbench) -> Workload:
+    del bench
+    water, up = Water.jerlov("IB"), np.linspace(-0.98, 0.98, 64)[:, None]
+    distance = np.geomspace(0.3, 30.0, 24)[None, :]
+    distance, up = np.broadcast_arrays(np.minimum(distance, np.where(up > 0.0, 0.99 * _CAMERA_M / up, np.inf)), up)
+    truth = Medium(water, camera_depth_m=_CAMERA_M, band_count=241).veil(distance, _CAMERA_M, up)
+    scale = np.sqrt(np.mean(truth**2, axis=(0, 1)))
+
+    def prepare(knobs: Knobs) -> Callable[[int], Any]:
+        mode, rule, bands = (knobs[f"water.{name}"] for name in ("mode", "rule", "bands"))
+        return lambda _: Medium(water, mode=mode, camera_depth_m=_CAMERA_M, band_count=bands, rule=rule).table
+
+    return Workload(prepare, lambda table: relative_rms(veil_lookup(table, distance, up) / scale, truth / scale))
+
+
+# --- caustics ------------------------------------------------------------------------------------------------------
+
+
+def caustic_stage() -> Stage:
+    """One caustic map: cells of the surface and pixels of the map."""
+    return Stage(
+        "caustics",
+        "One caustic map: its pixels, and the cells of the surface",
+        "one map of a plane 4.5 m deep, as arrays",
+        "a map of 2048 x 2048 pixels from 1024 x 1024 cells, read at 50000 points: ratio minus 1",
+        product(caustics__size=(64, 128, 256, 512, 1024), caustics__grid=(32, 64, 96, 128, 192, 256, 512)),
+        product(caustics__size=(128, 256, 512), caustics__grid=(64, 128)),
+        qualities("caustics.size", "caustics.grid"),
+        _open_caustics,
+    )
+
+
+def plane_stage() -> Stage:
+    """Planes of caustics between which a body's light is interpolated."""
+    most = (1, 2, 3, 4, 6, 8, 12, 16)
+    return Stage(
+        "planes",
+        "Planes between which caustics are interpolated",
+        "all maps of a frame for a body 3 to 6 m deep, as arrays",
+        "49 planes, read at 50000 points between: ratio minus 1",
+        product(caustics__planes=most),
+        product(caustics__planes=most[::3]),
+        qualities("caustics.planes"),
+        _open_planes,
+    )
+
+
+def _open_caustics(bench: Workbench) -> Workload:
+    depth_m = float(np.mean(_REACH_M))
+    x, z = np.random.default_rng(1).uniform(0.0, SEA.tile_m, (2, _POINTS))
+    finest = CausticSettings(size=2048, grid=1024)
+    truth = _read(_stack(bench, np.array([depth_m]), finest), x, np.full(_POINTS, depth_m), z)
+
+    def prepare(knobs: Knobs) -> Callable[[int], Any]:
+        settings = CausticSettings(size=knobs["caustics.size"], grid=knobs["caustics.grid"])
+        return lambda k: _stack(bench, np.array([depth_m]), settings, 0.1 * k)
+
+    return Workload(prepare, lambda stack: relative_rms(_read(stack, x, np.full(_POINTS, depth_m), z), truth))
+
+
+def _open_planes(bench: Workbench) -> Workload:
+    rng = np.random.default_rng(2)
+    (x, z), depth_m = rng.uniform(0.0, SEA.tile_m, (2, _POINTS)), rng.uniform(*_REACH_M, _POINTS)
+    settings = CausticSettings(size=256)
+    truth = _read(_stack(bench, np.linspace(*_REACH_M, 49), settings), x, depth_m, z)
+
+    def prepare(knobs: Knobs) -> Callable[[int], Any]:
+        ladder = PlaneLadder.of_scene([_REACH_M], [_REACH_M[1] - _REACH_M[0]], [], knobs["caustics.planes"])
+        planes = ladder.around([_REACH_M])
+        return lambda k: _stack(bench, planes, settings, 0.1 * k)
+
+    return Workload(prepare, lambda stack: relative_rms(_read(stack, x, depth_m, z), truth))
+
+
+def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:
+    backend = bench.backend
+    return backend.download(backend.caustics(SEA, SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None))
+
+
+def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Floats:
+    """Return the irradiance ratio (n,) of green at points of the water, minus 1."""
+    return caustic_lookup(stack, mip_levels(np.asarray(stack.ratio)), x_m, depth_m, z_m, 0.0)[:, 1] - 1.0
