@@ -4,12 +4,15 @@ from .pipeline import FrameResult, composite_video, render_frame
 from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
+from .track.camera_track import CameraTrack
+from .track.tracking import track_camera
 from .types import CausticStack, Environment, Layer, Sun
 from .video import open_video
 
 __version__: str
 
 __all__ = [
+    "CameraTrack",
     "CausticStack",
     "Environment",
     "FrameResult",
@@ -35,5 +38,6 @@ __all__ = [
     "render_frame",
     "sample_dive",
     "surface",
+    "track_camera",
     "video",
 ]

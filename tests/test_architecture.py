@@ -34,6 +34,7 @@ ALLOWED: dict[str, set[str]] = {
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
+    "track": {"video", "ibl", "progress"},
     "sample": {"scene", "caustics", "medium", "caustic_lookup", "video", "progress", "threads"},
     "tune": {
         "match",
@@ -49,7 +50,7 @@ ALLOWED: dict[str, set[str]] = {
         *PHYSICS,
     },
 }
-HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui"}
+HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui", "pycolmap"}
 
 
 def imports(path: Path) -> set[str]:

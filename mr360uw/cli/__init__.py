@@ -36,6 +36,7 @@ for _command in (
     tools.analyse,
     tools.caustics,
     tools.match,
+    tools.track,
     tools.schema,
     tools.info,
 ):
