@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features, matches and structure from motion of key frames, by COLMAP (Schönberger & Frahm 2016).
+"""Features, matches and structure from motion of key frames, by COLMAP (Schoenberger & Frahm 2016).
 
 COLMAP's camera axes are right, down, forward; ours are right, up, back. Its panoramic camera model is the mapping of
-`mr360uw.sphere`. Seeds are fixed and the mapper runs on one thread, so that a solve can be repeated.
+`mr360uw.sphere`. Seeds are fixed and everything runs on one thread, so that a solve can be repeated.
 """
 
 from __future__ import annotations
@@ -23,8 +23,12 @@ from mr360uw.types import Floats
 
 _AXES = np.diag([1.0, -1.0, -1.0])
 """From COLMAP's camera axes to ours, and back."""
-_FEATURES = 3000
-"""Most features of a frame; the largest are kept."""
+_FEATURES = 6000
+"""Most features of a frame; the largest are kept. Half: a third faster, rotations drift twice as much."""
+_UPSAMPLED = -1
+"""First octave: pictures are enlarged twice before features are found, which halves the drift of the rotation."""
+_RATIO = 0.9
+"""Largest distance of the best match over that of the second. Sand is alike everywhere: 0.8 loses a third of it."""
 _LOOP_FRAMES = 10
 """Evenly spaced key frames that are all matched with each other, so that a path that comes back closes."""
 _LEAST_ANGLE_DEG = (8.0, 3.0, 1.0)
@@ -102,7 +106,8 @@ def match_features(
         reading.camera_model, reading.camera_params = "EQUIRECTANGULAR", f"{width},{height}"
         reading.camera_mask_path = mask
         extraction = pycolmap.FeatureExtractionOptions()
-        extraction.sift.max_num_features, extraction.sift.first_octave = _FEATURES, 0
+        extraction.sift.max_num_features, extraction.sift.first_octave = _FEATURES, _UPSAMPLED
+        extraction.num_threads = 1
         pycolmap.extract_features(
             database, paths[0].parent, [path.name for path in paths], pycolmap.CameraMode.SINGLE, reading, extraction,
             pycolmap.Device.cpu,
@@ -111,12 +116,12 @@ def match_features(
         listed = database.with_suffix(".pairs.txt")
         listed.write_text("".join(f"{paths[i].name} {paths[j].name}\n" for i, j in pairs), "utf-8")
         pairing, verification = pycolmap.ImportedPairingOptions(), pycolmap.TwoViewGeometryOptions()
+        matching = pycolmap.FeatureMatchingOptions()
+        matching.sift.max_ratio, matching.num_threads = _RATIO, 1
         pairing.match_list_path = listed
         verification.ransac.random_seed, verification.ransac.max_error = _SEED, 2.0
         verification.detect_watermark = False
-        pycolmap.match_image_pairs(
-            database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
-        )
+        pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
         for _ in paths:
             next(tell)
         with pycolmap.Database.open(database) as read:

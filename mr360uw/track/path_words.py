@@ -42,7 +42,7 @@ def report_lines(track: CameraTrack) -> list[str]:
     if track.kind == "moving":
         length = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
         lines.append(
-            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} scene points; "
+            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} points; "
             f"features over {100.0 * track.coverage:.0f} % of the sphere"
         )
     lines += [f"up        {track.up}", f"scale     {track.scale}"]

@@ -24,6 +24,8 @@ _LEAST_POINTS, _LEAST_SUPPORT = 30, 0.25
 """Fewest points, and least share of the points below the camera, of a floor."""
 _LEVEL_SUPPORT, _LEVEL_SLOPE = 0.5, np.radians(15.0)
 """Least support and largest slope against the frames' own up of a floor that is taken for level."""
+_LEVELLED = np.radians(1.0)
+"""Largest rms angle of the frames' own up about its mean of a clip that is levelled by the camera."""
 _SEED = 1
 
 
@@ -113,15 +115,16 @@ def world_of(
     """Return where a solved scene is in the world.
 
     position (n, 3), rotation (n, 3, 3): cameras, the first at time 0. points (m, 3). gravity_up (n, 3): up in each
-    camera's axes, of the clip's metadata, if there is. Else up is the normal of a floor that is nearly level for the
-    frames, else the frames' own up on average. height_m: of the first camera over the floor, which sets the scale; else
-    a guess does.
+    camera's axes, of the clip's metadata, if there is. Else up is the frames' own on average; but of clips that roll
+    and pitch, the normal of a floor that is nearly level for the frames. height_m: of the first camera over the floor,
+    which sets the scale; else a guess does.
     """
     own = rotation[:, :, 1] if gravity_up is None else np.einsum("nij,nj->ni", rotation, gravity_up)
     up = unit(np.mean(own, axis=0))
-    words = "the frames' own up, which levelled 360 clips have right" if gravity_up is None else "the clip's gravity"
+    words = "the frames' own up on average" if gravity_up is None else "the clip's gravity"
     plane = fit_floor(points, position[0], up) if len(points) else None
-    if gravity_up is None and plane is not None and plane.support >= _LEVEL_SUPPORT:
+    rolls = float(np.sqrt(np.mean(np.sum(np.square(own - up), axis=1)))) > _LEVELLED
+    if gravity_up is None and rolls and plane is not None and plane.support >= _LEVEL_SUPPORT:
         slope = float(np.arccos(np.clip(plane.normal @ up, -1.0, 1.0)))
         if slope <= _LEVEL_SLOPE:
             up, words = plane.normal, f"the floor's normal, {np.degrees(slope):.1f} degrees off the frames' own up"
