@@ -42,7 +42,8 @@ def wahba(a: Floats, b: Floats, weight: Floats | None = None) -> Floats:
 def robust_rotation(a: Floats, b: Floats, limit_rad: float, seed: int = 0) -> tuple[Floats, np.ndarray]:
     """Return the rotation with a = R b that most matches (n, 3) agree on within `limit_rad`, and which do (n,)."""
     rng = np.random.default_rng(seed)
-    best, most = np.eye(3), -1
+    best: Floats = np.eye(3)
+    most = -1
     for pair in rng.integers(0, len(a), (_TRIALS, 2)):
         trial = wahba(a[pair], b[pair])
         count = int(np.count_nonzero(_agree(a, b, trial, limit_rad)))

@@ -187,7 +187,7 @@ def _solution(scene: Any, names: list[str]) -> Solution:
         numbers[k] = np.array([row[p.point3D_id] for p in observed], np.int64)
         solved[k] = True
         camera = scene.cameras[image.camera_id]
-        seen = direction_from_frame(*pixels[k].T, camera.width, camera.height)
+        seen = direction_from_frame(pixels[k][:, 0], pixels[k][:, 1], camera.width, camera.height)
         to_point = (points[numbers[k]] - position[k]) @ rotation[k]
         chord = np.linalg.norm(seen - to_point / np.linalg.norm(to_point, axis=1, keepdims=True), axis=1)
         residual[k] = float(np.median(chord)) * camera.width / (2.0 * np.pi) if len(chord) else np.nan

@@ -102,7 +102,10 @@ class _Motion:
         if np.mean(self._alive) < _LOST:
             return True
         height, width = small.shape
-        a, b = (direction_from_frame(*p[self._alive, 0].T, width, height) for p in (self.start, self._now))
+        a, b = (
+            direction_from_frame(place[self._alive, 0, 0], place[self._alive, 0, 1], width, height)
+            for place in (self.start, self._now)
+        )
         # corners on a rig stand still: the upper quartile is that of what moves
         return bool(np.percentile(np.linalg.norm(a - b, axis=1), 75) > _KEY_TURN)
 
@@ -172,7 +175,7 @@ class _FixedPixels:
         around = np.sqrt(np.maximum(cv2.blur(mean**2, size) - cv2.blur(mean, size) ** 2, 0.0))
         textured = np.maximum(around, temporal) > _TEXTURED_CODES
         still = textured & (temporal < _STILL_CODES) & (temporal < _STILL_OF_TEXTURE * around)
-        if np.count_nonzero(still) > _LARGEST_STILL * max(np.count_nonzero(textured), 1):
+        if np.count_nonzero(still) > _LARGEST_STILL * np.count_nonzero(textured):
             return nothing
         closed = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         closed = cv2.morphologyEx(closed, cv2.MORPH_CLOSE, np.ones((15, 15), np.uint8))

@@ -157,7 +157,7 @@ def _turning(kind: Kind, keys: KeyFrames, features: Features, folder: Path, tell
     """Return the key frames of a camera that stands still or turns on the spot, by rotations alone."""
     del folder, tell
     count, pixel_rad = len(keys.index), 2.0 * np.pi / keys.width
-    rotation = np.repeat(np.eye(3)[None], count, axis=0)
+    rotation: Floats = np.repeat(np.eye(3)[None], count, axis=0)
     if kind == "turning":
         rotation = average_rotations(count, features.matches, pixel_rad)
     residual: list[list[float]] = [[] for _ in range(count)]

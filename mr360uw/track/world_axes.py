@@ -120,7 +120,7 @@ def world_of(
     which sets the scale; else a guess does.
     """
     own = rotation[:, :, 1] if gravity_up is None else np.einsum("nij,nj->ni", rotation, gravity_up)
-    up = unit(np.mean(own, axis=0))
+    up: Floats = unit(np.mean(own, axis=0))
     words = "the frames' own up on average" if gravity_up is None else "the clip's gravity"
     plane = fit_floor(points, position[0], up) if len(points) else None
     rolls = float(np.sqrt(np.mean(np.sum(np.square(own - up), axis=1)))) > _LEVELLED
