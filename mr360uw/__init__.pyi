@@ -5,6 +5,8 @@ from .pipeline import FrameResult, composite_video, render_frame
 from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
+from .track.camera_track import CameraTrack
+from .track.tracking import track_camera
 from .types import CausticStack, Environment, Layer, Sun
 from .video import open_video
 
@@ -12,6 +14,7 @@ __version__: str
 
 __all__ = [
     "AerialScene",
+    "CameraTrack",
     "CausticStack",
     "Environment",
     "FrameResult",
@@ -40,5 +43,6 @@ __all__ = [
     "render_frame",
     "sample_dive",
     "surface",
+    "track_camera",
     "video",
 ]

@@ -49,6 +49,7 @@ ALLOWED: dict[str, set[str]] = {
         "__version__",
         *PHYSICS,
     },
+    "track": {"video", "ibl", "progress"},
     "tune": {
         "match",
         "preview",
@@ -63,7 +64,7 @@ ALLOWED: dict[str, set[str]] = {
         *PHYSICS,
     },
 }
-HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui"}
+HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui", "pycolmap"}
 
 
 def imports(path: Path) -> set[str]:

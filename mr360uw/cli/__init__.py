@@ -37,6 +37,7 @@ for _command in (
     tools.analyse,
     tools.caustics,
     tools.match,
+    tools.track,
     tools.schema,
     tools.info,
     benching.bench,

@@ -162,7 +162,7 @@ def _refined(
 def _bisected(
     c: Any, n: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
 ) -> Hit:
-    """Return the hit between two distances: the first if the ray is behind the splines there, none if before at both."""
+    """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
     (ox, oy, oz), (dx, dy, dz) = origin, direction
     tile = sea.tile_m
     level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a solved camera in plain words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mr360uw.track.camera_track import CameraTrack
+
+_DISTANCE_M = 5.0
+"""Distance [m] of an object whose slip is told."""
+_GOOD_PX, _USABLE_PX = 0.6, 1.2
+"""Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
+_GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
+"""Least share of frames that were solved rather than interpolated."""
+_KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
+
+
+def slip_m(track: CameraTrack) -> float:
+    """Return how far [m] an object 5 m away slips against the picture, by the median residual of the frames."""
+    return _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
+
+
+def verdict(track: CameraTrack) -> str:
+    """Return one line that says how good a track is."""
+    solved = np.isfinite(track.residual_px)
+    share, residual = float(np.mean(solved)), float(np.nanmedian(track.residual_px))
+    word = "doubtful"
+    if residual <= _USABLE_PX and share >= _USABLE_SHARE:
+        word = "usable"
+    if residual <= _GOOD_PX and share >= _GOOD_SHARE:
+        word = "good"
+    return (
+        f"{word}: objects stay in place to {100.0 * slip_m(track):.1f} cm at {_DISTANCE_M:g} m; "
+        f"{np.count_nonzero(solved)} of {len(solved)} frames solved; residual {residual:.2f} px"
+    )
+
+
+def report_lines(track: CameraTrack) -> list[str]:
+    """Return the printed report: what the camera does, the verdict, up, scale, floor."""
+    lines = [f"the camera {_KINDS[track.kind]}", verdict(track)]
+    if track.kind == "moving":
+        length = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
+        lines.append(
+            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} points; "
+            f"features over {100.0 * track.coverage:.0f} % of the sphere"
+        )
+    lines += [f"up        {track.up}", f"scale     {track.scale}"]
+    if track.floor is not None:
+        floor = track.floor
+        lines.append(
+            f"floor     [receiver] height_m = {floor.height_m:.2f}   # tilt {floor.tilt_deg:.1f} degrees; "
+            f"{floor.points} points, {100.0 * floor.support:.0f} % of those below the camera"
+        )
+    return lines
