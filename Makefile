@@ -19,7 +19,7 @@ $(VENV)/.installed: pyproject.toml
 	@touch $@
 
 demo: $(VENV)/.installed  ## make a short 360 dive, put a mesh into it, say where the result is
-	$(BIN)/mr360uw sample demo --overwrite
+	$(BIN)/mr360uw sample demo --frames 36 --overwrite
 	$(BIN)/mr360uw composite demo/scene.toml demo/composite.mp4 --overwrite
 
 test: $(VENV)/.installed  ## the whole suite, on two workers
