@@ -18,7 +18,6 @@ import av
 import numpy as np
 import pytest
 
-from mr360uw import cli
 from mr360uw.ibl import track_suns
 from mr360uw.ibl.sun.trackfile import save_track
 from mr360uw.progress import terminal_progress
@@ -27,23 +26,6 @@ from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_sp
 from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line in this process; return exit code, output and errors."""
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mr360uw", *map(str, arguments)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as done:
-            code = int(done.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -16,7 +16,6 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from mr360uw import cli
 from mr360uw.bench import bench_run
 from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, read_report
 from mr360uw.bench.dive_stages import frames_against
@@ -215,43 +214,34 @@ def test_frames_of_the_dive_err_by_their_settings_alone(dive: SampleDive, tmp_pa
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
-    """Run `mr360uw bench` in this process with one fake stage; return exit code, output and errors."""
+def bench(
+    run: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., tuple[int, str, str]]:
+    """Run `mr360uw bench` with one fake stage; return exit code, output and errors."""
     monkeypatch.setattr("mr360uw.bench.stages.all_stages", lambda: {"sum": fake_stage([])})
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mr360uw", "bench", "--backend", "reference", *map(str, arguments)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as done:
-            code = int(done.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+    return partial(run, "bench", "--backend", "reference")
 
 
-def test_the_command_prints_writes_and_compares(run: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_the_command_prints_writes_and_compares(bench: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     old, page = tmp_path / "old.json", tmp_path / "page.html"
-    code, out, err = run("--only", "sum", "--json", old, "--page", page)
+    code, out, err = bench("--only", "sum", "--json", old, "--page", page)
     assert (code, err) == (0, "")
     assert re.search(r"\* +0\.0 +0\.0 +0\.01  steps=100", out)
     assert page.read_text().startswith("<!doctype html>")
-    code, _, err = run("--json", old)
+    code, _, err = bench("--json", old)
     assert code == 2
     assert "already there" in err
-    code, out, _ = run("--against", old)
+    code, out, _ = bench("--against", old)
     assert code == 0
     assert "3 settings compared, 0 regressions" in out
     before = read_report(old)
     found = tuple(replace(m, error=0.5 * m.error) for m in before.stages[0].measurements)
     stage = before.stages[0].model_copy(update={"measurements": found})
     old.write_text(before.model_copy(update={"stages": (stage,)}).model_dump_json())
-    code, out, _ = run("--against", old)
+    code, out, _ = bench("--against", old)
     assert code == 1
     assert "3 regressions" in out
-    code, _, err = run("--against", old, "--quick")
+    code, _, err = bench("--against", old, "--quick")
     assert code == 2
     assert "run alike" in err
 
@@ -265,9 +255,9 @@ def test_the_command_prints_writes_and_compares(run: Callable[..., tuple[int, st
     ],
 )
 def test_bad_input_is_reported_before_anything_is_measured(
-    arguments: list[str], said: str, run: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], said: str, bench: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bench_run, "run_bench", lambda *_, **__: pytest.fail("was measured"))
-    code, _, err = run(*arguments)
+    code, _, err = bench(*arguments)
     assert code == 2
     assert said in err

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -49,24 +50,15 @@ def sea(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line in this process; return exit code, output and errors."""
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mr360uw", "aerial", *map(str, arguments)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as done:
-            code = int(done.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def aerial(run: Run) -> Run:
+    """Run `mr360uw aerial`; return exit code, output and errors."""
+    return partial(run, "aerial")
 
 
-def test_the_command_writes_pictures_and_parts(sea: Path, tmp_path: Path, run: Run) -> None:
-    code, out, _ = run(sea, tmp_path / "a_%02d.exr", "--frames", "1:3", "--set", "camera.velocity_m_s=[1.0, 0.0, 0.0]")
+def test_the_command_writes_pictures_and_parts(sea: Path, tmp_path: Path, aerial: Run) -> None:
+    code, out, _ = aerial(
+        sea, tmp_path / "a_%02d.exr", "--frames", "1:3", "--set", "camera.velocity_m_s=[1.0, 0.0, 0.0]"
+    )
     assert code == 0
     assert "2 frames" in out
     assert sorted(p.name for p in tmp_path.glob("a_*")) == ["a_01.exr", "a_02.exr"]
@@ -77,12 +69,12 @@ def test_the_command_writes_pictures_and_parts(sea: Path, tmp_path: Path, run: R
     np.testing.assert_array_equal(parts["beauty"]["RGB"], alone.image_linear)
     np.testing.assert_array_equal(parts["normal"]["N.Y"], alone.normal[..., 1].astype(np.float32))
     np.testing.assert_array_equal(parts["water"]["Z"], alone.in_water_m.astype(np.float32))
-    assert run(sea, tmp_path / "still.png")[0] == 0
+    assert aerial(sea, tmp_path / "still.png")[0] == 0
     assert cv2.imread(str(tmp_path / "still.png")).shape == (8, 16, 3)
-    code, _, err = run(sea, tmp_path / "still.png")
+    code, _, err = aerial(sea, tmp_path / "still.png")
     assert code == 2
     assert "already there" in err
-    assert run(sea, tmp_path / "still.png", "--overwrite")[0] == 0
+    assert aerial(sea, tmp_path / "still.png", "--overwrite")[0] == 0
 
 
 def test_videos_are_marked_as_spheres_where_they_are(sea: Path, tmp_path: Path) -> None:
@@ -99,13 +91,13 @@ def test_videos_are_marked_as_spheres_where_they_are(sea: Path, tmp_path: Path) 
     assert read_spherical(tmp_path / "b.mp4") is not None
 
 
-def test_every_problem_of_a_scene_is_told_at_once(tmp_path: Path, run: Run) -> None:
+def test_every_problem_of_a_scene_is_told_at_once(tmp_path: Path, aerial: Run) -> None:
     lines = [
         "[camera]", "position_m = [0.0, -2.0, 0.0]", "fov_deg = 400", "[sea]", "wind_sped = 3.0", "[sky]",
         'kind = "map"', "[floor]", "albedo = 1.5", "[water]", 'mode = "tabel"', "[reflection]", "gain = -1.0",
     ]  # fmt: skip
     (tmp_path / "sea.toml").write_text("\n".join(lines))
-    code, _, err = run(tmp_path / "sea.toml", tmp_path / "a.png")
+    code, _, err = aerial(tmp_path / "sea.toml", tmp_path / "a.png")
     assert code == 2
     for place in (
         "2 camera.position_m - must be over the water", "3 camera.fov_deg - must be in", "5 sea.wind_sped - unknown",
@@ -130,8 +122,8 @@ def test_every_problem_of_a_scene_is_told_at_once(tmp_path: Path, run: Run) -> N
         ("sea.toml", [], "already there"),
     ],
 )
-def test_bad_input(name: str, options: list[str], message: str, sea: Path, tmp_path: Path, run: Run) -> None:
-    code, _, err = run(sea, tmp_path / name, *options)
+def test_bad_input(name: str, options: list[str], message: str, sea: Path, tmp_path: Path, aerial: Run) -> None:
+    code, _, err = aerial(sea, tmp_path / name, *options)
     assert code == 2
     assert message in err
     assert [p.name for p in tmp_path.iterdir()] == ["sea.toml"]
