@@ -71,3 +71,5 @@ MAXIMUM_GLOSSY_LEVELS = 8
 LONGEST_FOOTPRINT = 16.0
 """Longest side of a pixel on a slanted surface, over its width across the ray, for means of shadows: that of a pixel
 3.6 degrees below the horizon of a floor. Twice as large: smoother shadows towards the horizon, more bodies to test."""
+JUST_BELOW_M = 0.01
+"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""

@@ -32,7 +32,7 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import fresnel_transmittance, refract_to_water
 from mr360uw.sphere import directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.types import Floats, Layer, View
 

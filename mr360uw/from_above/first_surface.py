@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mr360uw.optics import fresnel, reflect, refract_clamped
 from mr360uw.surface import SurfacePicture
 from mr360uw.surface.intersection import sigma_at
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 from mr360uw.surface.slopes import Facets
 from mr360uw.types import View
 

@@ -23,7 +23,7 @@ from mr360uw.optics import refract_to_water
 from mr360uw.rays import RayScene
 from mr360uw.sphere import disc_directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Domes of radiance for a scene's sky: CIE standard general skies, or a map.
-
-    L ~ (1 + a exp(b/cos Z)) (1 + c (exp(d X) - exp(d pi/2)) + e cos^2 X)
-
-Z: angle from the zenith, X: from the sun (CIE S 011/E:2003; types 1 and 12).
-"""
+"""Domes of radiance for a scene's sky: standard skies, or a map."""
 
 from __future__ import annotations
 
@@ -15,25 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import decode
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, PI
+from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
+from mr360uw.surface.standard_sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Sun
 from mr360uw.video.read.images import read_picture
 
 Array = NDArray[np.float64]
 
-_ROWS = 64
-"""Rows of the dome of a standard sky: 3 degrees, over which it changes by some per cent."""
 _MOST_ROWS = 512
 """Rows that maps are reduced to: what waves mirror is blurred more."""
-_SHAPES = {"overcast": (4.0, -0.7, 0.0, -1.0, 0.0), "clear": (-1.0, -0.32, 10.0, -3.0, 0.45)}
-"""a to e of types 1 and 12."""
+_SHAPES = {"overcast": OVERCAST, "clear": CLEAR}
 _SHARE = {"overcast": 0.5, "clear": 0.2}
 """Irradiance of level ground over that of the sun's beam across itself. A clear sky gives 10 to 20 % of all light with
 the sun high."""
-_HORIZON = 0.02
-"""Least cosine from the zenith: the exponent has a pole at the horizon."""
 
 
 def sun_of(scene: AerialScene) -> Sun | None:
@@ -54,21 +45,8 @@ def sky_of(scene: AerialScene) -> Array:
         assert sky.map is not None
         return _scaled(_map(sky.map, sky.turn_deg), sky.irradiance)
     color = np.array([CLEAR_SKY_R, CLEAR_SKY_G, CLEAR_SKY_B]) if sky.kind == "clear" else np.ones(3)
-    dome = general_sky(_SHAPES[sky.kind], _sun_direction(scene))
+    dome = standard_sky(_SHAPES[sky.kind], _sun_direction(scene))
     return _scaled(dome[..., None] * color, _SHARE[sky.kind] if sky.irradiance is None else sky.irradiance)
-
-
-def general_sky(shape: tuple[float, float, float, float, float], sun: Array, rows: int = _ROWS) -> Array:
-    """Return the relative radiance (rows, 2 rows) of a CIE general sky above the horizon, 0 below it.
-
-    shape: a to e. sun: (3,) direction towards it.
-    """
-    a, b, c, d, e = shape
-    view = directions(2 * rows, rows)
-    up, cosine = view[..., 1], np.clip(view @ sun, -1.0, 1.0)
-    gradation = 1.0 + a * np.exp(b / np.maximum(up, _HORIZON))
-    indicatrix = 1.0 + c * (np.exp(d * np.arccos(cosine)) - math.exp(d * 0.5 * PI)) + e * cosine**2
-    return np.where(up > 0.0, gradation * indicatrix, 0.0)
 
 
 def _sun_direction(scene: AerialScene) -> Array:

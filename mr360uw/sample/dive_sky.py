@@ -5,11 +5,8 @@ The unit is the irradiance just below a level surface: of a clear sky with the s
 overcast one, it is 1 in each channel, since a camera's white balance makes daylight white. Under a lower sun the beam
 is redder and the rest is not, so the sum is warm.
 
-    L(v) = (1 + a exp(b/v_y)) (1 + c (exp(d x) - exp(d pi/2)) + e cos^2 x)
-
-(x: angle to the sun, v_y: sine of elevation) is the relative radiance of the CIE's standard skies (ISO 15469:2004;
-Darula & Kittler 2002, types 12 and 1). Its colour in each direction is that of light scattered once along the way,
-1 - exp(-depth m), m: air mass.
+The dome is a standard sky (`surface.standard_sky`). Its colour in each direction is that of light scattered once along
+the way, 1 - exp(-depth m), m: air mass.
 """
 
 from __future__ import annotations
@@ -28,14 +25,9 @@ from mr360uw.optics import fresnel_transmittance
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import directions, row_solid_angle, unit
 from mr360uw.surface.sky import Dome, sun_below
+from mr360uw.surface.standard_sky import CLEAR, LOWEST_SINE, OVERCAST, SKY_ROWS, standard_sky
 from mr360uw.types import Floats, Sun
 
-_ROWS = 64
-"""Rows of the dome, 2.8 degrees each: the skies are smooth. Twice as many change the light in the water by 1e-3."""
-_CLEAR, _OVERCAST = (-1.0, -0.32, 10.0, -3.0, 0.45), (4.0, -0.70, 0.0, -1.0, 0.0)
-"""a, b, c, d, e of the standard's types 12 (clear, low turbidity) and 1 (overcast, steep)."""
-_LOWEST = 0.02
-"""Least sine of an elevation: the formula and the air mass of level directions."""
 _GLARE_RAD = 0.05
 """Radius [rad] about the sun of a map within which light above the ring around it counts as the sun's."""
 
@@ -69,14 +61,18 @@ def dive_sky(settings: DiveSettings) -> DiveSky:
     if settings.sky_map is not None:
         return sky_of_map(settings.sky_map)
     if settings.sky == "overcast":
-        return DiveSky(_scaled(_standard(_OVERCAST, np.array([0.0, 1.0, 0.0])), np.ones(3)), None)
+        return DiveSky(_scaled(standard_sky(OVERCAST, np.array([0.0, 1.0, 0.0]))[..., None], np.ones(3)), None)
     toward = settings.sun_in_air
     sine = float(toward[1])
     share = direct_share(sine) if settings.sun_share is None else settings.sun_share
     beam = beam_below(share, sine)
     passed = fresnel_transmittance(sine, REFRACTIVE_INDEX_SEA)
     sun = Sun(toward, beam / (sine * passed), SUN_HALF_ANGLE_RAD, 1.0)
-    shape = np.ones((_ROWS, 2 * _ROWS, 1)) if settings.sky == "even" else _standard(_CLEAR, toward) * _scattered()
+    shape = (
+        np.ones((SKY_ROWS, 2 * SKY_ROWS, 1))
+        if settings.sky == "even"
+        else standard_sky(CLEAR, toward)[..., None] * _scattered()
+    )
     return DiveSky(_scaled(shape, (1.0 - share) * CLEAR_SKY), sun)
 
 
@@ -88,7 +84,7 @@ def sky_of_map(path: Path) -> DiveSky:
         radiance = np.maximum(next(iter(video.frames())).image_linear, 0.0).astype(np.float64)
     found = environment(radiance.astype(np.float32), underwater=False).sun
     sky = DiveSky(radiance, None)
-    if found is not None and found.direction[1] > _LOWEST:
+    if found is not None and found.direction[1] > LOWEST_SINE:
         sky = _without_sun(radiance, unit(found.direction))
     light = float(luminance(sky.sky_below + sky.sun_below))
     sun = sky.sun
@@ -111,20 +107,9 @@ def _without_sun(radiance: Floats, toward: Floats) -> DiveSky:
     return DiveSky(dome, Sun(toward, weight @ excess, SUN_HALF_ANGLE_RAD, 1.0))
 
 
-def _standard(sky: tuple[float, float, float, float, float], toward: Floats) -> Floats:
-    """Return the relative radiance (_ROWS, 2 _ROWS, 1) of one of the standard skies, and its mirror image below."""
-    a, b, c, d, e = sky
-    view = directions(2 * _ROWS, _ROWS)
-    view = view * np.where(view[..., 1:2] < 0.0, [1.0, -1.0, 1.0], 1.0)
-    cosine = np.clip(view @ toward, -1.0, 1.0)
-    apart = np.arccos(cosine)
-    gradation = 1.0 + a * np.exp(b / np.maximum(view[..., 1], _LOWEST))
-    return (gradation * (1.0 + c * (np.exp(d * apart) - np.exp(d * np.pi / 2.0)) + e * cosine**2))[..., None]
-
-
 def _scattered() -> Floats:
-    """Return the colour (_ROWS, 1, 3), of luminance 1, of light scattered once in clear air, row by row."""
-    sine = np.maximum(np.abs(directions(2, _ROWS)[:, 0, 1]), _LOWEST)
+    """Return the colour (SKY_ROWS, 1, 3), of luminance 1, of light scattered once in clear air, row by row."""
+    sine = np.maximum(np.abs(directions(2, SKY_ROWS)[:, 0, 1]), LOWEST_SINE)
     mass = np.array([air_mass(float(s)) for s in sine])[:, None]
     colour = 1.0 - np.exp(-clear_air_depth() * mass)
     return np.asarray(colour / luminance(colour)[:, None])[:, None]

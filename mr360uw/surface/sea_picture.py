@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.surface.intersection import NOWHERE, Hit
-from mr360uw.surface.ray_tree import OFF_M, Stage
+from mr360uw.surface.ray_stage import OFF_M, Stage
 from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.random_keys import next_key
 from mr360uw.surface.tracing.ray_kernel import STACK, World, followed, met, put

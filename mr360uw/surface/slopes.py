@@ -25,12 +25,12 @@ from mr360uw.types import Sun
 Array = NDArray[np.float64]
 Keys = NDArray[np.uint32]
 
-_SHARP = 0.05
+SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
-_LEAST = 1e-12
+LEAST = 1e-12
 FARTHEST = 8.0
 """Standard deviations of slope beyond which there are no facets."""
-_HALVINGS = 24
+HALVINGS = 24
 """Bisections of that range: a slope is right to a millionth of its standard deviation."""
 
 
@@ -48,7 +48,7 @@ class Facets:
     @property
     def slope(self) -> Array:
         """Mean slopes (n, 2)."""
-        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], _LEAST)
+        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], LEAST)
 
     def facing(self, slope: Array) -> Array:
         """Return f (n,) of slopes (n, 2), positive on the side that the ray comes from."""
@@ -70,9 +70,9 @@ class Facets:
         spread = np.hypot(a, b)
         along = seen_deviation(first, mean, spread)
         across = ndtri(second)
-        turned = spread > _LEAST
-        cosine = np.where(turned, a / np.maximum(spread, _LEAST), 1.0)
-        sine = np.where(turned, b / np.maximum(spread, _LEAST), 0.0)
+        turned = spread > LEAST
+        cosine = np.where(turned, a / np.maximum(spread, LEAST), 1.0)
+        sine = np.where(turned, b / np.maximum(spread, LEAST), 0.0)
         turned_back = np.stack([cosine * along - sine * across, sine * along + cosine * across], axis=-1)
         return normal_of(self.at(turned_back))
 
@@ -87,7 +87,7 @@ class Facets:
         """Lower triangular root (xx, zx, zz), each (n,), of the covariance."""
         c = self.covariance
         xx = np.sqrt(np.maximum(c[:, 0], 0.0))
-        zx = c[:, 1] / np.maximum(xx, _LEAST)
+        zx = c[:, 1] / np.maximum(xx, LEAST)
         return xx, zx, np.sqrt(np.maximum(c[:, 2] - zx * zx, 0.0))
 
     def _spread(self) -> tuple[Array, Array]:
@@ -103,12 +103,12 @@ class Facets:
         """
         solid_angle = 2.0 * PI * (1.0 - np.cos(sun.half_angle_rad))
         normal, cosine, image, factor = self._towards(sun, solid_angle, refractive_index)
-        slope = -normal[:, [0, 2]] / np.maximum(normal[:, 1:2], _LEAST)
+        slope = -normal[:, [0, 2]] / np.maximum(normal[:, 1:2], LEAST)
         seen = (cosine > 0.0) & (normal[:, 1] > 0.0)
         off = slope - self.slope
         c = self.covariance
         own = image / (4.0 * PI)  # variance of the sun's image in slopes, along each axis
-        sharp = np.sqrt(np.maximum(c[:, 0] * c[:, 2] - c[:, 1] ** 2, 0.0)) < _SHARP * own
+        sharp = np.sqrt(np.maximum(c[:, 0] * c[:, 2] - c[:, 1] ** 2, 0.0)) < SHARP * own
         xx, xz, zz = c[:, 0] + own, c[:, 1], c[:, 2] + own
         determinant = np.maximum(xx * zz - xz * xz, 1e-300)
         square = (zz * off[:, 0] ** 2 - 2.0 * xz * off[:, 0] * off[:, 1] + xx * off[:, 1] ** 2) / determinant
@@ -138,31 +138,31 @@ class Facets:
         d, to_sun = self.travel, np.broadcast_to(sun.direction, self.travel.shape)
         half = n * d - to_sun if self.from_below else to_sun - d
         length = np.linalg.norm(half, axis=-1)
-        normal = half / np.maximum(length, _LEAST)[:, None]
+        normal = half / np.maximum(length, LEAST)[:, None]
         cosine = np.sum(d * normal, axis=-1) * (1.0 if self.from_below else -1.0)
         at_sun = np.sum(to_sun * normal, axis=-1)
-        per_direction = np.maximum(at_sun, 0.0) / np.maximum(length, _LEAST) ** 2
+        per_direction = np.maximum(at_sun, 0.0) / np.maximum(length, LEAST) ** 2
         image = solid_angle * per_direction / np.maximum(np.abs(normal[:, 1]), 1e-3) ** 3
         at = np.clip(cosine, 0.0, 1.0)
         factor = radiance_factor(np.clip(at_sun, 0.0, 1.0), n) if self.from_below else fresnel(at, n)
-        return normal, cosine, np.maximum(image, _LEAST), np.where(at_sun > 0.0, factor, 0.0)
+        return normal, cosine, np.maximum(image, LEAST), np.where(at_sun > 0.0, factor, 0.0)
 
 
 def facing_below(x: Array | float, mean: Array, spread: Array) -> Array:
     """Return the integral (n,) of max(mean + spread t, 0) over the normal density of t, up to t = x."""
-    s = np.maximum(spread, _LEAST)
+    s = np.maximum(spread, LEAST)
     start = np.clip(-mean / s, -FARTHEST, FARTHEST)
     end = np.maximum(np.minimum(x, FARTHEST), start)
     light = mean * (ndtr(end) - ndtr(start)) - s * (_normal(end) - _normal(start))
-    return np.asarray(np.maximum(light, _LEAST * s))
+    return np.asarray(np.maximum(light, LEAST * s))
 
 
 def seen_deviation(share: Array, mean: Array, spread: Array) -> Array:
     """Return the t (n,) up to which a share (n,) of that integral lies, by bisection."""
-    low = np.clip(-mean / np.maximum(spread, _LEAST), -FARTHEST, FARTHEST)
+    low = np.clip(-mean / np.maximum(spread, LEAST), -FARTHEST, FARTHEST)
     high = np.full(len(low), FARTHEST)
     wanted = share * facing_below(np.inf, mean, spread)
-    for _ in range(_HALVINGS):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         less = facing_below(middle, mean, spread) < wanted
         low, high = np.where(less, middle, low), np.where(less, high, middle)

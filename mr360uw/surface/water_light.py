@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
+from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.depths import MediumAtDepths
@@ -27,8 +28,6 @@ from mr360uw.types import CausticStack, MediumTable, Sun
 
 Array = NDArray[np.float64]
 
-_JUST_BELOW_M = 0.01
-"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
 _SKY_MAP, _SKY_GRID = 64, 128
 """Pixels and cells of the patterns of the sky's patches, which are wide discs."""
 _EVEN_TILES = 2.0
@@ -90,13 +89,13 @@ class WaterLight:
         if given.mode == "plate":
             raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
         sky = Medium(
-            given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index,
+            given.water, given.sensor, given.mode, JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index,
             formation=given.formation,
         )  # fmt: skip
         beam = None
         if risen:
             beam = Medium(
-                given.water, given.sensor, given.mode, _JUST_BELOW_M, illuminant=given.illuminant,
+                given.water, given.sensor, given.mode, JUST_BELOW_M, illuminant=given.illuminant,
                 refractive_index=index, sky=("sun", sun_up, 1.0), formation=given.formation,
             )  # fmt: skip
         of_sky = LightInWater.of(dome.irradiance_below(index), sky)

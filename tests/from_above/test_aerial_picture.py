@@ -17,10 +17,10 @@ from mr360uw.errors import ParameterError
 from mr360uw.from_above import AerialScene, LoadedAerial
 from mr360uw.from_above.published_look import blended_albedo, thresholded_reflection
 from mr360uw.from_above.scene_parts import blend_of
-from mr360uw.from_above.sky_dome import general_sky
 from mr360uw.optics import fresnel, reflect, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.sky import sun_below
+from mr360uw.surface.standard_sky import CLEAR, OVERCAST, standard_sky
 from tests.from_above import tolerances as tol
 
 N = 1.34
@@ -197,12 +197,12 @@ def test_parts_add_up_over_a_level_sea() -> None:
 def test_standard_skies() -> None:
     sun = direction_from_angles(0.5, np.radians(40.0))
     up = np.radians(90.0 - 180.0 * (np.arange(32) + 0.5) / 64.0)
-    overcast = general_sky((4.0, -0.7, 0.0, -1.0, 0.0), sun)
+    overcast = standard_sky(OVERCAST, sun)
     np.testing.assert_allclose(
         overcast[:32], np.broadcast_to((1.0 + 4.0 * np.exp(-0.7 / np.sin(up)))[:, None], (32, 128))
     )
-    np.testing.assert_array_equal(overcast[32:], 0.0)
-    clear = general_sky((-1.0, -0.32, 10.0, -3.0, 0.45), sun)
+    np.testing.assert_array_equal(overcast[32:], overcast[31::-1])
+    clear = standard_sky(CLEAR, sun)[:32]
     brightest = directions(128, 64)[np.unravel_index(np.argmax(clear), clear.shape)]
     # the horizon's gain draws the brightest place a little down from the sun
     assert np.degrees(np.arccos(brightest @ sun)) < 5.0

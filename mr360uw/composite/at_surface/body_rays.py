@@ -7,15 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.raycast.geometry import Geometry, Hits, base_color, surface_along
+from mr360uw.composite.raycast.pixel_samples import MAXIMUM_HITS
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL
 from mr360uw.constants import PI
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 Indices = NDArray[np.int64]
-
-_MAXIMUM_HITS = 64
-"""Surfaces that one ray passes through at most, as for the rays of pixels."""
 
 
 def first_surfaces(geometry: Geometry, scene: RayScene, origin: Floats, direction: Floats) -> tuple[Indices, Floats]:
@@ -29,7 +27,7 @@ def first_surfaces(geometry: Geometry, scene: RayScene, origin: Floats, directio
     masked = np.array([m.alpha_mode == "MASK" for m in geometry.materials] or [False])
     cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
     active, start = np.arange(len(origin)), np.zeros(len(origin))
-    for _ in range(_MAXIMUM_HITS):
+    for _ in range(MAXIMUM_HITS):
         rays = direction[active]
         triangle = scene.first_hit(origin[active] + start[active, None] * rays, rays)
         active, triangle, rays = active[triangle >= 0], triangle[triangle >= 0], rays[triangle >= 0]

@@ -27,7 +27,7 @@ from mr360uw.composite.ambient.at_hits import ambient_at
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.at_surface.body_rays import first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.settings import FAINTEST
-from mr360uw.composite.at_surface.surface_rays import OFF_M, SeenSurface, SurfaceSamples
+from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.lighting.arrival import Arrival, LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance
@@ -36,6 +36,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
 from mr360uw.rays import RayScene
+from mr360uw.surface.ray_stage import OFF_M
 from mr360uw.types import Floats
 
 Indices = NDArray[np.int64]

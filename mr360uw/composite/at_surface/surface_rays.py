@@ -33,8 +33,6 @@ TURNS = 3
 """Side of the square of pixels whose facets differ; `facet_numbers` gives each pixel of it other ones."""
 _PLASTIC = (0.7548776662466927, 0.5698402909980532)
 """Steps of the additive sequence in two dimensions of least discrepancy (1/g and 1/g^2, g^3 = g + 1)."""
-OFF_M = 1e-6
-"""Distance [m] along its direction that a ray starts from the surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

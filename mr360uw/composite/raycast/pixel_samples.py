@@ -27,7 +27,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
-_MAXIMUM_HITS = 64
+MAXIMUM_HITS = 64
 """Surfaces that one ray passes through at most; what lies behind that many is not drawn."""
 
 
@@ -52,7 +52,7 @@ def trace_samples(
     cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
     active, start = np.arange(count * n), np.zeros(count * n)
     pixel = n**-0.5
-    for _ in range(_MAXIMUM_HITS):
+    for _ in range(MAXIMUM_HITS):
         if len(active) == 0:
             break
         rays = direction[active]

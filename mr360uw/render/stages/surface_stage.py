@@ -10,12 +10,10 @@ import numpy as np
 from mr360uw.cache import Cache, Same
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
+from mr360uw.constants import JUST_BELOW_M
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.types import Floats, Layer, MediumTable
-
-_JUST_BELOW_M = 0.01
-"""Depth [m] at which rays that come from the surface start: a medium's camera is in the water."""
 
 
 def with_surface(
@@ -55,7 +53,7 @@ def _table_at_surface(loaded: Loaded, table: MediumTable, time_s: float, kept: C
     from mr360uw.composite.at_surface.water_sides import table_at_surface
 
     def at_surface() -> MediumTable:
-        return medium.at_depth(_JUST_BELOW_M).unit_table
+        return medium.at_depth(JUST_BELOW_M).unit_table
 
     unit = kept.get("table at the surface", Same(loaded.surroundings.medium), at_surface)
     of_frame = table, Same(unit)

@@ -22,7 +22,7 @@ from mr360uw.surface.gl.facet_table import QUANTILES, seen_slopes
 from mr360uw.surface.gl.height_atlas import HeightAtlas
 from mr360uw.surface.gl.ray_tiles import split_frame
 from mr360uw.surface.gl.stage_textures import stage_inputs
-from mr360uw.surface.ray_tree import FAINTEST, FARTHEST_M, GENERATIONS, WIDEST, Stage
+from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, WIDEST, Stage
 from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.surface.slopes import FARTHEST
 from mr360uw.types import Floats, Rectangle, View

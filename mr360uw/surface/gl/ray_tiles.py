@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 from mr360uw.types import Rectangle, View
 
 _TILE = 16

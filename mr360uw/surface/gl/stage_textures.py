@@ -14,7 +14,7 @@ from mr360uw.cache import Cache
 from mr360uw.gl.context import gl_context, texture_from_array
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.tabulate import lengths
-from mr360uw.surface.ray_tree import FARTHEST_M, Stage
+from mr360uw.surface.ray_stage import FARTHEST_M, Stage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.water_light import WaterLight

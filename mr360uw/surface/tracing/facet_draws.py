@@ -17,14 +17,10 @@ import math
 from typing import NamedTuple
 
 from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.surface.slopes import FARTHEST, HALVINGS, LEAST
 from mr360uw.surface.tracing.random_keys import next_key, normal_cumulative, normal_density, normal_quantile, uniform
 from mr360uw.surface.tracing.ray_optics import Vector
 
-LEAST = 1e-12
-_FARTHEST = 8.0
-"""Standard deviations of slope beyond which there are no facets."""
-_HALVINGS = 24
-"""Bisections of that range, at the most: a slope is right to a millionth of its standard deviation."""
 _NEAR = 1e-7
 """Step [standard deviations] of Newton's method after which nothing moves."""
 
@@ -63,7 +59,7 @@ def facets_of(travel: Vector, normal: Vector, covariance: Vector, side: float) -
     zz = math.sqrt(max(covariance[2] - zx * zx, 0.0))
     mean = facing(dx, dy, dz, slope_x, slope_z, side)
     along_x, along_z = side * (dx * xx + dz * zx), side * dz * zz
-    seen = seen_below(_FARTHEST, mean, math.hypot(along_x, along_z))
+    seen = seen_below(FARTHEST, mean, math.hypot(along_x, along_z))
     return Facets(slope_x, slope_z, xx, zx, zz, mean, along_x, along_z, seen)
 
 
@@ -71,8 +67,8 @@ def facets_of(travel: Vector, normal: Vector, covariance: Vector, side: float) -
 def seen_below(t: float, mean: float, spread: float) -> float:
     """Return the integral of max(f, 0) over the normal density up to t, at least 1e-12 of the spread."""
     s = max(spread, LEAST)
-    start = min(max(-mean / s, -_FARTHEST), _FARTHEST)
-    end = max(min(t, _FARTHEST), start)
+    start = min(max(-mean / s, -FARTHEST), FARTHEST)
+    end = max(min(t, FARTHEST), start)
     light = mean * (normal_cumulative(end) - normal_cumulative(start)) - s * (
         normal_density(end) - normal_density(start)
     )
@@ -83,7 +79,7 @@ def seen_below(t: float, mean: float, spread: float) -> float:
 def seen_deviation(share: float, mean: float, spread: float, seen: float) -> float:
     """Return the t up to which a share of the integral `seen` of max(f, 0) lies, by Newton's method within bounds."""
     s = max(spread, LEAST)
-    low, high = min(max(-mean / s, -_FARTHEST), _FARTHEST), _FARTHEST
+    low, high = min(max(-mean / s, -FARTHEST), FARTHEST), FARTHEST
     # light(t) = mean (P(t) - P(low)) - s (p(t) - p(low)), P and p the normal distribution and its density
     wanted = share * seen + mean * normal_cumulative(low) - s * normal_density(low)
     t = normal_quantile(share)
@@ -91,7 +87,7 @@ def seen_deviation(share: float, mean: float, spread: float, seen: float) -> flo
         t = low + math.sqrt(-2.0 * math.log(1.0 - share)) * (0.5 if mean < 0.0 else 1.0)
     if t <= low or t >= high:
         t = 0.5 * (low + high)
-    for _ in range(2 * _HALVINGS):
+    for _ in range(2 * HALVINGS):
         density = normal_density(t)
         off = mean * normal_cumulative(t) - s * density - wanted
         if off < 0.0:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.surface.intersection import NOWHERE, Hit, Waves, first_hit
-from mr360uw.surface.ray_tree import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
+from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
 from mr360uw.surface.tracing.floor_light import Ground, floor_radiance
 from mr360uw.surface.tracing.random_keys import next_key

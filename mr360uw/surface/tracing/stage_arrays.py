@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mr360uw.optics import refract_to_water
 from mr360uw.surface.intersection import surface_arrays, waves_of
-from mr360uw.surface.ray_tree import Stage
+from mr360uw.surface.ray_stage import Stage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight
 from mr360uw.surface.tracing.floor_light import Ground

@@ -11,11 +11,10 @@ import math
 from typing import NamedTuple
 
 from mr360uw.caustics.flux.compiled import compiled
-from mr360uw.surface.tracing.facet_draws import LEAST, Facets, facing
+from mr360uw.surface.slopes import LEAST, SHARP
+from mr360uw.surface.tracing.facet_draws import Facets, facing
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
 
-_SHARP = 0.05
-"""Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
 _DARK = 80.0
 """Square of the distance in standard deviations at which 1e-17 of the facets are left."""
 
@@ -56,7 +55,7 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
     # the covariance and its determinant, of its root
     cxx, cxz = facets.xx * facets.xx, facets.xx * facets.zx
     czz = facets.zx * facets.zx + facets.zz * facets.zz
-    if facets.xx * facets.zz < _SHARP * own:
+    if facets.xx * facets.zz < SHARP * own:
         return _disc(sun, travel, normal, side, index)
     if at_sun <= 0.0 or cosine <= 0.0 or ny <= 0.0:
         return 0.0

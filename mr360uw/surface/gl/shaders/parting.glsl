@@ -1,5 +1,5 @@
 // Rays and the light of sky, floor and water on them, and the two that a surface makes of one. Held to
-// surface/ray_tree.py
+// surface/tracing/ray_kernel.py
 struct Ray {
     vec3 origin;
     vec3 direction;

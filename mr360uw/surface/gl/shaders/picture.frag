@@ -1,7 +1,7 @@
 // Radiance of the sea's picture. Three programs: DIRECT for pixels whose rays cannot meet the surface; SIMPLE for rays
 // that meet it once, with alpha 0 where that is not all or not exact enough; TREE, which follows all rays of listed
 // pixels. Software drivers
-// run both sides of every branch, so what a program does not need is not in it. Held to surface/ray_tree.py
+// run both sides of every branch, so what a program does not need is not in it. Held to surface/tracing/ray_kernel.py
 #include "medium/lookup.glsl"
 #include "camera.glsl"
 #include "waves.glsl"

@@ -1,4 +1,4 @@
-// Light on a ray that meets the surface once at the most. Held to surface/ray_tree.py
+// Light on a ray that meets the surface once at the most. Held to surface/tracing/ray_kernel.py
 const float FOREVER_M = 1e9;
 
 // of a ray in the water that does not meet the surface

@@ -1,4 +1,4 @@
-// All rays that come of one, by a stack of those that wait. Held to surface/ray_tree.py
+// All rays that come of one, by a stack of those that wait. Held to surface/tracing/ray_kernel.py
 const float FOREVER_M = 1e9;
 
 vec4 kept_origin[STACK], kept_direction[STACK], kept_weight[STACK];
