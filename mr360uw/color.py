@@ -2,14 +2,14 @@
 """Colour: transfer functions, luminance, primaries and the Y'CbCr matrices of video.
 
 Inside the toolkit colour is linear Rec.709 scene radiance. A plate with the Y'CbCr matrix of BT.2020 has its primaries
-too; `rec709_from_plate` converts its light. `decode` and `encode` are the only conversions between code
-values in [0, 1] and linear light; names say `_encoded` or `_linear`.
+too, unless others are named; `rec709_from_plate` converts its light. `decode` and `encode` are the only conversions
+between code values in [0, 1] and linear light; names say `_encoded` or `_linear`. White is linear light of 1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
+from mr360uw.wide_curves import ON_FILE_CODES, WIDE_TRANSFERS, WideTransfer, wide_decode, wide_encode, wide_primaries
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
-Transfer = Literal["srgb", "bt709", "bt1886", "gamma22", "linear"]
-TRANSFERS: tuple[Transfer, ...] = ("srgb", "bt709", "bt1886", "gamma22", "linear")
+Primaries = Literal["bt709", "bt2020", "sgamut3", "sgamut3cine", "vgamut", "dgamut"]
+DisplayTransfer = Literal["srgb", "bt709", "bt1886", "gamma22", "linear"]
+"""Curves of which white is the brightest code."""
+Transfer = DisplayTransfer | WideTransfer
+TRANSFERS: tuple[Transfer, ...] = (*get_args(DisplayTransfer), *WIDE_TRANSFERS)
 
 LUMINANCE = np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B])
 
@@ -37,6 +41,12 @@ _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
 # Chromaticities (x, y) of red, green and blue, ITU-R BT.709-6 and BT.2020-2, and of their white, D65.
 _REC709_PRIMARIES = np.array([(0.640, 0.330), (0.300, 0.600), (0.150, 0.060)])
 _REC2020_PRIMARIES = np.array([(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)])
+_CAMERA_GAMUTS: dict[Primaries, str] = {
+    "sgamut3": "S-Gamut3",
+    "sgamut3cine": "S-Gamut3.Cine",
+    "vgamut": "V-Gamut",
+    "dgamut": "DJI D-Gamut",
+}
 _WHITE = np.array((0.3127, 0.3290))
 
 
@@ -44,15 +54,26 @@ _WHITE = np.array((0.3127, 0.3290))
 class ColorSpec:
     """Interpretation of a plate's code values: matrix, range, transfer curve, depth.
 
-    matrix: Y'CbCr weights; bt2020 implies the primaries of BT.2020. full_range: luma 0..2^bits - 1 (JPEG)
-    or the limited 16..235 (scaled to the depth). transfer: curve between code values and linear light. bits: depth of
-    the code values, 8 or 10 for video.
+    matrix: Y'CbCr weights. full_range: luma 0..2^bits - 1 (JPEG) or the limited 16..235 (scaled to the depth).
+    transfer: curve between code values and linear light. bits: depth of the code values, 8 or 10 for video. primaries:
+    of the light; by default those of BT.2020 with its matrix, and of Rec.709 with the others.
     """
 
     matrix: Matrix = "bt709"
     full_range: bool = False
     transfer: Transfer = "srgb"
     bits: int = 8
+    primaries: Primaries | None = None
+
+    @property
+    def gamut(self) -> Primaries:
+        """The primaries of the light."""
+        return self.primaries or ("bt2020" if self.matrix == "bt2020" else "bt709")
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether the curve holds light above white."""
+        return self.transfer in WIDE_TRANSFERS
 
 
 def luminance(linear: ArrayLike) -> NDArray[np.floating]:
@@ -64,7 +85,8 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     """Return linear light of code values in [0, 1]; odd about zero, so that excursions survive.
 
     srgb: IEC 61966-2-1. bt709: inverse of the camera curve of ITU-R BT.709-6. bt1886: display gamma 2.4.
-    linear: as it is, also what is not finite, as in maps of distances.
+    linear: as it is, also what is not finite, as in maps of distances. The others, of HDR television and of cameras'
+    log recordings: `wide_curves`; below black, log curves go on as they are defined.
     """
     v = (real if transfer == "linear" else numbers)("encoded", encoded)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
@@ -79,6 +101,8 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
         linear = a**2.2
     elif transfer == "linear":
         linear = a
+    elif transfer in WIDE_TRANSFERS:
+        return wide_decode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
     else:
         raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
     return np.copysign(linear, v).astype(v.dtype, copy=False)
@@ -99,9 +123,38 @@ def encode(linear: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
         code = a ** (1.0 / 2.2)
     elif transfer == "linear":
         code = a
+    elif transfer in WIDE_TRANSFERS:
+        return wide_encode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
     else:
         raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
     return np.copysign(code, v).astype(v.dtype, copy=False)
+
+
+def decode_signal(signal: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:
+    """Return the linear light, in the plate's primaries, of R'G'B' signals: 0 at black and 1 at white of its range.
+
+    It is `decode`, but that curves which are defined on the file's codes are given these.
+    """
+    if spec.transfer not in ON_FILE_CODES:
+        return decode(signal, spec.transfer)
+    low, span = _file_codes(spec)
+    return decode(low + span * numbers("signal", signal), spec.transfer)
+
+
+def encode_signal(linear: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:
+    """Return the R'G'B' signals of linear light, the inverse of `decode_signal`; not clipped."""
+    code = encode(linear, spec.transfer)
+    if spec.transfer not in ON_FILE_CODES:
+        return code
+    low, span = _file_codes(spec)
+    return np.asarray((code - low) / span, code.dtype)
+
+
+def _file_codes(spec: ColorSpec) -> tuple[float, float]:
+    """Return offset and span of the plate's signals among the file's codes over full scale."""
+    offset, span, _, _ = code_range(spec)
+    peak = float((1 << spec.bits) - 1)
+    return offset / peak, span / peak
 
 
 def rgb_from_ycbcr(matrix: Matrix) -> NDArray[np.float64]:
@@ -129,15 +182,30 @@ def _xyz_from_rgb(primaries: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(columns * np.linalg.solve(columns, white), np.float64)
 
 
-def rec709_from_plate(matrix: Matrix) -> NDArray[np.float64]:
+def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:
     """Return the (3, 3) matrix from the linear light of a plate, in its own primaries, to linear Rec.709.
 
     White stays white. Colours outside the gamut of Rec.709 get a negative channel. The primaries of standard definition
-    (bt601) are taken as those of Rec.709, which they all but are.
+    are taken as those of Rec.709, which they all but are.
     """
-    if matrix != "bt2020":
+    if primaries == "bt709":
         return np.eye(3)
-    return np.linalg.solve(_xyz_from_rgb(_REC709_PRIMARIES), _xyz_from_rgb(_REC2020_PRIMARIES)).astype(np.float64)
+    own = _REC2020_PRIMARIES if primaries == "bt2020" else wide_primaries(_CAMERA_GAMUTS[primaries])
+    return np.linalg.solve(_xyz_from_rgb(_REC709_PRIMARIES), _xyz_from_rgb(own)).astype(np.float64)
+
+
+def in_rec709(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:
+    """Return the linear Rec.709 light (..., 3) of a plate's linear light (..., 3)."""
+    if spec.gamut == "bt709":
+        return linear
+    return np.asarray(linear @ rec709_from_plate(spec.gamut).T, linear.dtype)
+
+
+def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:
+    """Return linear Rec.709 light (..., 3) in the plate's primaries, the inverse of `in_rec709`."""
+    if spec.gamut == "bt709":
+        return linear
+    return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)
 
 
 def code_range(spec: ColorSpec) -> tuple[float, float, float, float]:

@@ -29,6 +29,16 @@ RETURNS: Returns = {
     "encode": (lambda b: color.encode(filled(*b), "srgb"), lambda b: b),
     "rgb_from_ycbcr": (lambda _: color.rgb_from_ycbcr("bt709"), lambda _: (3, 3)),
     "ycbcr_from_rgb": (lambda _: color.ycbcr_from_rgb("bt709"), lambda _: (3, 3)),
+    "decode_signal": (lambda b: color.decode_signal(filled(*b), color.ColorSpec()), lambda b: b),
+    "encode_signal": (lambda b: color.encode_signal(filled(*b), color.ColorSpec()), lambda b: b),
+    "in_rec709": (
+        lambda b: color.in_rec709(filled(*b, 3), color.ColorSpec("bt2020")),
+        lambda b: (*b, 3),
+    ),
+    "in_plate_primaries": (
+        lambda b: color.in_plate_primaries(filled(*b, 3), color.ColorSpec("bt2020")),
+        lambda b: (*b, 3),
+    ),
     "rec709_from_plate": (lambda _: color.rec709_from_plate("bt2020"), lambda _: (3, 3)),
 }
 REFUSED: Refused = {

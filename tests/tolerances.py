@@ -7,6 +7,10 @@ FLOAT64 = 1e-12
 """Closed forms evaluated in double precision: a few hundred roundings."""
 TRANSFER_JOIN = 4e-5
 """Transfer curves there and back: the published break points of sRGB and BT.709 meet to about this, not exactly."""
+WIDE_ROUND_TRIP = 1e-6
+"""Curves of HDR television and log recordings there and back: their constants are published with 6 to 10 digits."""
+DLOG_JOIN = 1e-4
+"""D-Log there and back: the published pieces of its two directions change over at 0.0078 and at 0.14, which is 0.1399."""
 FLOAT32_TWIN = 2e-5
 """A pure GLSL function against its float64 twin: single precision and the driver's sin, cos, exp (4 ulp each)."""
 FRESNEL_TWIN = 1e-4
@@ -76,6 +80,9 @@ DIVE_SAND = 0.08
 YUV_NEAREST = 3.5e-4
 """Light of a table of 8192 steps read without interpolation: half a step times the steepest slope, 2.4, is 1.5e-4; the
 matrix between primaries, whose first row has absolute values of sum 2.3, makes it up to 3.4e-4."""
+YUV_NEAREST_WIDE = 4e-3
+"""The same of curves that hold light above white, relative: half a step times the steepest slope of log light, 9 of
+S-Log3 and up to 14 of HLG, is 9e-4, the matrix between primaries makes it up to 3e-3."""
 YUV_POLYNOMIAL = 1e-2
 """Light by the polynomial of degree 6, relative, above a code value of 0.1: it is fitted to 0.8 %."""
 THIN_WATER = 0.2

@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import field_validator, model_validator
 
-from mr360uw.color import Transfer
+from mr360uw.color import DisplayTransfer
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.ibl.sun.solar import daylight_angles
 from mr360uw.parameters import Parameters, parameter
@@ -27,7 +27,7 @@ class LightSettings(Parameters):
     """Light from the plate: expansion to scene radiance, the region it acts in, and the source of the sun."""
 
     operator: Operator = parameter("closure", "inverse tone mapping; none = the plate already is scene radiance")
-    transfer: Transfer = parameter("srgb", "curve between code values and linear light that the operators assume")
+    transfer: DisplayTransfer = parameter("srgb", "curve from code values to linear light that the operators assume")
     region: Region = parameter("upper", "where the expansion acts: the whole sphere, above the horizon, Snell's cone")
     ramp_deg: float = parameter(10.0, "half width of the smooth edge of that region", unit="deg", low=0.0, high=45.0)
     peak: float = parameter(

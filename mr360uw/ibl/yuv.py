@@ -70,7 +70,8 @@ def environment_from_yuv(
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
-    4:2:0 frames of even size take one pass over the planes; others are decoded in full first.
+    4:2:0 frames of even size take one pass over the planes; others, and curves that hold light above white, are decoded
+    in full first.
     """
     settings = settings or LightSettings()
     plate = plate_of_yuv(yuv, settings, upward(up), refractive_index)
@@ -86,7 +87,7 @@ def plate_of_yuv(
     exactly("u", yuv.u, *half, *((height, columns) for _, columns in half), (height, width))
     exactly("v", yuv.v, yuv.u.shape)
     block = block_size(width, height)
-    if yuv.u.shape != (height // 2, width // 2) or block == 0:
+    if yuv.u.shape != (height // 2, width // 2) or block == 0 or yuv.spec.is_wide:
         return LinearPlate.of(lit_frame(yuv), settings, up, refractive_index)
     total, brightest = _reduce(yuv, _region(width, height, block, settings, up, refractive_index), settings, block)
     enhancement = None
@@ -131,7 +132,7 @@ def _gains(spec: ColorSpec, settings: LightSettings) -> _Gains:
     low, span, _, chroma_span = code_range(spec)
     codes = 1 << spec.bits
     # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr), with w for the plate's primaries
-    weights = luma_weights(settings) @ rec709_from_plate(spec.matrix)
+    weights = luma_weights(settings) @ rec709_from_plate(spec.gamut)
     tint = (weights @ rgb_from_ycbcr(spec.matrix))[1:] * span / chroma_span
     margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
     luma = (np.arange(-margin, codes + margin) - low) / span
@@ -177,7 +178,7 @@ def _reduce(yuv: YuvImage, region: Floats, settings: LightSettings, block: int) 
         gains.margin, gains.tint, _row_weights(width, height, block), region, block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
-    total = lit_rec709(total, yuv.spec.matrix)
+    total = lit_rec709(total, yuv.spec)
     coarse = (
         total if total.shape[:2] == (COARSE_ROWS, COARSE_COLUMNS) else reduce_map(total, COARSE_COLUMNS, COARSE_ROWS)
     )

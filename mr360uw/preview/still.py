@@ -89,4 +89,5 @@ def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
         return replace(picture, yuv=None, native=None, rgb=light, wrap=False)
     bits = 8 if spec.bits == 8 else 16
     codes = codes_from_linear(light, spec.transfer, f"uint{bits}", picture.index)
-    return replace(picture, yuv=None, native=None, rgb=codes, spec=replace(spec, matrix="bt709", bits=bits), wrap=False)
+    own = replace(spec, matrix="bt709", bits=bits, primaries=None)
+    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False)

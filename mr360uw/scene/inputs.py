@@ -18,7 +18,12 @@ def open_plate(scene: Scene) -> VideoReader:
     """Return the scene's plate, opened as its table says; raise `VideoError`."""
     plate = scene.plate
     video = open_video(
-        plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate, damaged=plate.damaged
+        plate.path,
+        transfer=plate.transfer,
+        primaries=plate.primaries,
+        eye=plate.eye,
+        frame_rate=plate.frame_rate,
+        damaged=plate.damaged,
     )
     return scaled(video, plate.scale)
 

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, ConfigDict, model_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
-from mr360uw.color import Transfer
+from mr360uw.color import Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ObjectSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
@@ -37,6 +37,7 @@ class PlateSettings(Parameters):
 
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
+    primaries: Primaries | None = parameter(None, "primaries of the plate's light; none: as its matrix has them")
     eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
     scale: float = parameter(

@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from mr360uw.color import ColorSpec
+from mr360uw.video.metadata.hdr import HdrMetadata
 from mr360uw.video.metadata.spherical import SphericalMetadata
 from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
 
@@ -23,7 +24,7 @@ class Clip:
     is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
     is_still: one picture, that `frames` repeats as often as asked. notes: parts of the file that are not copied, one
     line each. words: text tags of the container, such as title and date. panorama: whether outputs are marked as full
-    spheres.
+    spheres. hdr: metadata of high dynamic range, where the file has some.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Clip:
     notes: tuple[str, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
     panorama: bool = True
+    hdr: HdrMetadata | None = None
 
     @property
     def has_audio(self) -> bool:

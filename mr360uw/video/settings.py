@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -24,6 +25,9 @@ _AV1_PRESETS: dict[Preset, int] = {
     "ultrafast": 10, "superfast": 9, "veryfast": 8, "faster": 7, "fast": 6,
     "medium": 5, "slow": 4, "slower": 3, "veryslow": 2,
 }  # fmt: skip
+
+
+_PARAMETERS: dict[Codec, str] = {"h264": "x264-params", "h265": "x265-params", "av1": "svtav1-params"}
 
 
 class EncodeSettings(Parameters):
@@ -48,8 +52,16 @@ class EncodeSettings(Parameters):
             raise ValueError(f"lossless is not available with {self.codec}; take h264, h265 or ffv1")
         return self
 
-    def encoder_options(self) -> dict[str, str]:
-        """Return the options of FFmpeg's encoder."""
+    def encoder_options(self, hdr: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Return the options of FFmpeg's encoder; hdr: parameters that carry the clip's metadata, by the codec's names."""
+        options = self._plain_options()
+        name = _PARAMETERS.get(self.codec)
+        if hdr and name:
+            written = ":".join(f"{key}={value}" for key, value in hdr.items())
+            options[name] = f"{options[name]}:{written}" if name in options else written
+        return options
+
+    def _plain_options(self) -> dict[str, str]:
         crf = {"crf": str(self.quality)}
         if self.codec == "h264":
             return {"preset": self.preset, **({"qp": "0"} if self.lossless else crf)}

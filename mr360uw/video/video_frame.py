@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec
+from mr360uw.color import ColorSpec, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 
@@ -81,7 +81,8 @@ class VideoFrame:
 
         assert self.rgb is not None
         column, row, width, height = rectangle
-        return linear_from_codes(self.rgb[row : row + height, column : column + width], self.spec.transfer)
+        codes = self.rgb[row : row + height, column : column + width]
+        return in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec)
 
     @cached_property
     def grain(self) -> Grain:
@@ -150,6 +151,7 @@ class VideoFrame:
                 linear = blend(self.linear(rectangle), tile)
                 if amount > 0.0:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+                linear = in_plate_primaries(linear, self.spec)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes)

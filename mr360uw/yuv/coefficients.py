@@ -8,13 +8,14 @@
     symbol            source                      meaning
     y0, dy, c0, dc    `color.code_range`          offset and span of luma and of chroma, in code values
     m                 `color.rgb_from_ycbcr`      matrix from (Y', Cb, Cr) to (R', G', B'); its first column is 1
-    decode            `color.decode`              transfer curve
+    decode            `color.decode_signal`       transfer curve
 
 The curve comes in the form that suits the loop that reads it:
 
     decode_table         8192 samples over [-1, 2], interpolated linearly: within 2e-6, excursions kept
     nearest_table        8192 steps a unit over [0, 1.2], no interpolation: within half a step of 1/32 of an 8-bit code
-    decode_polynomial    degree 6 over [0, 1.1]: within 0.8 %, no memory access, for means over many pixels
+    decode_polynomial    degree 6 over [0, 1.1]: within 0.8 %, no memory access, for means over many pixels; of the
+                         curves that end at white alone, since the others rise too steeply
 """
 
 from __future__ import annotations
@@ -24,7 +25,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, Transfer, code_range, decode, rgb_from_ycbcr, ycbcr_from_rgb
+from mr360uw.color import (
+    ColorSpec,
+    Transfer,
+    code_range,
+    decode,
+    decode_signal,
+    rgb_from_ycbcr,
+    ycbcr_from_rgb,
+)
 from mr360uw.types import YuvImage
 
 DECODE_STEPS = 8192
@@ -66,15 +75,15 @@ def subsampling(image: YuvImage) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=8)
-def decode_table(transfer: Transfer) -> NDArray[np.float32]:
+def decode_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear light at DECODE_STEPS values of R'G'B' from DECODE_LOW to DECODE_HIGH."""
-    return np.asarray(decode(np.linspace(DECODE_LOW, DECODE_HIGH, DECODE_STEPS), transfer), np.float32)
+    return np.asarray(decode_signal(np.linspace(DECODE_LOW, DECODE_HIGH, DECODE_STEPS), spec), np.float32)
 
 
 @lru_cache(maxsize=8)
-def nearest_table(transfer: Transfer) -> NDArray[np.float32]:
+def nearest_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear light at R'G'B' = k/NEAREST_STEPS, from 0 to 1.2."""
-    return decode(np.arange(int(_NEAREST_TOP * NEAREST_STEPS)) / NEAREST_STEPS, transfer).astype(np.float32)
+    return decode_signal(np.arange(int(_NEAREST_TOP * NEAREST_STEPS)) / NEAREST_STEPS, spec).astype(np.float32)
 
 
 @lru_cache(maxsize=8)

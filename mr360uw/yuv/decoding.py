@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Matrix, rec709_from_plate
+from mr360uw.color import ColorSpec, in_rec709
 from mr360uw.types import Floats, Rectangle, YuvImage
 from mr360uw.yuv.coefficients import (
     NEAREST_STEPS,
@@ -27,24 +27,20 @@ def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap
     column, row, width, height = rectangle or (0, 0, *image.y.shape[::-1])
     out = np.empty((height, width, 3), np.float32)
     sx, sy = subsampling(image)
-    table = decode_table(image.spec.transfer)
+    table = decode_table(image.spec)
     read_rectangle(image.y, image.u, image.v, row, column, sx, sy, wrap, coefficients(image.spec), table, out)
-    if image.spec.matrix == "bt2020":
-        out = np.asarray(out @ rec709_from_plate(image.spec.matrix).T, np.float32)
-    return out
+    return in_rec709(out, image.spec)
 
 
 def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float32]:
     """Return the linear Rec.709 light (..., 3) of a 4:2:0 panorama in unit directions (..., 3), at least 0."""
     out = np.empty((direction.size // 3, 3), np.float32)
     places = np.ascontiguousarray(direction, np.float64).reshape(-1, 3)
-    table, folded = nearest_table(image.spec.transfer), folded_coefficients(image.spec)
+    table, folded = nearest_table(image.spec), folded_coefficients(image.spec)
     read_directions(places, image.y, image.u, image.v, folded, table, NEAREST_STEPS, out)
-    return lit_rec709(out, image.spec.matrix).reshape(direction.shape)
+    return lit_rec709(out, image.spec).reshape(direction.shape)
 
 
-def lit_rec709(linear: NDArray[np.float32], matrix: Matrix) -> NDArray[np.float32]:
+def lit_rec709(linear: NDArray[np.float32], spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear Rec.709 (..., 3) of a plate's linear light (..., 3) >= 0; colours outside the gamut are cut off."""
-    if matrix != "bt2020":
-        return linear
-    return np.maximum(linear @ rec709_from_plate(matrix).T.astype(np.float32), 0.0)
+    return linear if spec.gamut == "bt709" else np.maximum(in_rec709(linear, spec), 0.0)

@@ -27,7 +27,7 @@ def clipped(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
 
 def planes(linear: np.ndarray, bits: int = 8, matrix: Matrix = "bt709") -> YuvImage:
     """Return a linear Rec.709 plate in [0, 1] as limited range 4:2:0 planes with the primaries of `matrix`."""
-    own = linear.astype(np.float64) @ np.linalg.inv(rec709_from_plate(matrix)).T
+    own = linear.astype(np.float64) @ np.linalg.inv(rec709_from_plate(ColorSpec(matrix).gamut)).T
     ycc = encode(own, "srgb") @ ycbcr_from_rgb(matrix).T
     scale, kind = 1 << (bits - 8), np.uint8 if bits == 8 else np.uint16
     height, width = ycc.shape[:2]

@@ -7,6 +7,12 @@ from tests.tolerances import FLOAT32, GRAIN_ADDED, GRAIN_TEXTURED
 
 VIDEO_CURVE_TABLE = 5e-6
 """Transfer curves as tables of 8192 samples over [-1, 2] in single precision: h^2 f''/8 = 6e-8, the knee of sRGB 2e-6."""
+VIDEO_PQ_SATURATED = 5e-3
+"""Share of codes of a strongly coloured PQ picture that change by a round trip through float32 light in Rec.709: PQ has
+codes for light 1e-6 of white, where the other channels are above 10 and single precision ends at 1e-6."""
+VIDEO_WIDE_TABLE = 1e-4
+"""The same, relative, for curves that rise to 49 times white: h^2/8 times 14^2 is 3e-6, and the matrix between primaries
+takes differences of numbers up to five times as large."""
 VIDEO_SWSCALE = 2.5
 """8-bit codes against FFmpeg's accurate conversion, which rounds chroma and the result to 8 bits (half a code each,
 times up to 1.86 in the matrix) and sites chroma between the columns."""

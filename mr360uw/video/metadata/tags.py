@@ -4,7 +4,7 @@
 Untagged clips are read by the usual convention: BT.709 from 720 rows up, BT.601 below; limited range unless the pixel
 format is one of the full-range `yuvj` kinds. A tagged transfer curve is *not* followed by default: cameras tag BT.709
 and apply their own rendering for a display, so the inverse of the display curve (sRGB here) gives the light that a
-display would show; name another curve to override it. PQ and HLG are refused, they need tone mapping first.
+display would show; name another curve to override it. PQ and HLG are followed: they hold light above white.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mr360uw.color import ColorSpec, Matrix, Transfer
+from mr360uw.color import ColorSpec, Matrix, Primaries, Transfer
 from mr360uw.errors import VideoError
 
 # Values of ITU-T H.273, as FFmpeg numbers them.
 _MATRICES: dict[int, Matrix] = {1: "bt709", 5: "bt601", 6: "bt601", 9: "bt2020"}
 _UNSPECIFIED = 2
-_HDR_CURVES = {16: "PQ (SMPTE ST 2084)", 18: "HLG (ARIB STD-B67)"}
+_HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
 _FULL_RANGE = 2
 HD_ROWS = 720
 """Untagged clips with at least this many rows are BT.709."""
@@ -55,18 +55,23 @@ BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc
 """Tags of video made from stills: BT.709, limited range."""
 
 
-def color_spec(path: Path, pixel_format: str, tags: ColorTags, rows: int, transfer: Transfer | None) -> ColorSpec:
-    """Return matrix, range, transfer curve and depth of a clip's codes; VideoError for unsupported formats."""
+def color_spec(
+    path: Path,
+    pixel_format: str,
+    tags: ColorTags,
+    rows: int,
+    transfer: Transfer | None,
+    primaries: Primaries | None = None,
+) -> ColorSpec:
+    """Return matrix, range, curve, depth and primaries of a clip's codes; VideoError for unsupported formats.
+
+    transfer, primaries: named by the user; without, they follow the tags.
+    """
     found = _PIXEL_FORMAT.match(pixel_format)
     if not found:
         raise VideoError(
             f"{path} - pixel format not supported (got {pixel_format}) - convert the clip to planar Y'CbCr, such as "
             "yuv420p, yuv422p10le or yuv444p"
-        )
-    if transfer is None and tags.color_trc in _HDR_CURVES:
-        raise VideoError(
-            f"{path} - high dynamic range curve not supported (got {_HDR_CURVES[tags.color_trc]}) - tone-map the clip "
-            "to BT.709 first, or name a transfer curve to read it with"
         )
     if tags.colorspace == _UNSPECIFIED:
         matrix: Matrix = "bt709" if rows >= HD_ROWS else "bt601"
@@ -77,4 +82,5 @@ def color_spec(path: Path, pixel_format: str, tags: ColorTags, rows: int, transf
             f"{path} - colour matrix not supported (got H.273 matrix {tags.colorspace}) - convert the clip to BT.709"
         )
     full_range = bool(found[1]) or tags.color_range == _FULL_RANGE
-    return ColorSpec(matrix, full_range, transfer or "srgb", int(found[3] or 8))
+    curve: Transfer = transfer or _HDR_CURVES.get(tags.color_trc, "srgb")
+    return ColorSpec(matrix, full_range, curve, int(found[3] or 8), primaries)

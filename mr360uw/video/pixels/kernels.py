@@ -20,8 +20,8 @@ mantissa number the samples, 128 in each octave. One bit more would halve them a
 """
 ENCODE_LOW = (127 - 32) << (23 - ENCODE_STEP_BITS)
 """Number of the first sample, of light 2^-32, which a power law of 1/2.4 encodes as 1e-4: a tenth of a 10-bit code."""
-ENCODE_STEPS = 36 << (23 - ENCODE_STEP_BITS)
-"""Samples of the table: 36 octaves, up to 2^4. Light above 1 is clipped to the top code in any case."""
+ENCODE_STEPS = 38 << (23 - ENCODE_STEP_BITS)
+"""Samples of the table: 38 octaves, up to 2^6, above the brightest light that any curve holds (PQ, 49)."""
 
 
 @kernel
@@ -30,8 +30,8 @@ def _encode_row(
 ) -> None:
     """Write the step from the old R' (or G', B') of a row to that of its new light into `out`.
 
-    light_bits: float32 read as uint32. The new value is clipped to [0, 1], or as far outside as the old
-    one was, where it is not covered.
+    light_bits: float32 read as uint32. table: (2, ENCODE_STEPS + 1), of light and of negative light. The new value is
+    clipped to [0, 1], or as far outside as the old one was, where it is not covered.
     """
     offset, scale, from_cb, from_cr = k[0], np.float32(1.0) / k[1], k[4 + 2 * channel], k[5 + 2 * channel]
     fraction_mask, sign_bit = np.uint32((1 << ENCODE_STEP_BITS) - 1), np.uint32(1 << 31)
@@ -43,9 +43,9 @@ def _encode_row(
         magnitude = light_bits[c] & ~sign_bit
         step = np.int32(magnitude >> np.uint32(ENCODE_STEP_BITS)) - first
         i = np.uint32(min(max(step, np.int32(0)), last))
-        low = table[i]
-        code = low + np.float32(magnitude & fraction_mask) * fraction_scale * (table[i + np.uint32(1)] - low)
-        code = -code if light_bits[c] & sign_bit else code
+        side = np.uint32(light_bits[c] >> np.uint32(31))
+        low = table[side, i]
+        code = low + np.float32(magnitude & fraction_mask) * fraction_scale * (table[side, i + np.uint32(1)] - low)
         clear = one - alpha[c]
         out[c] = min(max(code, clear * min(old, zero)), one + clear * max(old - one, zero)) - old
 

@@ -12,7 +12,7 @@ where a pixel of its own block changed. Round a panorama, the column after the l
 Where an object of coverage alpha covers the plate, the detail of the old chroma that linear interpolation and the
 filter do not return is scaled by 1 - alpha, so that no plate shines through an opaque object.
 
-The encoding curve is a table, linearly interpolated: 128 samples in each octave of linear light from 2^-32 to 16, found
+The encoding curve is a table, linearly interpolated: 128 samples in each octave of linear light from 2^-32 to 64, found
 by the leading bits of the float, which follows the steep foot of a power law (error below 2e-6 of full scale).
 The dither is interleaved gradient noise (Jimenez 2014), of the pixel's position and the frame's index alone: no
 banding, no random state.
@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Transfer, code_range, encode, rec709_from_plate
+from mr360uw.color import ColorSpec, code_range, encode_signal, in_plate_primaries
 from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.pixels.kernels import (
@@ -40,9 +40,10 @@ from mr360uw.yuv.coefficients import coefficients, subsampling
 
 
 @lru_cache(maxsize=8)
-def _encode_table(transfer: Transfer) -> NDArray[np.float32]:
+def _encode_table(spec: ColorSpec) -> NDArray[np.float32]:
     bits = (np.arange(ENCODE_STEPS + 1, dtype=np.uint32) + np.uint32(ENCODE_LOW)) << np.uint32(ENCODE_STEP_BITS)
-    return np.asarray(encode(bits.view(np.float32).astype(np.float64), transfer), np.float32)
+    light = bits.view(np.float32).astype(np.float64)
+    return np.asarray([encode_signal(light, spec), encode_signal(-light, spec)], np.float32)
 
 
 def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
@@ -76,8 +77,7 @@ def lay_over_planes(
     the grain that covered pixels get, 1 for as much as the plate has.
     """
     column, row = rectangle.column, rectangle.row
-    if old.spec.matrix == "bt2020":
-        linear = linear @ np.linalg.inv(rec709_from_plate(old.spec.matrix)).T
+    linear = in_plate_primaries(linear, old.spec)
     sx, sy = subsampling(old)
     k, peak = coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
     light, cover = np.ascontiguousarray(linear, np.float32), np.ascontiguousarray(alpha, np.float32)
@@ -90,7 +90,7 @@ def lay_over_planes(
         noise, blotches = _noise(grain, rectangle, covered, old, frame_index)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        k, _encode_table(old.spec.transfer), peak, light.view(np.uint32), cover, changed, frame_index,
+        k, _encode_table(old.spec), peak, light.view(np.uint32), cover, changed, frame_index,
         noise, strength[0], chroma,
     )  # fmt: skip
     write_chroma(

@@ -16,9 +16,10 @@ from typing import Any
 
 import av
 
-from mr360uw.color import Transfer
+from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
+from mr360uw.video.metadata.hdr import hdr_from_side_data
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
@@ -43,6 +44,7 @@ class ContainerReader(VideoReader):
         self,
         path: Path,
         transfer: Transfer | None = None,
+        primaries: Primaries | None = None,
         eye: Eye | None = None,
         equirectangular: bool = True,
         damaged: Damaged = "stop",
@@ -68,7 +70,7 @@ class ContainerReader(VideoReader):
                 frame_rate=stream.average_rate or stream.guessed_rate or Fraction(30),
                 time_base=stream.time_base,
                 start_pts=first.pts,
-                spec=color_spec(path, first.format.name, tags, first.height, transfer),
+                spec=color_spec(path, first.format.name, tags, first.height, transfer, primaries),
                 tags=tags,
                 codec_name=context.name,
                 pixel_format=first.format.name,
@@ -77,6 +79,7 @@ class ContainerReader(VideoReader):
                 notes=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
                 words=dict(container.metadata),
                 panorama=equirectangular,
+                hdr=hdr_from_side_data(first.side_data),
             )
 
     @cached_property

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, Transfer
+from mr360uw.color import ColorSpec, Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
@@ -119,6 +119,7 @@ class ImageReader(VideoReader):
         files: list[Path],
         frame_rate: Fraction,
         transfer: Transfer | None,
+        primaries: Primaries | None,
         eye: Eye | None,
         equirectangular: bool,
         depth: bool = False,
@@ -135,7 +136,7 @@ class ImageReader(VideoReader):
             height=self._crop.height,
             frame_rate=frame_rate,
             time_base=1 / frame_rate,
-            spec=ColorSpec("bt709", True, own, 8 * first.dtype.itemsize),
+            spec=ColorSpec("bt709", True, own, 8 * first.dtype.itemsize, primaries),
             codec_name=files[0].suffix.lower().lstrip("."),
             is_still=len(files) == 1,
             panorama=equirectangular,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from fractions import Fraction
 from pathlib import Path
 
-from mr360uw.color import Transfer
+from mr360uw.color import Primaries, Transfer
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye
 from mr360uw.video.read.reader import Damaged, VideoReader
@@ -16,6 +16,7 @@ def open_video(
     path: str | Path,
     transfer: Transfer | None = None,
     *,
+    primaries: Primaries | None = None,
     eye: Eye | None = None,
     frame_rate: Fraction | float = 30,
     equirectangular: bool = True,
@@ -25,7 +26,8 @@ def open_video(
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
     path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
-    transfer: curve from code values to linear light; by default sRGB, and none for EXR and HDR pictures.
+    transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none for
+    EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
     eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
     equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
     damaged: "stop" raises at a frame of a video that cannot be decoded, "hold" repeats the last one that could.
@@ -35,7 +37,7 @@ def open_video(
     files = picture_files(Path(path))
     if files is not None:
         rate = Fraction(frame_rate).limit_denominator(1001)
-        return ImageReader(Path(path), files, rate, transfer, eye, equirectangular, depth)
+        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth)
     from mr360uw.video.read.container import ContainerReader
 
-    return ContainerReader(Path(path), transfer, eye, equirectangular, damaged)
+    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged)

@@ -42,7 +42,8 @@ class Encoder:
         context.framerate = like.frame_rate
         context.thread_type = "AUTO"
         context.thread_count = settings.threads
-        context.options = settings.encoder_options()
+        hdr = {} if like.hdr is None else like.hdr.encoder_options(settings.codec)
+        context.options = settings.encoder_options(hdr)
         like.tags.write_to(context)
         # ProRes has no mark for full range: it is limited by definition.
         full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Transfer
+from mr360uw.color import Transfer, in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import whole_file
 from mr360uw.video.clip import Clip
@@ -100,4 +100,5 @@ def picture_codes(frame: VideoFrame, deep: bool = True) -> NDArray[Any]:
     if frame.rgb is not None and frame.rgb.dtype == dtype:
         return frame.rgb
     transfer: Transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
-    return codes_from_linear(frame.image_linear, transfer, dtype, frame.index)
+    light = frame.image_linear if frame.rgb is None else in_plate_primaries(frame.image_linear, frame.spec)
+    return codes_from_linear(light, transfer, dtype, frame.index)
