@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
-from mr360uw.wide_curves import ON_FILE_CODES, WIDE_TRANSFERS, WideTransfer, wide_decode, wide_encode, wide_primaries
+from mr360uw.yuv.wide_curves import (
+    ON_FILE_CODES,
+    WIDE_TRANSFERS,
+    WideTransfer,
+    wide_decode,
+    wide_encode,
+    wide_primaries,
+)
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
 Primaries = Literal["bt709", "bt2020", "sgamut3", "sgamut3cine", "vgamut", "dgamut"]
@@ -86,7 +93,7 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
 
     srgb: IEC 61966-2-1. bt709: inverse of the camera curve of ITU-R BT.709-6. bt1886: display gamma 2.4.
     linear: as it is, also what is not finite, as in maps of distances. The others, of HDR television and of cameras'
-    log recordings: `wide_curves`; below black, log curves go on as they are defined.
+    log recordings: `yuv.wide_curves`; below black, log curves go on as they are defined.
     """
     v = (real if transfer == "linear" else numbers)("encoded", encoded)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)

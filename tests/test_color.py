@@ -24,7 +24,7 @@ from mr360uw.color import (
     ycbcr_from_rgb,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.wide_curves import WIDE_TRANSFERS
+from mr360uw.yuv.wide_curves import WIDE_TRANSFERS
 from tests.tolerances import DLOG_JOIN, FLOAT64, TRANSFER_JOIN, WIDE_ROUND_TRIP
 
 

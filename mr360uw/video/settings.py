@@ -53,7 +53,7 @@ class EncodeSettings(Parameters):
         return self
 
     def encoder_options(self, hdr: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Return the options of FFmpeg's encoder; hdr: parameters that carry the clip's metadata, by the codec's names."""
+        """Return the options of FFmpeg's encoder; hdr: the clip's metadata as parameters of the codec."""
         options = self._plain_options()
         name = _PARAMETERS.get(self.codec)
         if hdr and name:

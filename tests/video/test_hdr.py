@@ -63,9 +63,8 @@ def test_tags_and_metadata_are_kept(tmp_path: Path, codec: str) -> None:
         assert other.hdr.content == one.hdr.content
         assert other.hdr.display is not None
         assert other.hdr.display.luminance == pytest.approx((0.005, 1000.0), rel=2e-3)
-        assert other.hdr.display.white == pytest.approx(
-            (0.3127, 0.3290), abs=1e-4
-        )  # SVT-AV1 rounds to parts of a power of 2
+        # SVT-AV1 rounds to parts of a power of 2
+        assert other.hdr.display.white == pytest.approx((0.3127, 0.3290), abs=1e-4)
 
 
 def test_an_object_above_white_goes_into_a_pq_clip(tmp_path: Path) -> None:

@@ -130,14 +130,6 @@ def test_colour_tags(tmp_path, size, tags, matrix, full_range) -> None:
         assert video.spec.transfer == "bt1886"
 
 
-def test_high_dynamic_range_is_refused_unless_a_curve_is_named(tmp_path) -> None:
-    path = write_clip(tmp_path / "hlg.mp4", 1, tags=(1, 9, 9, 18))
-    with pytest.raises(VideoError, match="HLG"):
-        open_video(path)
-    with open_video(path, "gamma22") as video:
-        assert video.spec.transfer == "gamma22"
-
-
 def test_planes_are_read_only(tmp_path) -> None:
     """They are the decoder's own pictures, which the next frames refer to."""
     frame = next(open_video(write_clip(tmp_path / "a.mp4")).frames())

@@ -26,8 +26,8 @@ def open_video(
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
     path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
-    transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none for
-    EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
+    transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none
+    for EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
     eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
     equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
     damaged: "stop" raises at a frame of a video that cannot be decoded, "hold" repeats the last one that could.
