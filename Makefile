@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench docs wheel clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.installed: pyproject.toml
@@ -32,6 +32,22 @@ lint: $(VENV)/.installed
 
 bench: $(VENV)/.installed  ## every benchmark; tables on standard output
 	@for program in benchmarks/*.py; do echo "== $$program"; $(BIN)/python $$program; done
+
+docs: $(VENV)/.installed-docs  ## the pages as a site in build/site, with every warning an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	@if command -v uv >/dev/null 2>&1; then uv pip install --quiet --python $(BIN)/python -e '.[docs]'; \
+	else $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'; fi
+	@touch $@
+
+wheel: $(VENV)/.installed-docs  ## wheel and sources in dist, tried in an environment of their own
+	rm -rf dist build/fresh
+	$(BIN)/python -m build --outdir dist . >/dev/null
+	$(PYTHON) -m venv build/fresh
+	build/fresh/bin/python -m pip install --quiet --disable-pip-version-check dist/mr360uw-*.whl
+	cd build/fresh && bin/mr360uw --version && bin/mr360uw sample dive --width 256 --frames 2 --overwrite \
+		&& bin/mr360uw composite dive/scene.toml dive/out.mp4 --overwrite
 
 clean:
 	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

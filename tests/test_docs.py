@@ -5,7 +5,12 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 from pathlib import Path
+
+import click
+import pytest
+import typer
 
 import mr360uw
 from mr360uw.from_above.settings import aerial_handbook
@@ -104,3 +109,50 @@ def test_every_citation_has_an_entry_and_every_entry_is_cited() -> None:
         assert found.keys() >= {"author", "title", "year"}, key
         assert key.endswith(found["year"]), key
         assert "doi" not in found or re.fullmatch(r"10\.\d{4,5}/\S+", found["doi"]), key
+
+
+def said_commands() -> list[tuple[str, list[str]]]:
+    """Return (page, words) of every line of code in the pages that calls the command line."""
+    found = []
+    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), ROOT / "samples" / "README.md"]:
+        text = page.read_text("utf-8").replace("\\\n", " ")
+        fenced = False
+        for line in text.splitlines():
+            fenced ^= line.startswith("```")
+            if line.startswith("    mr360uw ") or (fenced and line.startswith("mr360uw ")):
+                found.append((page.name, shlex.split(line, comments=True)[1:]))
+    return found
+
+
+def test_commands_of_the_pages_are_understood() -> None:
+    """Each is parsed as the shell would give it: known command, known options, values of their kind."""
+    from mr360uw.cli import app
+
+    program = typer.main.get_command(app)
+    said = said_commands()
+    assert len(said) > 20
+    for page, words in said:
+        if words[0].startswith("--"):
+            assert any(words[0] in option.opts for option in program.params), f"{page}: {words}"
+            continue
+        command = program.get_command(click.Context(program), words[0])
+        assert command is not None, f"{page}: {words}"
+        try:
+            command.make_context(words[0], words[1:], resilient_parsing=False)
+        except click.UsageError as error:
+            raise AssertionError(f"{page}: mr360uw {' '.join(words)}: {error.format_message()}") from error
+
+
+def test_the_library_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "docs" / "library.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    known: dict[str, object] = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)), known)
+    assert known["report"].frames == 2
+    assert abs(known["ratio"].mean() - 1.0) < 1e-6
+    assert (tmp_path / "try" / "out.mp4").exists()
+
+
+def test_every_page_is_in_the_site() -> None:
+    listed = set(re.findall(r"([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.M))
+    assert listed == {page.name for page in (ROOT / "docs").glob("*.md")}

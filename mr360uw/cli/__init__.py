@@ -19,7 +19,6 @@ app = typer.Typer(
     name="mr360uw",
     help="Put virtual objects into 360 degree underwater video, physically right.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
