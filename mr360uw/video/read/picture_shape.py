@@ -22,7 +22,7 @@ _ROWS, _COLUMNS = 128, 256
 """Size to which pictures are reduced: edges and poles are judged by what is larger than grain and codec blocks."""
 _SEAM, _SEAM_CODES = 2.5, 6.0
 """Step from the right to the left edge, over the mean step between neighbouring columns and in codes of 8 bits, above
-which the edges do not meet: twice the largest of the panoramas that it was chosen on (1.1). Flat pictures: 1.7 to 33."""
+which the edges do not meet: twice the largest of the panoramas it was chosen on (1.1). Flat pictures: 1.7 to 33."""
 _POLE, _POLE_CODES = 0.18, 4.0
 """Standard deviation along the top and the bottom row, over that of the median row and in codes, above which neither
 is a pole: 1.5 times the largest of the panoramas that it was chosen on (0.12). Flat pictures: 0.21 to 1.1."""
