@@ -25,7 +25,7 @@ _RIM = 0.02
 _SKIRT = (1.0, 4.0, 20.0)
 """Distances of the rings about the grid, in camera heights, over which the floor runs out into its plane."""
 _FLAT = 0.8
-"""Median error of a relief at points that it was not fitted to, over that of the plane, above which the floor is flat:
+"""Median error of a relief at points that it was not fitted to, over that of the plane, from which on the floor is flat:
 by chance that of a plane's own points is 0.9 to 1.1."""
 _LEAST_SPREAD = 0.002
 """Least spread of points about the relief, in camera heights: what tracking of good clips leaves."""
@@ -139,7 +139,7 @@ def floor_from_track(track: CameraTrack | str | Path) -> FloorMesh:
     cell = max(_FINEST * seen.height_m, max(x[1] - x[0], z[1] - z[0]) / _MOST_NODES)
     relief = np.stack([seen.point[inside, 0], over[inside], seen.point[inside, 2]], axis=1)
     field = fit_height_field(relief, seen.weight[inside], cell, _LEAST_SPREAD * seen.height_m)
-    flat = field.held_out > _FLAT * field.held_out_flat
+    flat = field.held_out >= _FLAT * field.held_out_flat
     x_m, z_m, height, confidence = _with_skirt(field, flat, seen.height_m)
     at_x, at_z = np.meshgrid(x_m, z_m)
     spread = 1.4826 * float(np.median(np.abs(relief[:, 1]))) if flat else field.spread
