@@ -25,7 +25,7 @@ _RIM = 0.02
 _SKIRT = (1.0, 4.0, 20.0)
 """Distances of the rings about the grid, in camera heights, over which the floor runs out into its plane."""
 _FLAT = 0.8
-"""Median error of a relief at points that it was not fitted to, over that of the plane, from which on the floor is flat:
+"""Median error of a relief at points that it was not fitted to, over that of the plane, from which on it is flat:
 by chance that of a plane's own points is 0.9 to 1.1."""
 _LEAST_SPREAD = 0.002
 """Least spread of points about the relief, in camera heights: what tracking of good clips leaves."""
