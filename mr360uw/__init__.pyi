@@ -6,6 +6,7 @@ from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .track.camera_track import CameraTrack
+from .track.floor_mesh import FloorMesh, floor_from_track
 from .track.tracking import track_camera
 from .types import CausticStack, Environment, Layer, Sun
 from .video import open_video
@@ -17,6 +18,7 @@ __all__ = [
     "CameraTrack",
     "CausticStack",
     "Environment",
+    "FloorMesh",
     "FrameResult",
     "GlError",
     "Layer",
@@ -34,6 +36,7 @@ __all__ = [
     "caustics",
     "composite",
     "composite_video",
+    "floor_from_track",
     "from_above",
     "ibl",
     "load_aerial",

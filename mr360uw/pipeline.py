@@ -32,7 +32,7 @@ from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
-from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import real
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -152,10 +152,11 @@ def composite_video(
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = output.complete(work, parts)
+        looks = (*video.doubts, *projection_notes(scene, video, span[0]))
     return replace(
         _report(Path(out), total, loaded, renderer, times),
         seconds=time.perf_counter() - began,
-        notes=(*video.doubts, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
+        notes=(*looks, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
         kept_frames=kept,
         workers=1 if crew is None else crew.count,
         inputs=inputs,

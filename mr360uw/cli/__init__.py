@@ -37,6 +37,7 @@ for _command in (
     tools.caustics,
     tools.match,
     tools.track,
+    tools.floor,
     tools.schema,
     tools.info,
     benching.bench,

@@ -114,6 +114,21 @@ def track(
     typer.echo("\n".join([*report_lines(solved), "wrote " + "\n      ".join(str(path) for path in written)]))
 
 
+def floor(
+    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply")],
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
+    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
+    from mr360uw.track.floor_words import floor_lines
+
+    check_mesh_output(out, overwrite=overwrite)
+    found = floor_from_track(track)
+    written = found.save(out, overwrite=overwrite)
+    typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
+
+
 def schema(
     markdown: Annotated[bool, typer.Option("--markdown", help="print tables for people instead")] = False,
     aerial: Annotated[bool, typer.Option("--aerial", help="of the scenes of `mr360uw aerial`")] = False,

@@ -17,7 +17,7 @@ from mr360uw.render.first_pass import first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import keep_inputs, open_plate
+from mr360uw.scene.inputs import keep_inputs, open_plate, projection_notes
 from mr360uw.scene.keyed import keyed_in_words
 from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
 from mr360uw.scene.model import Scene
@@ -127,10 +127,11 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
 def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: str) -> str:
     size = f"{video.width}x{video.height}"
     length = "a still" if video.is_still else f"{video.frame_count} frames"
+    doubts = (*video.doubts, *projection_notes(loaded.scene, video))
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",
-        *(f"note      {note}" for note in (*video.notes, *video.doubts, *loaded.notes, *filter(None, [fallback]))),
+        *(f"note      {note}" for note in (*video.notes, *doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
     lines += [f"keyed     {line}" for line in keyed_in_words(loaded.scene)]
     if tables := tables_on_the_way(loaded.scene):

@@ -11,6 +11,8 @@ from mr360uw.parameters import Parameters
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.read.images import is_pattern, matching_files
+from mr360uw.video.read.picture_shape import shape_of_codes, way_out
+from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
 
 
@@ -18,14 +20,24 @@ def open_plate(scene: Scene) -> VideoReader:
     """Return the scene's plate, opened as its table says; raise `VideoError`."""
     plate = scene.plate
     video = open_video(
-        plate.path,
-        transfer=plate.transfer,
-        primaries=plate.primaries,
-        eye=plate.eye,
-        frame_rate=plate.frame_rate,
-        damaged=plate.damaged,
-    )
+        plate.path, transfer=plate.transfer, primaries=plate.primaries, eye=plate.eye, frame_rate=plate.frame_rate,
+        damaged=plate.damaged, projection=plate.projection, fisheye_fov_deg=plate.fisheye_fov_deg,
+    )  # fmt: skip
     return scaled(video, plate.scale)
+
+
+def projection_notes(scene: Scene, video: VideoReader, index: int = 0) -> tuple[str, ...]:
+    """Return a note where a frame of a scene's plate does not look like a panorama.
+
+    None where the projection is set, to "equirectangular" too.
+    """
+    if scene.plate.projection != "auto" or projection_of(scene.plate.path, "auto") != "equirectangular":
+        return ()
+    frame = next(iter(video.frames(index, index + 1)))
+    codes = frame.yuv if frame.yuv is not None else frame.rgb
+    found = "" if codes is None else way_out(shape_of_codes(codes, frame.spec.bits))
+    leave = 'if that is wrong, set plate.projection = "equirectangular"'
+    return (f"{video.path} - {found}; {leave}",) if found else ()
 
 
 def keep_inputs(scene: Parameters, *outputs: Path) -> None:

@@ -29,6 +29,7 @@ from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.problems import Lines
 from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
+from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
 
 
@@ -46,6 +47,13 @@ class PlateSettings(Parameters):
     damaged: Literal["stop", "hold"] = parameter(
         "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
     )
+    projection: Projection = parameter(
+        "auto", "of the file's pictures, which are turned to equirectangular; auto: .insv dual_fisheye, .360 eac"
+    )
+    fisheye_fov_deg: float = parameter(
+        FISHEYE_FOV_DEG, "angle across one half of a dual-fisheye frame; most cameras: 190 to 205", unit="deg",
+        low=120.0, high=280.0,
+    )  # fmt: skip
 
 
 class CameraSettings(Parameters):

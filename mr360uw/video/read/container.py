@@ -26,6 +26,7 @@ from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
 from mr360uw.video.read.layout import Eye, panorama_crop
 from mr360uw.video.read.picture_order import Picture, pictures
+from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
@@ -35,10 +36,7 @@ _SOUND_LONGER_S = 1.0
 
 
 class ContainerReader(VideoReader):
-    """A video file as a plate; made by `open_video`.
-
-    `frames` turns the pictures by 180 degrees where the file's metadata says so.
-    """
+    """A video file as a plate; made by `open_video`. `frames` turns the pictures by 180 degrees where the file says so."""
 
     def __init__(
         self,
@@ -48,9 +46,10 @@ class ContainerReader(VideoReader):
         eye: Eye | None = None,
         equirectangular: bool = True,
         damaged: Damaged = "stop",
+        track: int = 0,
     ) -> None:
-        self._damaged = damaged
-        with open_container(path) as (container, stream):
+        self._damaged, self._track = damaged, track
+        with open_container(path, track) as (container, stream):
             listed = container_index(stream) if has_full_index(container, stream) else None
             first = first_picture(path, container, stream)
             self._listed = None if listed is None else listed.begun_at(first.pts)
@@ -58,7 +57,11 @@ class ContainerReader(VideoReader):
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
             self._rotation = int(first.rotation) % 360
-            self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
+            spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
+            self._crop = panorama_crop(
+                path, first.width, first.height, spherical, eye, self._rotation, equirectangular,
+                lambda: shape_of_codes(plane_views(first, spec), spec.bits),
+            )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
             self._wrap = equirectangular
@@ -70,7 +73,7 @@ class ContainerReader(VideoReader):
                 frame_rate=stream.average_rate or stream.guessed_rate or Fraction(30),
                 time_base=stream.time_base,
                 start_pts=first.pts,
-                spec=color_spec(path, first.format.name, tags, first.height, transfer, primaries),
+                spec=spec,
                 tags=tags,
                 codec_name=context.name,
                 pixel_format=first.format.name,
@@ -87,7 +90,7 @@ class ContainerReader(VideoReader):
         """The packets of the stream; reads the file through once where the container does not list them."""
         if self._listed is not None:
             return self._listed
-        with open_container(self.path) as (container, stream):
+        with open_container(self.path, self._track) as (container, stream):
             return scanned_index(container, stream)
 
     @property
@@ -136,7 +139,7 @@ class ContainerReader(VideoReader):
             with super().seeker() as anew:
                 yield anew
             return
-        with open_container(self.path) as (container, stream):
+        with open_container(self.path, self._track) as (container, stream):
             yield lambda start: self._read(container, stream, *self.check_range(start), rewound=False)
 
     def entry_before(self, index: int) -> int:
@@ -145,7 +148,7 @@ class ContainerReader(VideoReader):
 
     def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
         """Yield frames of a pass of its own."""
-        with open_container(self.path) as (container, stream):
+        with open_container(self.path, self._track) as (container, stream):
             yield from self._read(container, stream, start, stop)
 
     def _read(
@@ -195,7 +198,7 @@ class ContainerReader(VideoReader):
         Decoded by one thread: what a decoder makes of damaged data depends on the order in which its threads run.
         """
         last = None
-        with open_container(self.path) as (container, stream):
+        with open_container(self.path, self._track) as (container, stream):
             stream.thread_type = "NONE"
             for picture in pictures(container, stream, self.index, start):
                 # pictures after a cut are decoded before those that are shown ahead of them, which are missing

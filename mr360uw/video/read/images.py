@@ -20,6 +20,7 @@ from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.reader import VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
 
@@ -128,7 +129,10 @@ class ImageReader(VideoReader):
             raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
         first = read_picture(files[0], depth=depth)
         self._files, self._wrap, self._depth = files, equirectangular, depth
-        self._crop = panorama_crop(path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular)
+        self._crop = panorama_crop(
+            path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular,
+            look=lambda: shape_of_codes(first, 8 * first.dtype.itemsize),
+        )  # fmt: skip
         own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")
         super().__init__(
             path=path,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
+from mr360uw.video.read.picture_shape import Shape, way_out
 
 Eye = Literal["left", "right"]
 
@@ -51,11 +53,13 @@ def panorama_crop(
     eye: Eye | None,
     rotation: int = 0,
     equirectangular: bool = True,
+    look: Callable[[], Shape] = lambda: "panorama",
 ) -> Crop:
     """Return the part of a frame that is one full equirectangular panorama, or raise VideoError.
 
     The stereo layout is taken from the metadata or, without any, from the frame's shape: 1:1 is top-bottom, 4:1 is
-    left-right. With `eye` that half is taken. equirectangular False accepts a mono frame of any shape.
+    left-right. With `eye` that half is taken. equirectangular False accepts a mono frame of any shape. look: says what
+    the picture shows, where its size does not fit.
     """
     if rotation not in (0, 180):
         raise VideoError(
@@ -74,6 +78,8 @@ def panorama_crop(
             )
         crop = Crop(0, 0, width, height, (width, height))
     elif eye is None:
+        if spherical is None and look() == "fisheye":
+            raise VideoError(f"{path} - {way_out('fisheye')}")
         raise VideoError(
             f"{path} - is {stereo} stereo (got {width}x{height}), and one eye is worked on at a time - choose it: "
             'plate.eye = "left" or "right" in a scene, --eye left on the command line, eye="left" in Python'
@@ -83,10 +89,8 @@ def panorama_crop(
         if equirectangular and crop.width != 2 * crop.height and width == 2 * height:
             raise VideoError(_squeezed(path, crop, stereo, eye))
     if equirectangular and crop.width != 2 * crop.height:
-        raise VideoError(
-            f"{path} - the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height}) - export it as "
-            "equirectangular 2:1"
-        )
+        size = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
+        raise VideoError(f"{path} - {size} - {way_out(look()) or 'export it as equirectangular 2:1'}")
     return crop
 
 

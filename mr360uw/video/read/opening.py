@@ -7,8 +7,10 @@ from fractions import Fraction
 from pathlib import Path
 
 from mr360uw.color import Primaries, Transfer
+from mr360uw.errors import VideoError
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye
+from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection, projection_of
 from mr360uw.video.read.reader import Damaged, VideoReader
 
 
@@ -22,6 +24,8 @@ def open_video(
     equirectangular: bool = True,
     depth: bool = False,
     damaged: Damaged = "stop",
+    projection: Projection = "auto",
+    fisheye_fov_deg: float = FISHEYE_FOV_DEG,
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
@@ -31,9 +35,18 @@ def open_video(
     eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
     equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
     damaged: "stop" raises at a frame of a video that cannot be decoded, "hold" repeats the last one that could.
+    projection: of the file's pictures; frames of "dual_fisheye" and "eac" are turned to equirectangular. "auto": .insv
+    is dual fisheye, .360 is EAC, all else equirectangular. fisheye_fov_deg: across one half of a dual-fisheye frame.
 
     VideoError where the plate cannot be used.
     """
+    kind = projection_of(Path(path), projection) if equirectangular else "equirectangular"
+    if kind != "equirectangular":
+        from mr360uw.video.read.unwrapped import open_unwrapped
+
+        if eye is not None:
+            raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
+        return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged)
     files = picture_files(Path(path))
     if files is not None:
         rate = Fraction(frame_rate).limit_denominator(1001)

@@ -51,23 +51,34 @@ def check_file(path: Path) -> None:
 
 
 @contextmanager
-def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a file for one pass of decoding; yields (container, its video stream)."""
+def open_container(path: Path, track: int = 0) -> Iterator[tuple[Any, Any]]:
+    """Open a file for one pass of decoding; yields (container, its video stream number `track`)."""
     check_file(path)
     try:
         container = open_local(path)
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(_why_not(path, error)) from error
     with container:
-        streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+        streams = _video_streams(container)
         if not streams and (short := cut_short(path)):
             raise VideoError(f"{path} - the file is cut short ({short}) - {_COPY_AGAIN}")
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
-        PICTURE.check(str(path), streams[0].width * streams[0].height, VideoError)
-        streams[0].thread_type = "AUTO"
-        yield container, streams[0]
+        stream = streams[track]
+        PICTURE.check(str(path), stream.width * stream.height, VideoError)
+        stream.thread_type = "AUTO"
+        yield container, stream
+
+
+def track_sizes(path: Path) -> list[tuple[int, int]]:
+    """Return the width and height of each video stream of a file; VideoError where there is none."""
+    with open_container(path) as (container, _):
+        return [(s.width, s.height) for s in _video_streams(container)]
+
+
+def _video_streams(container: Any) -> list[Any]:
+    return [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
 
 
 def _why_not(path: Path, error: Exception) -> str:
