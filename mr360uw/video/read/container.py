@@ -36,7 +36,7 @@ _SOUND_LONGER_S = 1.0
 
 
 class ContainerReader(VideoReader):
-    """A video file as a plate; made by `open_video`. `frames` turns the pictures by 180 degrees where the file says so."""
+    """A video file as a plate; made by `open_video`. Pictures are turned by 180 degrees where the file says so."""
 
     def __init__(
         self,
