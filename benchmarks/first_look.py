@@ -6,7 +6,7 @@
 PLATES and MESHES are folders, searched with all below them. Each plate gets the next mesh in turn, or every mesh with
 --every. Scenes and previews are written into FOLDER, with a sheet of the previews; plates that are refused are listed
 with the reason. A plate is under water if WORD is in its path (default "underwater"): the table says whether `new`
-found the same, the angle under which the object is seen, and how much of it covers its middle's line of sight.
+found the same, the angle under which the object is seen, and its highest and lowest elevation.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from mr360uw.errors import Mr360uwError  # noqa: E402
-from mr360uw.first_look.first_scene import make_first_scene  # noqa: E402
-from mr360uw.preview.live import LivePreview  # noqa: E402
-from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.scene.model import load_scene  # noqa: E402
+from mr360uw.errors import Mr360uwError
+from mr360uw.first_look.first_scene import make_first_scene
+from mr360uw.render.loaded import load
+from mr360uw.scene.model import load_scene
 
 PLATES = (".jpg", ".png", ".exr", ".hdr", ".mp4", ".mov", ".mkv", ".webm")
 MESHES = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -34,11 +33,12 @@ SHOWN = (640, 320)
 
 
 def files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """Return the files of these suffixes in a folder and all below it."""
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes)
 
 
 def seen(scene_file: Path) -> tuple[float, float, float]:
-    """Return the widest angle [deg] of the object's hull, its highest point's and its lowest point's elevation [deg]."""
+    """Return the widest angle [deg] of the object's hull, and the highest and lowest elevation [deg] of its points."""
     scene = load_scene(scene_file)
     loaded = load(scene, 1024, 512)
     view = loaded.view(0.0)
@@ -50,15 +50,8 @@ def seen(scene_file: Path) -> tuple[float, float, float]:
     return widest, float(elevation.max()), float(elevation.min())
 
 
-def changed(scene_file: Path) -> float:
-    """Return the fraction of the object's layer, of 512 columns, that is seen: its alpha over that of its silhouette."""
-    with LivePreview("auto") as live:
-        scene = load_scene(scene_file)
-        frame = live.frame(live.coarse(scene), 0, 512)
-    return float(frame.layer.alpha.sum())
-
-
 def main() -> None:
+    """Make the scenes, print what was found, write the sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("plates", type=Path)
     parser.add_argument("meshes", type=Path)

@@ -51,8 +51,8 @@ def make_first_scene(
 ) -> FirstScene:
     """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
 
-    track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate; the left one if not
-    given. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
+    track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
+    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
     `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, out, overwrite=overwrite)
@@ -61,11 +61,10 @@ def make_first_scene(
     chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
     write_whole(path, scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files))
     with LivePreview(backend) as live:
-        scene = load_scene(path)
-        loaded = live.loaded(scene)
+        draft, width = live.coarse(load_scene(path)), min(PREVIEW_COLUMNS, plate.size[0])
+        loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
-        width = min(PREVIEW_COLUMNS, plate.size[0])
-        picture = live.frame(live.coarse(scene), 0, width).picture
+        picture = live.frame(draft, 0, width).picture
     write_whole(preview, screen_picture(picture.image_linear, ".png"))
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
     lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
@@ -115,5 +114,7 @@ def _floor_of(track: Path) -> float | None:
 
 
 def _sun(loaded: Loaded, live: LivePreview) -> str:
-    frame = live.plate(loaded.scene, 0)
+    """Return what is found of a sun in the whole first frame, in words."""
+    scene = loaded.scene
+    frame = live.plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
     return loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)

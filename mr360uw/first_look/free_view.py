@@ -19,7 +19,9 @@ _STEP_DEG = 5.0
 _DIM = 0.002
 """Light that is added before logarithms are taken: noise of dark plates is no texture."""
 _RED, _BLACK, _WHITE = 1.5, 0.25, 1.5
-"""Costs, in the unit of texture (rms of the logarithm of light), of red, of a factor of e in darkness and of clipping."""
+"""Costs of red, of darkness (a factor of e) and of clipping, over those of texture (rms of the logarithm of light)."""
+_CLIPPED = 0.97
+"""Linear light from which a pixel counts as clipped. Under water that is the sun's glitter; in air, an overcast sky."""
 _OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.0008
 """Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
 
@@ -40,7 +42,8 @@ class FreeView:
 def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: bool) -> FreeView:
     """Return the freest part of a levelled panorama (h, w, 3) of linear light, its middle within these elevations.
 
-    underwater: parts with the veil's colour, without red, are preferred. The cost is texture + what the constants say.
+    underwater: parts with the veil's colour, without red, are preferred, and parts that are not clipped. The cost is
+    texture and what the constants say.
     """
     import cv2
 
@@ -58,8 +61,8 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     texture = np.sqrt(np.maximum(mean(fine * fine), 0.0))
     bright = mean(light)
     cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
-    cost += _WHITE * mean((wrapped.max(axis=-1) > 0.97).astype(np.float32))
     if underwater:
+        cost += _WHITE * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
         cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
     elevation = 90.0 - (np.arange(height) + 0.5) / scale
     azimuth = ((np.arange(width) + 0.5) / width - 0.5) * 360.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mesh shows by itself: its size in metres, its front, and whether it stands on a floor.
 
-It is mirror-symmetric about the plane through its middle across its left-right axis: that axis of x and z is taken about
-which it is clearly more symmetric. The other one points to its front; of a body that is longest along it, the thicker
-end is the front (heads are thicker than tails). Where that does not tell, +z is the front, as glTF has it.
+Of the axes x and z, that one is its left-right axis about which it is clearly more mirror-symmetric. The other one
+points to its front; of a body that is longest along it, the thicker end is the front (heads are thicker than tails).
+Where that does not tell, +z is the front, as glTF has it.
 """
 
 from __future__ import annotations

@@ -27,10 +27,12 @@ _WATER: JerlovType = "IB"
 _UNLIKE = 0.4
 """Rms of the logarithm of plate over model above which no type of water is proposed."""
 _PATCH_DEG = 14.0
-_ANGLE_DEG, _WIDEST_DEG = 20.0, 30.0
-"""Angles that an object's longest side is seen under: as a rule, and at most."""
-_SEEN = 0.35
-"""Distance over that at which a black target is lost, up to which an object is put: its contrast is a fifth there."""
+_ANGLE_DEG = 20.0
+"""Angle that an object's longest side is seen under as a rule."""
+_NEAR = ((30.0, 0.2), (45.0, 0.35))
+"""Greatest angle [deg], and greatest distance over that at which a black target is lost: contrasts of 38 and 19 %. The
+second pair is for things that would be made smaller than half their size by the first."""
+_HALF = 0.5
 _STEEPEST_DEG = 40.0
 """Angle below the horizon at which things on the floor are seen, at most: seen from above they are hard to tell."""
 _LEVEL_DEG = (-8.0, 18.0)
@@ -79,16 +81,15 @@ class Proposal:
 def propose(plate: PlateLook, mesh: MeshLook, floor_m: float | None = None) -> Proposal:
     """Return a scene for a plate and a mesh. floor_m: height of the floor where it is known, negative."""
     wet = plate.medium.underwater
-    water, view, reach = None, free_view(plate.image, _LEVEL_DEG, underwater=wet), math.inf
+    water, view, sight = None, free_view(plate.image, _LEVEL_DEG, underwater=wet), math.inf
     if wet:
         water = guess_water(plate, view)
-        reach = _SEEN * sight_m(water.type)
+        sight = sight_m(water.type)
     floor = floor_m if floor_m is not None else (-_FLOOR_M[wet] if plate.floor else None)
-    near = reach / _sizes_away(_WIDEST_DEG)
-    size = min(mesh.size_m, near)
-    distance = min(_sizes_away(_ANGLE_DEG) * size, reach)
+    size, distance = _seen_through(mesh.size_m, sight)
     drop = None if floor is None else -floor
-    stands = mesh.habit == "stands" and drop is not None and _seen_on_floor(distance, drop)
+    of_floor = mesh.habit == "stands" or not (wet or mesh.kind)  # in air only what is known to swim hangs there
+    stands = of_floor and drop is not None and _seen_on_floor(distance, drop)
     height = size * mesh.extent[1]
     if stands and drop is not None:
         middle = math.degrees(math.asin(max(min((0.5 * height - drop) / distance, 1.0), -1.0)))
@@ -114,6 +115,17 @@ def propose(plate: PlateLook, mesh: MeshLook, floor_m: float | None = None) -> P
         face=across if mesh.long else "camera",
         lamp=plate.dark,
     )
+
+
+def _seen_through(size_m: float, sight_m: float) -> tuple[float, float]:
+    """Return the size and the distance [m] of a thing that a water does not hide; its own size if that can be."""
+    size, reach = size_m, math.inf
+    for angle_deg, share in _NEAR:
+        reach = share * sight_m
+        size = min(size_m, reach / _sizes_away(angle_deg))
+        if size >= _HALF * size_m:
+            break
+    return size, min(_sizes_away(_ANGLE_DEG) * size, reach)
 
 
 def _sizes_away(angle_deg: float) -> float:

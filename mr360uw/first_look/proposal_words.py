@@ -52,7 +52,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     )
     if chosen.smaller:
         lines.append(
-            f"size      made {chosen.size_m:g} m long: at its own size the water would hide it from where it fits"
+            f"size      made {chosen.size_m:g} m long, because this water hides what is farther away; size_m sets it"
         )
     place = (
         "stands on the floor" if chosen.stands else f"off the floor, {chosen.elevation_deg:g} degrees over the horizon"
