@@ -38,7 +38,7 @@ def check_color(color: Vector) -> Vector:
 
 
 class ReceiverSettings(Parameters):
-    """The surface of the plate that shows shadows and, on request, caustics."""
+    """The floor: the surface of the plate that shows shadows and, on request, caustics."""
 
     kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "source of its shape")
     height_m: float = parameter(-2.0, "height of the plane above the camera's position at time 0", unit="m")
@@ -71,7 +71,7 @@ class ReceiverSettings(Parameters):
 
 
 class HoldoutSettings(Parameters):
-    """A matte of the plate that stays in front of the objects."""
+    """A mask (matte) of the plate that stays in front of the objects."""
 
     path: Path = parameter(..., "image, sequence (matte_%04d.png) or video of the plate's shape")
     kind: Literal["mask", "distance"] = parameter("mask", "white hides the objects, or a distance along the ray")

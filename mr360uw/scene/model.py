@@ -100,9 +100,14 @@ class Scene(Parameters):
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
-    receiver: ReceiverSettings | None = parameter(None, "the part of the plate that receives shadows and caustics")
+    receiver: ReceiverSettings | None = parameter(
+        None, "the floor: the part of the plate that receives shadows and caustics"
+    )
     holdouts: tuple[HoldoutSettings, ...] = parameter(
-        (), "mattes of the plate in front of the objects", alias="holdout", fixed="a matte may itself be a video"
+        (),
+        "masks (mattes) of the plate in front of the objects",
+        alias="holdout",
+        fixed="a matte may itself be a video",
     )
     light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     sea: Sea = parameter(GerstnerSea(), "the water surface")
