@@ -22,7 +22,7 @@ _RED, _BLACK, _WHITE = 1.5, 0.25, 1.5
 """Costs of red, of darkness (a factor of e) and of clipping, over those of texture (rms of the logarithm of light)."""
 _CLIPPED = 0.97
 """Linear light from which a pixel counts as clipped. Under water that is the sun's glitter; in air, an overcast sky."""
-_OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.0008
+_OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.002
 """Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.composite import Mesh, load_mesh
+from mr360uw.composite import Mesh
 from mr360uw.composite.mesh.mesh import METRES
+from mr360uw.composite.mesh.rig import load_rig
 from mr360uw.composite.object_settings import Front
 from mr360uw.first_look.mesh_words import Habit, Kind, kind_of
 from mr360uw.types import Floats
@@ -37,8 +38,8 @@ _FOOT = 0.03
 class MeshLook:
     """What was found in a mesh. size_m: its longest side. why_size: the reason, in words.
 
-    extent: (3,) sides over the longest. front, sure_front: the side that is its front. long: whether it is longer than
-    wide. kind: of thing, or None.
+    extent: (3,) sides over the longest. front: the side that is its front. long: whether it is longer than wide. kind:
+    of thing, or None. tinted: whether it has vertex colours beside textures. clips: names of its animations.
     """
 
     path: Path
@@ -50,16 +51,20 @@ class MeshLook:
     why_front: str
     long: bool
     habit: Habit
+    tinted: bool
+    clips: tuple[str, ...]
 
 
 def look_at_mesh(path: Path, *, outside_files: bool = False) -> MeshLook:
     """Return what a mesh shows; raise `MeshError` where it cannot be read."""
-    mesh = load_mesh(path, outside=outside_files)
+    rig = load_rig(path, "auto", "", outside=outside_files)
+    mesh, clips = rig.mesh, () if rig.rigging is None else rig.rigging.clips
+    tinted = bool(np.any(mesh.colors != 1.0)) and any(m.base_map is not None for m in mesh.materials)
     kind, longest = kind_of(path.stem), float(np.max(mesh.extent_m))
     size, why = _size(kind, longest)
     front, why_front, long = _front(mesh, kind)
     x, y, z = (mesh.extent_m / longest).tolist()
-    return MeshLook(path, kind, size, why, (x, y, z), front, why_front, long, _habit(mesh, kind))
+    return MeshLook(path, kind, size, why, (x, y, z), front, why_front, long, _habit(mesh, kind), tinted, clips)
 
 
 def _size(kind: Kind | None, units: float) -> tuple[float, str]:

@@ -58,8 +58,9 @@ class WaterGuess:
 class Proposal:
     """A scene as it is proposed. water: None in air. floor_m: height of the floor, negative, or None.
 
-    stands: whether the object is on the floor. smaller: whether it was made smaller than it is, to be seen.
-    face: azimuth [deg] of its front, or "camera". lamp: whether a lamp goes with the camera.
+    stands: whether the object is on the floor. lifted: whether it would be, but is too small to be seen there. smaller:
+    whether it was made smaller than it is, to be seen. face: azimuth [deg] of its front, or "camera".
+    lamp: whether a lamp goes with the camera.
     """
 
     view: FreeView
@@ -68,6 +69,7 @@ class Proposal:
     floor_m: float | None
     floor_known: bool
     stands: bool
+    lifted: bool
     size_m: float
     smaller: bool
     distance_m: float
@@ -107,6 +109,7 @@ def propose(plate: PlateLook, mesh: MeshLook, floor_m: float | None = None) -> P
         floor_m=None if floor is None else round(floor, 2),
         floor_known=floor_m is not None,
         stands=stands,
+        lifted=of_floor and drop is not None and not stands,
         size_m=float(f"{size:.3g}"),
         smaller=size < mesh.size_m,
         distance_m=float(f"{distance:.3g}"),

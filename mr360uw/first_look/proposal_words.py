@@ -57,6 +57,8 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     place = (
         "stands on the floor" if chosen.stands else f"off the floor, {chosen.elevation_deg:g} degrees over the horizon"
     )
+    if chosen.lifted:
+        place += " (too small to be seen on it)"
     side = _side(chosen.azimuth_deg)
     ahead = "seen from the side" if chosen.face != "camera" else "facing the camera"
     lines.append(f"place     {side}, {chosen.distance_m:g} m away, {place}, {ahead}")
@@ -160,6 +162,10 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
         (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
         (f"face = {face}", 'azimuth its front points to, or "camera"'),
     ]
+    if mesh.tinted:
+        rows.append(('vertex_colors = "ignore"', 'beside its textures; or "multiply"'))
+    if len(mesh.clips) > 1:
+        rows.append((f"animation = {toml_value(mesh.clips[0])}", f"the first of {len(mesh.clips)}"))
     return [*rows, ("outside_files = true", "")] if outside_files else rows
 
 
