@@ -30,7 +30,8 @@ sys.path.insert(0, str(ROOT))
 from mr360uw.caustics.sea.gerstner import GerstnerSea  # noqa: E402
 from mr360uw.caustics.sea.spectral import SpectralSea  # noqa: E402
 from mr360uw.caustics.settings import CausticSettings  # noqa: E402
-from mr360uw.composite.settings import DrawSettings, LampSettings, ObjectSettings, ReceiverSettings  # noqa: E402
+from mr360uw.composite.object_settings import ObjectSettings  # noqa: E402
+from mr360uw.composite.settings import DrawSettings, LampSettings, ReceiverSettings  # noqa: E402
 from mr360uw.errors import Mr360uwError, RenderError  # noqa: E402
 from mr360uw.ibl import LightSettings  # noqa: E402
 from mr360uw.medium import WaterSettings  # noqa: E402

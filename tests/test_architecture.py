@@ -50,6 +50,7 @@ ALLOWED: dict[str, set[str]] = {
         *PHYSICS,
     },
     "track": {"video", "ibl", "progress"},
+    "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",
         "preview",
@@ -65,6 +66,12 @@ ALLOWED: dict[str, set[str]] = {
     },
 }
 HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui", "pycolmap"}
+
+
+def test_only_the_command_line_takes_a_first_look() -> None:
+    for path in ROOT.rglob("*.py"):
+        if path.relative_to(ROOT).parts[0] not in ("first_look", "cli"):
+            assert "mr360uw.first_look" not in path.read_text("utf-8"), path.relative_to(ROOT)
 
 
 def imports(path: Path) -> set[str]:

@@ -13,20 +13,23 @@ from mr360uw.cli.options import BackendOption, EyeOption, FramesOption, Overwrit
 
 
 def new(
-    video: Annotated[Path, typer.Argument(help="360 plate")],
+    video: Annotated[Path, typer.Argument(help="360 plate: a video or a still")],
     mesh: Annotated[Path, typer.Argument(help="glTF, OBJ, PLY or STL")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
+    track: Annotated[Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it")] = None,
     eye: EyeOption = None,
+    backend: BackendOption = "auto",
     overwrite: OverwriteOption = False,
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
-    """Write a commented scene file that puts MESH into VIDEO and runs as it is."""
-    from mr360uw.scene.template import write_scene
+    """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
+    from mr360uw.first_look.first_scene import make_first_scene
 
-    path = write_scene(
-        video, mesh, out, eye=None if eye is None else eye.value, overwrite=overwrite, outside_files=outside_files
-    )
-    typer.echo(f"wrote {path}\nnext:  mr360uw composite {path} {path.with_suffix('.composite.mp4').name}")
+    made = make_first_scene(
+        video, mesh, out, track=track, eye=None if eye is None else eye.value, overwrite=overwrite,
+        outside_files=outside_files, backend=backend,
+    )  # fmt: skip
+    typer.echo("\n".join([*made.lines, *made.next_lines]))
 
 
 def analyse(

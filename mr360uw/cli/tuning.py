@@ -34,13 +34,15 @@ def tune(
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
         raise Mr360uwError("tune - needs packages that are not installed - pip install mr360uw[tune]")
-    from mr360uw.scene.template import write_scene
     from mr360uw.tune.editing.document import Document
 
     scene = source
     if mesh is not None:
-        scene = write_scene(source, mesh)
-        typer.echo(f"wrote {scene}")
+        from mr360uw.first_look.first_scene import make_first_scene
+
+        made = make_first_scene(source, mesh, backend=backend)
+        typer.echo("\n".join(made.lines))
+        scene = made.scene
     document = Document(scene)
 
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them

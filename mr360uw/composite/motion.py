@@ -9,6 +9,7 @@ Before the first and after the last key everything is at rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,18 +19,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.composite.settings import Interpolation, LampSettings, ObjectSettings
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.object_settings import Front, ObjectSettings
+from mr360uw.composite.settings import Interpolation, LampSettings
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level.tilt import level_matrix
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.medium.tables import read_table
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
+
+_TO_NOSE: dict[Front, float] = {"-z": 0.0, "+z": 180.0, "+x": -90.0, "-x": 90.0}
+"""Yaw [deg] that turns the front of a mesh to where noses are, -z."""
 
 
 def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
     """Return the (3, 3) rotation of angles [deg] as the module defines them."""
     yaw, pitch, roll = np.radians(yaw_pitch_roll_deg)
     return yaw_matrix(yaw) @ level_matrix(roll, pitch)
+
+
+def yaw_pitch_roll_deg(rotation: Floats) -> tuple[float, float, float]:
+    """Return the angles [deg] of a rotation (3, 3): the inverse of `rotation_matrix`."""
+    roll, pitch = (float(angle) for angle in roll_pitch(rotation[1]))
+    x, _, z = -(rotation @ level_matrix(roll, pitch).T)[:, 2]
+    return math.degrees(math.atan2(x, -z)), math.degrees(pitch), math.degrees(roll)
 
 
 def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:
@@ -88,21 +101,27 @@ def lamp_motion(settings: LampSettings) -> Motion:
     )
 
 
-def object_motion(settings: ObjectSettings) -> Motion:
-    """Return the motion of an object."""
+def object_motion(settings: ObjectSettings, mesh: Mesh) -> Motion:
+    """Return the motion of an object; mesh: its own, at rest. One that stands is at the height of its setting yet."""
     keys = settings.key
-    if not keys:
-        return Motion(
-            np.zeros(1), np.array([settings.position_m]), rotation_matrix(settings.rotation_deg)[None],
-            np.array([settings.scale]), settings.interpolation,
-        )  # fmt: skip
-    return Motion(
-        np.array([key.time_s for key in keys]),
-        np.array([key.position_m or settings.position_m for key in keys]),
-        np.stack([rotation_matrix(key.rotation_deg or settings.rotation_deg) for key in keys]),
-        np.array([key.scale or settings.scale for key in keys]),
-        settings.interpolation,
-    )
+    poses = [_pose(settings.at_key(key), mesh) for key in keys] or [_pose(settings, mesh)]
+    times = np.array([key.time_s for key in keys] or [0.0])
+    position, rotation, scale = (np.array(values) for values in zip(*poses, strict=True))
+    return Motion(times, position, rotation, scale, settings.interpolation)
+
+
+def _pose(settings: ObjectSettings, mesh: Mesh) -> tuple[Floats, Floats, float]:
+    """Return the position (3,), rotation (3, 3) and scale of an object of these settings."""
+    place, scale = np.array(settings.place_m), settings.scale
+    if settings.size_m is not None:
+        scale = settings.size_m / float(np.max(mesh.extent_m))
+    rotation = rotation_matrix(settings.rotation_deg)
+    if settings.face is not None:
+        azimuth = math.degrees(math.atan2(-place[0], place[2])) if settings.face == "camera" else settings.face
+        rotation = (
+            rotation_matrix((azimuth, 0.0, 0.0)) @ rotation @ rotation_matrix((_TO_NOSE[settings.front], 0.0, 0.0))
+        )
+    return place - scale * rotation @ mesh.center_m if settings.polar else place, rotation, scale
 
 
 def read_camera_track(path: str | Path) -> Motion:

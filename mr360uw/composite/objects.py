@@ -18,8 +18,8 @@ from mr360uw.composite.mesh.rig import Rig, load_rig
 from mr360uw.composite.mesh.texture import Texture
 from mr360uw.composite.mesh.texture_file import read_texture
 from mr360uw.composite.motion import Motion, object_motion, rigid
+from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Poses, playback
-from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError
 from mr360uw.reading.kept_reads import KeptReads
@@ -29,7 +29,14 @@ _AT_REST = {
     name: ObjectSettings.model_fields[name].default
     for name in (
         "position_m",
+        "azimuth_deg",
+        "elevation_deg",
+        "distance_m",
+        "stand_on",
         "rotation_deg",
+        "face",
+        "front",
+        "size_m",
         "scale",
         "attach",
         "key",
@@ -130,7 +137,8 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
         return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
 
     def placed(settings: ObjectSettings) -> SceneObject:
-        look = settings.model_copy(update=_AT_REST)
+        sized = {"unit": "m"} if settings.size_m is not None else {}  # of any unit: no note on an odd size
+        look = settings.model_copy(update=_AT_REST | sized)
         return _scene_object(settings, kept.get("look", look, lambda: poses(look), several))
 
     return tuple(kept.get("object", one, functools.partial(placed, one), several) for one in all_settings)
@@ -149,7 +157,7 @@ def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneOb
     played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
     if played is not None:
         meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
-    return SceneObject(settings, meshes, object_motion(settings), played)
+    return SceneObject(settings, meshes, object_motion(settings, poses[0].rig.mesh), played)
 
 
 def _paths(path: Path) -> list[Path]:

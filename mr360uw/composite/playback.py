@@ -13,7 +13,7 @@ from mr360uw.composite.mesh.curve import Clip
 from mr360uw.composite.mesh.hull import slab_hull, slabs
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.rig import Rig, pose, surfaces
-from mr360uw.composite.settings import Loop, ObjectSettings
+from mr360uw.composite.object_settings import Loop, ObjectSettings
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of objects, lamps, receivers, holdouts and sampling."""
+"""Parameters of lamps, receivers, holdouts and sampling; those of objects are in `object_settings`."""
 
 from __future__ import annotations
 
@@ -15,98 +15,30 @@ from mr360uw.parameters import Parameters, parameter
 
 Vector = tuple[float, float, float]
 Extent = Annotated[float, Field(gt=0.0, le=1e6)]
-Unit = Literal["auto", "m", "cm", "mm"]
-Attachment = Literal["world", "camera", "surface"]
 Interpolation = Literal["linear", "smooth"]
-Loop = Literal["repeat", "once", "ping-pong"]
 Quality = Literal["draft", "final", "reference"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
-_MOTION = "it is a motion over time itself"
+MOTION = "it is a motion over time itself"
+"""Why keys of motions are not keyed themselves."""
 
 
-def _check_times(times: Sequence[float]) -> None:
+def check_times(times: Sequence[float]) -> None:
+    """Raise `ValueError` where times of keys do not ascend."""
     for number, (one, after) in enumerate(itertools.pairwise(times)):
         if after <= one:
             what = f"key {number + 1} must be later than key {number}"
             raise ValueError(f"{what} (got time_s {one:g}, then {after:g}) - sort the keys")
 
 
-def _check_color(color: Vector) -> Vector:
+def check_color(color: Vector) -> Vector:
+    """Return a linear colour; raise `ValueError` where a channel is negative."""
     if min(color) < 0.0:
         raise ValueError(f"must be three numbers >= 0 (got {list(color)}) - light cannot be taken away")
     return color
 
 
-class KeySettings(Parameters):
-    """One instant of an object's motion; values that are not set are the object's own."""
-
-    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
-    position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
-    rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll)", unit="deg")
-    scale: float | None = parameter(None, "factor on the object's size", unit="1", above=0.0, high=1e6)
-
-
-class ObjectSettings(Parameters):
-    """A mesh in the scene: position, size, material, motion."""
-
-    mesh: Path = parameter(..., "glTF, GLB, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
-    position_m: Vector = parameter((0.0, 0.0, -3.0), "position (right, up, back) from the camera at time 0", unit="m")
-    rotation_deg: Vector = parameter(
-        (0.0, 0.0, 0.0), "(yaw, pitch, roll): nose (-z) to the right, nose up, right side down; roll first", unit="deg"
-    )
-    scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
-    unit: Unit = parameter("auto", "unit of the file; auto: metres, with a note if the size looks wrong")
-    attach: Attachment = parameter(
-        "world",
-        "frame of reference: the world; the camera and its rotation; or the waves, on which it floats, with position_m "
-        "over the mean surface",
-    )
-    key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time", fixed=_MOTION)
-    interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
-    animation: int | str = parameter(
-        "auto", "clip of a glTF file that is played, by name or number (the first is 0); auto: its first, '': none"
-    )
-    loop: Loop = parameter("repeat", "how the clip goes on after its end: again, not at all, or back and forth")
-    speed: float = parameter(
-        1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3,
-        fixed="the clip would jump: key start_s, the time within it",
-    )  # fmt: skip
-    start_s: float = parameter(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
-    casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
-    visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
-    texture: Path | None = parameter(None, "base colour image to use instead of the file's own")
-    normal_texture: Path | None = parameter(None, "tangent space normal map to use instead of the file's own")
-    orm_texture: Path | None = parameter(None, "occlusion, roughness, metallic in red, green, blue, instead")
-    base_color: Vector | None = parameter(
-        None, "linear base colour, multiplies the texture; none: the file's", unit="1"
-    )
-    metallic: float | None = parameter(None, "0 dielectric, 1 metal; none: the file's", unit="1", low=0.0, high=1.0)
-    roughness: float | None = parameter(None, "0 mirror, 1 matt; none: the file's", unit="1", low=0.0, high=1.0)
-    refractive_index: float | None = parameter(
-        None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0
-    )
-    emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
-    double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
-    vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(
-        "auto", "vertex colours as a tint; auto: where there is no base texture"
-    )
-    part: str = parameter("", "draw only the parts whose name contains this")
-    outside_files: bool = parameter(False, "whether the mesh file may name files outside of its own folder")
-
-    @field_validator("base_color")
-    @classmethod
-    def _not_negative(cls, color: Vector | None) -> Vector | None:
-        return None if color is None else _check_color(color)
-
-    @field_validator("key")
-    @classmethod
-    def _ascending(cls, keys: tuple[KeySettings, ...]) -> tuple[KeySettings, ...]:
-        _check_times([key.time_s for key in keys])
-        return keys
-
-
 class ReceiverSettings(Parameters):
-    """The surface of the plate that shows shadows and, on request, caustics."""
+    """The floor: the surface of the plate that shows shadows and, on request, caustics."""
 
     kind: Literal["plane", "mesh", "height_map", "distance"] = parameter("plane", "source of its shape")
     height_m: float = parameter(-2.0, "height of the plane above the camera's position at time 0", unit="m")
@@ -139,7 +71,7 @@ class ReceiverSettings(Parameters):
 
 
 class HoldoutSettings(Parameters):
-    """A matte of the plate that stays in front of the objects."""
+    """A mask (matte) of the plate that stays in front of the objects."""
 
     path: Path = parameter(..., "image, sequence (matte_%04d.png) or video of the plate's shape")
     kind: Literal["mask", "distance"] = parameter("mask", "white hides the objects, or a distance along the ray")
@@ -168,7 +100,7 @@ class LampSettings(Parameters):
     )
     attach: Literal["world", "camera", "object"] = parameter("world", "frame of reference")
     object: int = parameter(0, "for attach object: its number, the first is 0", low=0, high=10000)
-    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time", fixed=_MOTION)
+    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time", fixed=MOTION)
     interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
     lumen: float | None = parameter(None, "luminous flux; none: from watts, or 2000", unit="lm", low=0.0, high=1e7)
     watts: float | None = parameter(
@@ -189,12 +121,12 @@ class LampSettings(Parameters):
     @field_validator("color")
     @classmethod
     def _not_negative(cls, color: Vector) -> Vector:
-        return _check_color(color)
+        return check_color(color)
 
     @field_validator("key")
     @classmethod
     def _ascending(cls, keys: tuple[LampKeySettings, ...]) -> tuple[LampKeySettings, ...]:
-        _check_times([key.time_s for key in keys])
+        check_times([key.time_s for key in keys])
         return keys
 
     @model_validator(mode="after")

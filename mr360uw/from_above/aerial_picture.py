@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.footing import on_the_floor
 from mr360uw.composite.objects import load_objects, on_the_sea
 from mr360uw.composite.over import over
+from mr360uw.composite.shot import Receiver
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import ParameterError
 from mr360uw.from_above.aerial_bodies import AerialBodies, brightened
@@ -75,7 +77,8 @@ class LoadedAerial:
         level = float(light @ np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B]))
         if not level > 0.0:
             raise ParameterError("sun, sky - give no light (got 0) - set sun.irradiance or sky.irradiance")
-        afloat = tuple(on_the_sea(one, sea.sea, 0.0) for one in load_objects(scene.objects))
+        ground = Receiver(plane_y=-scene.floor.depth_m)
+        afloat = tuple(on_the_floor(on_the_sea(one, sea.sea, 0.0), ground) for one in load_objects(scene.objects))
         bodies = AerialBodies.of(sea, afloat) if afloat else None
         return cls(scene, sea, scene.camera.exposure * PI / level, bodies)
 

@@ -72,7 +72,7 @@ class LightSettings(Parameters):
         above=0.0, high=1e7,
     )  # fmt: skip
     track: Path | None = parameter(None, "track of the sun that `analyse` wrote (.json or .csv), edited or not")
-    smooth: bool = parameter(True, "whether a first pass over the clip smooths the sun it detects and the veil's gain")
+    smooth: bool = parameter(True, "whether a first pass over the clip smooths the sun it detects and the haze's gain")
     glossy_roughness: tuple[float, ...] = parameter(
         (0.1, 0.2, 0.4, 0.7, 1.0), "roughnesses of the glossy levels, ascending in [0.05, 1], at most 8", unit="1"
     )

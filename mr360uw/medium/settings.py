@@ -120,7 +120,8 @@ class WaterSettings(WaterKindSettings):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
     mode: Mode = parameter(
-        "table", "how the veil is computed; kd = as published, table = solved light field, plate = each frame's own map"
+        "table",
+        "how the haze (veil) is computed; kd = as published, table = solved light field, plate = each frame's own map",
     )
     bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
     rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
@@ -136,7 +137,8 @@ class WaterSettings(WaterKindSettings):
         60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
     )  # fmt: skip
     gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
-        "auto", "factor on the veil per channel; auto = the level veil has the plate's own colour, steady over a clip"
+        "auto",
+        "factor on the haze (veil) per channel; auto = level, it has the plate's own colour, steady over a clip",
     )
 
     @property

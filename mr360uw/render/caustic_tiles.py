@@ -50,7 +50,7 @@ def export_caustics(
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])
     if depth_m is None:
-        heights = [0.0, *(o.position_m[1] for o in scene.objects[:1])]
+        heights = [0.0, *(o.place_m[1] for o in scene.objects[:1])]
         if scene.receiver is not None and scene.receiver.kind == "plane":
             heights.append(scene.receiver.height_m)
         depth_m = max(scene.camera.depth_m - heights[-1], 0.0)

@@ -137,7 +137,7 @@ def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: s
     if tables := tables_on_the_way(loaded.scene):
         lines.append(f"keyed     the water takes {tables} tables on its way, about {tables * TABLE_S:.0f} s in all")
     for placed in loaded.objects:
-        size = " x ".join(f"{s:.2f}" for s in placed.settings.scale * placed.meshes[0].extent_m)
+        size = " x ".join(f"{s:.2f}" for s in placed.motion.scale[0] * placed.meshes[0].extent_m)
         triangles = len(placed.meshes[0].positions)
         clip = None if placed.playback is None else placed.playback.clip
         plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"

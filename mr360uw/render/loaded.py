@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
+from mr360uw.composite.footing import on_the_floor
 from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.medium import Medium
@@ -150,13 +151,14 @@ class Loader:
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
             loaded = load_objects(scene.objects, kept)
-            objects = tuple(on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
         with files_read() as other_files:
             receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
             surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
+        afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
+        objects = tuple(on_the_floor(one, ground) for one in afloat)
         of_lamps = scene.lamps, Same(medium), scene.light.white_cd_m2
         return Loaded(
             scene=scene,

@@ -18,7 +18,8 @@ from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
-from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ObjectSettings, ReceiverSettings
+from mr360uw.composite.object_settings import ObjectSettings
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
@@ -108,9 +109,14 @@ class Scene(Parameters):
     water: WaterSettings = parameter(WaterSettings(), "the water between camera and objects")
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
-    receiver: ReceiverSettings | None = parameter(None, "the part of the plate that receives shadows and caustics")
+    receiver: ReceiverSettings | None = parameter(
+        None, "the floor: the part of the plate that receives shadows and caustics"
+    )
     holdouts: tuple[HoldoutSettings, ...] = parameter(
-        (), "mattes of the plate in front of the objects", alias="holdout", fixed="a matte may itself be a video"
+        (),
+        "masks (mattes) of the plate in front of the objects",
+        alias="holdout",
+        fixed="a matte may itself be a video",
     )
     light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     sea: Sea = parameter(GerstnerSea(), "the water surface")
@@ -134,6 +140,17 @@ class Scene(Parameters):
                     f"lamp.{number}.object - no such object (got {lamp.object}) - the scene has {len(self.objects)}, "
                     "the first is 0"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _objects_on_the_floor(self) -> Scene:
+        kind = "none" if self.receiver is None else self.receiver.kind
+        standing = [n for n, one in enumerate(self.objects) if one.stand_on is not None]
+        if standing and kind in ("none", "distance"):
+            raise ValueError(
+                f"object.{standing[0]}.stand_on - needs a floor of known shape (got receiver {kind}) - add a "
+                "[receiver] of kind plane, mesh or height_map, as in height_m = -2"
+            )
         return self
 
     @model_validator(mode="after")

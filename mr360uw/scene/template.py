@@ -1,70 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes new scene files, ready to run, with comments from the parameters' declarations."""
+"""Text of scene files with every key, commented from the parameters' declarations."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mr360uw.errors import OutputExistsError, SceneError, VideoError
-from mr360uw.files import write_whole
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
-
-_NEAREST_M = 2.5
-_SIZES_AWAY = 2.0
-
-
-def write_scene(
-    video: Path,
-    mesh: Path,
-    out: Path | None = None,
-    *,
-    eye: Literal["left", "right"] | None = None,
-    overwrite: bool = False,
-    outside_files: bool = False,
-) -> Path:
-    """Write a commented scene that puts `mesh` into `video` in front of the camera, and return its path.
-
-    outside_files: the mesh may name files outside of its folder.
-    Opens both files first, so that the scene runs; raises their errors, `OutputExistsError` or `SceneError`.
-    """
-    from mr360uw.composite.mesh.mesh import load_mesh
-    from mr360uw.video import open_video
-
-    if not video.name:
-        raise VideoError(f"{video} - is a folder - name a video or a picture")
-    path = out if out is not None else video.with_suffix(".toml")
-    if path.suffix.lower() != ".toml":
-        raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is there already - name another with --out, or give --overwrite")
-    if not path.parent.is_dir():
-        raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
-    for name in (str(video), str(mesh)):
-        if any("\ud800" <= c <= "\udfff" for c in name):
-            raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
-    with open_video(video, eye=eye):
-        pass
-    size = float(np.max(load_mesh(mesh, outside=outside_files).extent_m))
-    distance = max(_NEAREST_M, _SIZES_AWAY * size)
-    trusted = {"outside_files": True} if outside_files else {}
-    position = [0.0, -0.25 * size, -round(distance, 2)]
-    text = scene_text(
-        {
-            "plate": {"path": _relative(video, path.parent)} | ({"eye": eye} if eye else {}),
-            "camera": {"depth_m": Scene.model_fields["camera"].default.depth_m},
-            "water": {"type": Scene.model_fields["water"].default.type},
-            "object": [{"mesh": _relative(mesh, path.parent), "position_m": position} | trusted],
-        }
-    )
-    write_whole(path, text)
-    return path
 
 
 def scene_text(chosen: dict[str, Any]) -> str:
@@ -134,11 +79,3 @@ def _model_of(field: FieldInfo) -> type[BaseModel] | None:
 
 def _first_line(model: type[BaseModel]) -> str:
     return (model.__doc__ or model.__name__).strip().splitlines()[0]
-
-
-def _relative(file: Path, folder: Path) -> str:
-    """Return `file` as seen from `folder`, with forward slashes; absolute where they share no root."""
-    try:
-        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:
-        return file.resolve().as_posix()

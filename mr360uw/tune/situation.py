@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mr360uw.composite.motion import yaw_pitch_roll_deg
 from mr360uw.errors import ParameterError
 from mr360uw.preview.drafts import COARSE_WIDTH, coarse
 from mr360uw.scene.model import Scene
@@ -26,7 +27,8 @@ class Body:
     """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
 
     rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
-    rotation_deg: (yaw, pitch, roll), as set for this time. lifted: (3,) what the surface adds to its position setting.
+    rotation_deg: (yaw, pitch, roll), as set, or as `face` makes it. lifted: (3,) what the surface adds to its position
+    setting.
     """
 
     position: Floats
@@ -115,7 +117,7 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
                 placed.scale,
                 placed.mesh.hull,
                 with_camera,
-                one.settings.rotation_deg,
+                one.settings.rotation_deg if one.settings.face is None else yaw_pitch_roll_deg(turned),
                 one.lifted(origin, time_s),
             )
         )

@@ -9,10 +9,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
-from mr360uw.composite.settings import KeySettings, ObjectSettings
+from mr360uw.composite.object_settings import KeySettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box
 
+MESH = box((1.0, 1.0, 1.0))
 ANGLE = st.floats(-180.0, 180.0)
 
 
@@ -42,7 +44,7 @@ def moving(interpolation: str = "smooth") -> ObjectSettings:
 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 def test_keys_are_met_and_nothing_overshoots(interpolation: str) -> None:
-    motion = object_motion(moving(interpolation))
+    motion = object_motion(moving(interpolation), MESH)
     for key in moving().key:
         at = motion.at(key.time_s)
         np.testing.assert_allclose(at[:3, 3], key.position_m, atol=tol.FLOAT64)
@@ -55,7 +57,7 @@ def test_keys_are_met_and_nothing_overshoots(interpolation: str) -> None:
 
 
 def test_rotation_is_even_and_scale_geometric() -> None:
-    motion = object_motion(moving("linear"))
+    motion = object_motion(moving("linear"), MESH)
     half = motion.at(0.5)
     np.testing.assert_allclose(half[:3, :3] / 2.0, rotation_matrix((45, 0, 0)), atol=tol.FLOAT64)
 

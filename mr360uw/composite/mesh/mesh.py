@@ -19,7 +19,7 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
 from mr360uw.composite.mesh.part import MeshFile, Part
-from mr360uw.composite.settings import Unit
+from mr360uw.composite.object_settings import Unit
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

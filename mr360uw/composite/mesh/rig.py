@@ -19,7 +19,7 @@ from mr360uw.composite.mesh.mesh import METRES, Mesh, mesh_of_file, proper_trian
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
 from mr360uw.composite.mesh.part import MeshFile, Rigging
-from mr360uw.composite.settings import Unit
+from mr360uw.composite.object_settings import Unit
 from mr360uw.types import Floats
 
 

@@ -31,6 +31,12 @@ _TOOLS = {
     "floor": "Click: points on the floor",
     "water": "Click: match open water",
 }
+_WORDS = {
+    "position_m": ("azimuth_deg", "elevation_deg", "distance_m", "stand_on"),
+    "rotation_deg": ("face",),
+    "scale": ("size_m",),
+}
+"""Keys of an object that give way to a position, rotation or scale that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
 
@@ -131,7 +137,7 @@ class PlaceTools:
             else:
                 self._check_number(here)
                 place = here.standing if self._tool == "stand" else here.swimming
-                self._put(f"object.{self._number}.position_m", _vector(place(self._number, point)))
+                self._put_object(self._number, "position_m", _vector(place(self._number, point)))
         except (ParameterError, OSError, ValueError) as error:
             self._failed(error)
 
@@ -162,18 +168,18 @@ class PlaceTools:
             self._failed(error)
 
     def _drag_object(self, drag: Drag, here: Situation, number: int, group: str) -> None:
-        key, body = f"object.{number}", here.bodies[number]
+        body = here.bodies[number]
         point = drag.start if drag.phase == "cancel" else drag.point
         shown = here.shown(number)
         if drag.handle == "move":
-            self._put(f"{key}.position_m", _vector(here.swimming(number, point)), group)
+            self._put_object(number, "position_m", _vector(here.swimming(number, point)), group)
         elif shown is not None and drag.handle == "turn":
             step = _TURN_STEP_DEG if drag.keys.shift else 0.0
             yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
-            self._put(f"{key}.rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
+            self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
         elif shown is not None:
             scale = placing.scale_by_drag(body.scale, shown, drag.start, point)
-            self._put(f"{key}.scale", float(f"{scale:.4g}"), group)
+            self._put_object(number, "scale", float(f"{scale:.4g}"), group)
 
     def _face_camera(self) -> None:
         def turn() -> None:
@@ -181,7 +187,7 @@ class PlaceTools:
             self._check_number(self._situation)
             yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
             rest = self._situation.bodies[self._number].rotation_deg[1:]
-            self._put(f"object.{self._number}.rotation_deg", [yaw, *rest])
+            self._put_object(self._number, "rotation_deg", [yaw, *rest])
 
         self._try(turn)
 
@@ -189,6 +195,15 @@ class PlaceTools:
         if not here.bodies:
             raise ParameterError("object - there is none to place (got 0) - add one first")
         self._number = min(self._number, len(here.bodies) - 1)
+
+    def _put_object(self, number: int, name: str, value: Any, group: str | None = None) -> None:
+        """Set a parameter of an object in place of the words that say the same."""
+        key = f"object.{number}"
+        with self._document.together(f"set {key}.{name}", group=group):
+            for word in (f"{key}.{other}" for other in _WORDS[name]):
+                if self._document.get(word) is not None:
+                    self._document.unset(word)
+            self._put(f"{key}.{name}", value, group)
 
     def _put(self, key: str, value: Any, group: str | None = None) -> None:
         """Set a parameter, or its key of this time where it has keys."""

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a first scene: looks at a plate and a mesh, writes the scene and a preview of it, says what was found."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mr360uw.errors import OutputExistsError, ParameterError, SceneError, VideoError
+from mr360uw.files import write_whole
+from mr360uw.first_look.mesh_look import look_at_mesh
+from mr360uw.first_look.panorama import Eye
+from mr360uw.first_look.plate_look import look_at_plate
+from mr360uw.first_look.proposal import propose
+from mr360uw.first_look.proposal_words import found_lines, scene_lines
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.render.loaded import Loaded
+from mr360uw.scene.model import load_scene
+
+PREVIEW_COLUMNS = 1024
+"""Width [pixels] of previews, at most."""
+_RADIANCE = (".exr", ".hdr")
+"""Stills of scene radiance, whose composite is one too."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirstScene:
+    """A scene that was written, and a picture of its first frame.
+
+    lines: what was found and guessed. next_lines: commands that go on from there.
+    """
+
+    scene: Path
+    preview: Path
+    lines: tuple[str, ...]
+    next_lines: tuple[str, ...]
+
+
+def make_first_scene(
+    video: Path,
+    mesh: Path,
+    out: Path | None = None,
+    *,
+    track: Path | None = None,
+    eye: Eye | None = None,
+    overwrite: bool = False,
+    outside_files: bool = False,
+    backend: str = "auto",
+) -> FirstScene:
+    """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
+
+    track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
+    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
+    `SceneError`; nothing is written then.
+    """
+    path, preview = _targets(video, mesh, out, overwrite=overwrite)
+    plate = look_at_plate(video, eye)
+    seen = look_at_mesh(mesh, outside_files=outside_files)
+    chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
+    write_whole(path, scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files))
+    with LivePreview(backend) as live:
+        draft, width = live.coarse(load_scene(path)), min(PREVIEW_COLUMNS, plate.size[0])
+        loaded = live.loaded(draft, width)
+        sun = _sun(loaded, live)
+        picture = live.frame(draft, 0, width).picture
+    write_whole(preview, screen_picture(picture.image_linear, ".png"))
+    suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
+    lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
+    lines += [f"wrote     {path}", f"          {preview}: look at it first"]
+    view = f"{chosen.azimuth_deg:g},{chosen.elevation_deg:g},75"
+    commands = (
+        f"next:     mr360uw composite {path} {path.with_suffix(f'.composite{suffix}').name}",
+        f"or:       mr360uw still {path} look.png --view {view}",
+        f"          mr360uw tune {path}",
+    )
+    return FirstScene(path, preview, tuple(lines), commands)
+
+
+def _targets(video: Path, mesh: Path, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:
+    """Return the names of the scene and of its preview; raise where they cannot be written."""
+    if not video.name:
+        raise VideoError(f"{video} - is a folder - name a video or a picture")
+    path = out if out is not None else video.with_suffix(".toml")
+    if path.suffix.lower() != ".toml":
+        raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
+    preview = path.with_suffix(".preview.png")
+    for target in (path, preview):
+        if target.exists() and not overwrite:
+            raise OutputExistsError(f"{target} - is there already - name another with --out, or give --overwrite")
+    if preview.resolve() == video.resolve():
+        raise SceneError(str(path), [f"its preview would replace the plate (got {preview}) - name another with --out"])
+    if not path.parent.is_dir():
+        raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
+    for name in (str(video), str(mesh)):
+        if any("\ud800" <= c <= "\udfff" for c in name):
+            raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
+    return path, preview
+
+
+def _floor_of(track: Path) -> float | None:
+    """Return the height [m] of the floor of a camera's track, negative; None where it has none."""
+    table = track.with_suffix(".json")
+    if not track.is_file():
+        raise ParameterError(f"{track} - no such file - write one with mr360uw track VIDEO -o track.csv")
+    if not table.is_file():
+        return None
+    try:
+        floor = json.loads(table.read_text("utf-8"))["floor"]
+        return None if floor is None else float(floor["height_m"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
+
+
+def _sun(loaded: Loaded, live: LivePreview) -> str:
+    """Return what is found of a sun in the whole first frame, in words."""
+    scene = loaded.scene
+    frame = live.plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
+    return loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a plate shows by itself: water or air, day or dark, level, whether a floor is below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.color import luminance
+from mr360uw.first_look.panorama import Eye, eye_of
+from mr360uw.first_look.water_or_air import WaterOrAir, water_or_air
+from mr360uw.ibl import environment
+from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
+from mr360uw.ibl.level.tilt import level_matrix
+from mr360uw.ibl.plate import remap
+from mr360uw.sphere import directions, frame_from_direction
+from mr360uw.types import Floats
+from mr360uw.video import VideoReader, open_video
+
+COLUMNS, ROWS = 1024, 512
+"""Pixels of the picture that is looked at."""
+_FRAMES = 3
+"""Frames of a clip that are looked at, evenly spread: what swims through is in one of them only."""
+_LEAST_TILT_RAD = np.radians(3.0)
+"""Tilt below which a plate is taken as level: waves move the window by one or two degrees."""
+_DARK = 0.02
+"""Linear light that a tenth of the upper hemisphere of a plate by day exceeds."""
+_FLOOR_TEXTURE = 0.03
+"""Texture, as rms of the logarithm of light, from which what is below is a floor; open water below has 0.01."""
+_FLOOR_LIGHT = 0.9
+"""Light from below over that at the horizon from which a smooth floor is likely; open water gets darker downwards."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateLook:
+    """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames.
+
+    still: one picture. size: (width, height) [pixels]. eye: of a stereo plate. tilt: of the camera, None where it
+    cannot be told or is level. floor: whether something is seen below.
+    """
+
+    path: Path
+    image: Floats
+    still: bool
+    size: tuple[int, int]
+    eye: Eye | None
+    medium: WaterOrAir
+    dark: bool
+    tilt: HorizonEstimate | None
+    floor: bool
+
+
+def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
+    """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read."""
+    eye = eye_of(path, eye)
+    with open_video(path, eye=eye) as video:
+        frames = [_small(video, index) for index in _indices(video)]
+        still, size = video.is_still, (video.width, video.height)
+    image = np.median(frames, axis=0)
+    medium = water_or_air(image)
+    tilt = _tilt(frames) if medium.underwater else None
+    if tilt is not None:
+        image = _levelled(image, tilt)
+    upper = luminance(image[: ROWS // 2])
+    dark = float(np.quantile(upper, 0.9)) < _DARK
+    return PlateLook(path, image, still, size, eye, medium, dark, tilt, _has_floor(image, medium.underwater))
+
+
+def _indices(video: VideoReader) -> list[int]:
+    count = 1 if video.is_still else video.frame_count or 1
+    return sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
+
+
+def _small(video: VideoReader, index: int) -> Floats:
+    import cv2
+
+    light = np.asarray(next(iter(video.frames(index, index + 1))).image_linear, np.float32)
+    light = np.nan_to_num(np.clip(light, 0.0, None), nan=0.0, posinf=1.0)
+    way = cv2.INTER_AREA if light.shape[1] > COLUMNS else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(light, (COLUMNS, ROWS), interpolation=way))
+
+
+def _tilt(frames: list[Floats]) -> HorizonEstimate | None:
+    """Return the tilt of a camera under water that most frames agree on; None where it is small or cannot be told."""
+    found = [estimate_horizon(environment(image, underwater=True).residual) for image in frames]
+    clip = clip_horizon(found)
+    if clip is None or np.hypot(clip.roll_rad, clip.pitch_rad) < _LEAST_TILT_RAD:
+        return None
+    best = max(found, key=lambda one: one.explained)
+    return HorizonEstimate(clip.roll_rad, clip.pitch_rad, best.explained, best.contrast)
+
+
+def _levelled(image: Floats, tilt: HorizonEstimate) -> Floats:
+    seen = directions(COLUMNS, ROWS) @ level_matrix(tilt.roll_rad, tilt.pitch_rad)
+    return remap(np.asarray(image, np.float32), *frame_from_direction(seen, COLUMNS, ROWS))
+
+
+def _has_floor(image: Floats, underwater: bool) -> bool:
+    """Return whether something is seen between 20 and 60 degrees below the horizon; in air there always is."""
+    import cv2
+
+    if not underwater:
+        return True
+    light = np.log(np.maximum(luminance(image), 0.0) + 0.002).astype(np.float32)
+    scale = ROWS / 180.0
+    fine = light - cv2.GaussianBlur(light, (0, 0), 4.0 * scale)
+    below = slice(round(110.0 * scale), round(150.0 * scale))
+    texture = float(np.sqrt(np.mean(fine[below] ** 2)))
+    level = light[round(85.0 * scale) : round(95.0 * scale)]
+    brighter = float(np.median(light[below]) - np.median(level))
+    return texture > _FLOOR_TEXTURE or brighter > np.log(_FLOOR_LIGHT)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Says in words what was found and guessed, and writes it as a scene of some thirty lines."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.color import encode
+from mr360uw.first_look.mesh_look import MeshLook
+from mr360uw.first_look.plate_look import PlateLook
+from mr360uw.first_look.proposal import Proposal, sight_m
+from mr360uw.medium.fit.waterfit import CONFIDENT
+from mr360uw.scene.template import toml_value
+
+_SURE = 0.5
+"""Confidence from which water or air is not called a guess."""
+_WIDTH = 34
+"""Column at which comments of a scene start."""
+
+
+def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) -> list[str]:
+    """Return a line for each thing found in the files or guessed. sun: that of the plate, in words."""
+    width, height = plate.size
+    kind = "a still" if plate.still else "a clip"
+    lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
+    if plate.eye is not None:
+        lines[0] += f", its {plate.eye} eye"
+    guess = "" if plate.medium.confidence >= _SURE else "perhaps "
+    where = f"under water: red is {plate.medium.red_far:.2f} of green or blue in the distance"
+    if chosen.water is None:
+        where = (
+            f"in air: red is {plate.medium.red_far:.2f} of green or blue in the distance; nothing is done about water"
+        )
+    lines.append(f"where     {guess}{where} (confidence {plate.medium.confidence:.2f})")
+    lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
+    if plate.tilt is not None:
+        roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
+        lines.append(f"level     tilted by its window to the sky (Snell's): roll {roll:.0f}, pitch {pitch:.0f} degrees")
+    if chosen.water is not None:
+        lines += _water_lines(chosen)
+    if chosen.floor_m is not None:
+        how = "of the camera's track" if chosen.floor_known else "guessed: nothing shows it"
+        lines.append(f"floor     (receiver) {-chosen.floor_m:g} m below the camera, {how}")
+    elif chosen.water is not None:
+        lines.append("floor     none seen below, so no shadow on it (receiver)")
+    named = f"a {mesh.kind.word} by its name" if mesh.kind else "unknown by its name"
+    lines.append(
+        f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
+    )
+    if chosen.smaller:
+        lines.append(
+            f"size      made {chosen.size_m:g} m long, because this water hides what is farther away; size_m sets it"
+        )
+    place = (
+        "stands on the floor" if chosen.stands else f"off the floor, {chosen.elevation_deg:g} degrees over the horizon"
+    )
+    if chosen.lifted:
+        place += " (too small to be seen on it)"
+    side = _side(chosen.azimuth_deg)
+    ahead = "seen from the side" if chosen.face != "camera" else "facing the camera"
+    lines.append(f"place     {side}, {chosen.distance_m:g} m away, {place}, {ahead}")
+    return lines
+
+
+def _water_lines(chosen: Proposal) -> list[str]:
+    water = chosen.water
+    assert water is not None
+    code = np.round(255.0 * encode(np.clip(np.array(chosen.view.color), 0.0, 1.0), "srgb")).astype(int)
+    hex_code = "".join(f"{c:02x}" for c in code.tolist())
+    veil = f"open water has the colour #{hex_code} (veil)"
+    if not water.known:
+        told = f"type {water.type} assumed: no Jerlov type has that colour"
+    elif water.confidence >= CONFIDENT:
+        told = f"type {water.type}, confidence {water.confidence:.2f}"
+    else:
+        others = f"; {', '.join(water.others)} are nearly as likely" if water.others else ""
+        told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
+    return [
+        f"water     {told}, sight {sight_m(water.type):.0f} m; {veil}",
+        f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
+    ]
+
+
+def _side(azimuth_deg: float) -> str:
+    if abs(azimuth_deg) < 1.0:
+        return "straight ahead"
+    return f"{abs(azimuth_deg):g} degrees to the {'right' if azimuth_deg > 0.0 else 'left'}"
+
+
+def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> str:
+    """Return the text of the scene, for a file in a folder."""
+    rows: list[tuple[str, str]] = [
+        ("[plate]", ""),
+        (f"path = {toml_value(relative_to(plate.path, folder))}", ""),
+    ]
+    if plate.eye is not None:
+        rows.append((f'eye = "{plate.eye}"', "of the two"))
+    rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
+    rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
+    if chosen.floor_m is not None:
+        known = "of the camera's track" if chosen.floor_known else "a guess: height of the floor over the camera"
+        rows += [
+            ("", ""),
+            ("[receiver]", "the floor, on which shadows fall"),
+            (f"height_m = {chosen.floor_m:g}", known),
+        ]
+    if chosen.lamp:
+        rows += [("", ""), ("[[lamp]]", "the plate is dark"), ('attach = "camera"', ""), ("lumen = 3000.0", "")]
+    head = [
+        "# A scene of mr360uw, from a first look at its plate and mesh. What was guessed says so.",
+        "# All keys: mr360uw schema --markdown",
+        "",
+    ]
+    body = [f"{text:<{_WIDTH}} # {note}" if note else text for text, note in rows]
+    return "\n".join([*head, *body, ""])
+
+
+def _camera_rows(plate: PlateLook, chosen: Proposal, folder: Path) -> list[tuple[str, str]]:
+    note = (
+        "a guess: how deep the camera was; sets light and colour"
+        if chosen.water is not None
+        else "without water: no matter"
+    )
+    rows = [("[camera]", ""), (f"depth_m = {chosen.depth_m:g}", note)]
+    if chosen.track is not None:
+        rows.append((f"track = {toml_value(relative_to(chosen.track, folder))}", ""))
+    elif plate.tilt is not None:
+        roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
+        rows += [(f"roll_deg = {roll:.1f}", "of the plate, by its window to the sky"), (f"pitch_deg = {pitch:.1f}", "")]
+    return rows
+
+
+def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
+    if chosen.water is None:
+        return [("[water]", ""), ('type = "none"', "the plate is in air")]
+    water = chosen.water
+    sure = f"confidence {water.confidence:.2f}" if water.known else "a guess"
+    rows = [("[water]", ""), (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}")]
+    if water.gain is not None:
+        gain = ", ".join(f"{g:.4g}" for g in water.gain)
+        rows.append((f"gain = [{gain}]", "brightness of the haze (veil), from open water"))
+    return rows
+
+
+def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:
+    rows = [
+        ("[[object]]", ""),
+        (f"mesh = {toml_value(relative_to(mesh.path, folder))}", ""),
+        (f"size_m = {chosen.size_m:g}", f"longest side; {mesh.why_size}"),
+        (f"azimuth_deg = {chosen.azimuth_deg:g}", "to the right of straight ahead"),
+    ]
+    if chosen.stands:
+        rows.append(('stand_on = "receiver"', "on the floor"))
+    else:
+        rows.append((f"elevation_deg = {chosen.elevation_deg:g}", "over the horizon"))
+    face = '"camera"' if isinstance(chosen.face, str) else f"{chosen.face:g}"
+    rows += [
+        (f"distance_m = {chosen.distance_m:g}", "from the camera"),
+        (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
+        (f"face = {face}", 'azimuth its front points to, or "camera"'),
+    ]
+    if mesh.tinted:
+        rows.append(('vertex_colors = "ignore"', 'beside its textures; or "multiply"'))
+    if len(mesh.clips) > 1:
+        rows.append((f"animation = {toml_value(mesh.clips[0])}", f"the first of {len(mesh.clips)}"))
+    return [*rows, ("outside_files = true", "")] if outside_files else rows
+
+
+def relative_to(file: Path, folder: Path) -> str:
+    """Return `file` as seen from `folder`, with forward slashes; absolute where they share no root."""
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return file.resolve().as_posix()

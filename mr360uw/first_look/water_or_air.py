@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tells plates under water from plates in air by the red that is missing in the distance.
+
+Water absorbs red within a few metres, so the far distance, which a panorama shows about its horizon, has little of it:
+
+    q = 10 % quantile over |elevation| < 8 degrees of R / max(G, B)        s = 90 % quantile below the horizon
+
+In air the distance may be blue, but the ground nearby has red. A strobe gives the ground nearby its red back; then only
+a very low q tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.sphere import directions, row_solid_angle
+from mr360uw.types import Floats
+
+_BAND_SINE = float(np.sin(np.radians(8.0)))
+_BELOW_SINE = float(np.sin(np.radians(-5.0)))
+_NO_RED = 0.16
+"""q below which a plate is under water whatever its ground shows. Real plates in air: 0.24 and more."""
+_LITTLE_RED, _GROUND_RED = 0.45, 0.62
+"""q and s below which, together, a plate is under water. Coastal water has 0.35 and 0.5; dry ground 0.7 and more."""
+_SURE = 0.35
+"""Distance in the logarithm of q or s from their limits at which the answer is sure."""
+_DARK = 0.004
+"""Linear light below which a pixel has no colour: one code of 8 bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaterOrAir:
+    """Whether a plate is under water. confidence: 0 to 1. red_far: q, red_near: s of the module's text."""
+
+    underwater: bool
+    confidence: float
+    red_far: float
+    red_near: float
+
+
+def red_ratio(image: Floats) -> Floats:
+    """Return R / max(G, B) (h, w) of linear light (h, w, 3); NaN where it is too dark to have a colour."""
+    most = image[..., 1:].max(axis=-1)
+    bright = np.maximum(most, image[..., 0]) > _DARK
+    return np.where(bright, np.maximum(image[..., 0], 0.0) / np.maximum(most, _DARK), np.nan)
+
+
+def water_or_air(image: Floats) -> WaterOrAir:
+    """Return whether a levelled panorama (h, w, 3) of linear light is under water; without any light it is in air."""
+    height, width = image.shape[:2]
+    up = directions(width, height)[..., 1]
+    weight = np.broadcast_to(row_solid_angle(width, height)[:, None], up.shape)
+    ratio = red_ratio(image)
+    lit = np.isfinite(ratio)
+    far, near = (
+        _quantile(ratio, weight, lit & there, q)
+        for there, q in ((np.abs(up) < _BAND_SINE, 0.1), (up < _BELOW_SINE, 0.9))
+    )
+    if np.isnan(far):
+        return WaterOrAir(False, 0.0, 1.0, 1.0)
+    if np.isnan(near):  # the ground is black, as over deep water
+        near = far
+    margins = [
+        np.log(_NO_RED / max(far, 1e-6)),
+        min(np.log(_LITTLE_RED / max(far, 1e-6)), np.log(_GROUND_RED / max(near, 1e-6))),
+    ]
+    margin = float(max(margins))
+    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near)
+
+
+def _quantile(values: Floats, weight: Floats, there: NDArray[np.bool_], quantile: float) -> float:
+    """Return the weighted quantile of some values, NaN of none."""
+    if not np.any(there):
+        return float("nan")
+    v, w = values[there], weight[there]
+    order = np.argsort(v, kind="stable")
+    share = np.cumsum(w[order])
+    return float(v[order][np.searchsorted(share, quantile * share[-1])])

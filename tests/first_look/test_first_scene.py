@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`mr360uw new` as a user runs it: the scene, the preview, what is said, and the composite as printed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from mr360uw import load_scene
+from mr360uw.color import encode
+from mr360uw.first_look.proposal import sight_m
+from mr360uw.render.loaded import load
+from mr360uw.sample import SampleDive
+from mr360uw.scene.model import Scene
+from mr360uw.types import Floats
+from tests.first_look.plates import air, water
+
+Run = Callable[..., tuple[int, str, str]]
+LONGEST = 40
+"""Lines of a first scene, at most."""
+
+
+def picture(path: Path, image: Floats) -> Path:
+    codes = np.round(255.0 * encode(np.clip(image, 0.0, 1.0), "srgb")).astype(np.uint8)
+    assert cv2.imwrite(str(path), codes[..., ::-1])
+    return path
+
+
+def mesh(path: Path, units: float, *, foot: float = -0.5) -> Path:
+    """A box that is 0.4 wide, 0.5 high and 1 long, times `units`, from `foot` of its height up."""
+    box = trimesh.creation.box((0.4 * units, 0.5 * units, units))
+    box.apply_translation((0.0, 0.5 * units * (0.5 + foot), 0.0))
+    box.export(path)
+    return path
+
+
+def seen(scene: Scene) -> tuple[float, Floats]:
+    """Return the widest angle [deg] of the first object's hull, and its points (n, 3) from the camera."""
+    loaded = load(scene, 256, 128)
+    view = loaded.view(0.0)
+    placed = loaded.objects[0].at(0.0, 0, view.position, view.world_from_camera)
+    points = placed.to_world(placed.mesh.hull.reshape(-1, 3)) - view.position
+    ray = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    assert loaded.notes == ()
+    return float(np.degrees(np.arccos(np.clip((ray @ ray.T).min(), -1.0, 1.0)))), points
+
+
+def test_a_dive_and_a_fish_in_centimetres(dive: SampleDive, tmp_path: Path, run: Run) -> None:
+    out = tmp_path / "my.toml"
+    code, said, err = run("new", dive.plate, mesh(tmp_path / "fish.ply", 40.0), "-o", out, "--backend", "reference")
+    assert (code, err) == (0, "")
+    assert "under water" in said
+    assert "centimetres: 0.4 m" in said
+    assert "guessed" in said
+    assert len(out.read_text().splitlines()) <= LONGEST
+    scene = load_scene(out)
+    assert scene.water.type != "none"
+    angle, points = seen(scene)
+    assert 10.0 < angle < 32.0
+    assert points[:, 1].min() > (scene.receiver.height_m if scene.receiver else -np.inf)
+    assert points[:, 1].max() < scene.camera.depth_m
+    preview, plate = cv2.imread(str(out.with_suffix(".preview.png"))), cv2.VideoCapture(str(dive.plate)).read()[1]
+    assert preview.shape == plate.shape
+    column = round((scene.objects[0].azimuth_deg or 0.0) / 360.0 * 256 + 128)
+    row = round(64 - (scene.objects[0].elevation_deg or 0.0) / 180.0 * 128)
+    there = np.abs(preview.astype(int) - plate)[row - 4 : row + 4, column - 6 : column + 6]
+    assert there.mean() > 5.0  # a body of another brightness; codecs and dither change plates by one or two codes
+
+
+def test_a_still_in_air_has_no_water_and_gets_a_still(tmp_path: Path, run: Run) -> None:
+    plate = picture(tmp_path / "garden.png", air())
+    code, said, err = run("new", plate, mesh(tmp_path / "thing.ply", 2.0, foot=0.0), "--backend", "reference")
+    assert (code, err) == (0, "")
+    assert "in air" in said
+    scene = load_scene(tmp_path / "garden.toml")
+    assert (scene.water.type, scene.objects[0].stand_on) == ("none", "receiver")
+    angle, points = seen(scene)
+    assert 12.0 < angle < 35.0
+    assert points[:, 1].min() == pytest.approx(-1.6)
+    command = next(line for line in said.splitlines() if line.startswith("next:")).split()[2:]
+    assert command[-1] == "garden.composite.png"
+    code, _, err = run(*command[:-1], tmp_path / command[-1], "--backend", "reference")
+    assert (code, err) == (0, "")
+    assert cv2.imread(str(tmp_path / "garden.composite.png")).shape == (128, 256, 3)
+
+
+def test_dark_water_gets_a_lamp(tmp_path: Path, run: Run) -> None:
+    plate = picture(tmp_path / "night.png", water((0.0, 0.003, 0.006)))
+    code, said, err = run("new", plate, mesh(tmp_path / "robot.ply", 1.0), "--backend", "reference")
+    assert (code, err) == (0, "")
+    assert "dark" in said
+    scene = load_scene(tmp_path / "night.toml")
+    assert len(scene.lamps) == 1
+    assert scene.receiver is None
+
+
+def test_a_large_thing_is_not_put_where_the_water_hides_it(tmp_path: Path, run: Run) -> None:
+    plate = picture(tmp_path / "green.png", water((0.06, 0.16, 0.08)))
+    assert run("new", plate, mesh(tmp_path / "whale.ply", 12.0), "--backend", "reference")[0] == 0
+    scene = load_scene(tmp_path / "green.toml")
+    assert (scene.objects[0].distance_m or np.inf) <= 0.36 * sight_m(scene.water.type)  # type: ignore[arg-type]
+    assert seen(scene)[0] < 60.0  # 45 for its longest side at its middle; one end is nearer
+
+
+def test_the_floor_is_that_of_a_camera_track(tmp_path: Path, run: Run) -> None:
+    track = tmp_path / "track.csv"
+    track.write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n")
+    track.with_suffix(".json").write_text(json.dumps({"floor": {"height_m": -3.25}}))
+    out = tmp_path / "my.toml"
+    plate = picture(tmp_path / "reef.png", water((0.02, 0.15, 0.3)))
+    given = ("new", plate, mesh(tmp_path / "anchor.ply", 2.0), "-o", out, "--track", track)
+    assert run(*given, "--backend", "reference")[0] == 0
+    scene = load_scene(out)
+    assert scene.receiver is not None
+    assert scene.receiver.height_m == -3.25
+    assert scene.camera.track is not None
+    track.with_suffix(".json").write_text("[]")
+    code, _, err = run(*given, "--overwrite")
+    assert code == 2
+    assert "is no camera track" in err
+
+
+def test_stereo_plates_are_taken_by_their_left_eye_and_others_refused(tmp_path: Path, run: Run) -> None:
+    left, right = water((0.02, 0.15, 0.3)), water((0.02, 0.13, 0.28))
+    picture(tmp_path / "two.png", np.concatenate([left, right]))
+    body = mesh(tmp_path / "fish.ply", 0.4)
+    code, said, _ = run("new", tmp_path / "two.png", body, "--backend", "reference")
+    assert code == 0
+    assert "left eye" in said
+    assert load_scene(tmp_path / "two.toml").plate.eye == "left"
+    picture(tmp_path / "flat.png", left[:, :180])
+    code, _, err = run("new", tmp_path / "flat.png", body)
+    assert code == 2
+    assert "not a 360 degree panorama" in err
+    assert not (tmp_path / "flat.toml").exists()
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_plates_of_one_colour_are_no_trouble(tmp_path: Path, run: Run, value: float) -> None:
+    plate = picture(tmp_path / "flat.png", np.full((32, 64, 3), value, np.float32))
+    code, _, err = run("new", plate, mesh(tmp_path / "thing.ply", 1.0), "--backend", "reference")
+    assert (code, err) == (0, "")

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What plates and meshes show by themselves: water or air, open water, size, front."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mr360uw.composite.object_settings import Front
+from mr360uw.first_look.free_view import free_view
+from mr360uw.first_look.mesh_look import look_at_mesh
+from mr360uw.first_look.mesh_words import kind_of
+from mr360uw.first_look.water_or_air import water_or_air
+from mr360uw.sphere import directions
+from mr360uw.types import Floats
+from tests.first_look.plates import SIZE, air, water
+
+
+@pytest.mark.parametrize(
+    ("image", "underwater"),
+    [
+        (water((0.02, 0.15, 0.3)), True),
+        (water((0.05, 0.14, 0.12)), True),
+        (water((0.0, 0.002, 0.006)), True),
+        (air(), False),
+        (air(ground=(0.2, 0.18, 0.1)), False),
+        (np.zeros((*SIZE, 3), np.float32), False),
+        (np.ones((*SIZE, 3), np.float32), False),
+        (np.full((*SIZE, 3), 0.3, np.float32), False),
+    ],
+)
+def test_water_has_no_red_in_the_distance(image: Floats, underwater: bool) -> None:
+    assert water_or_air(image).underwater == underwater
+
+
+def test_a_strobe_on_the_ground_does_not_make_it_air() -> None:
+    image = water((0.02, 0.15, 0.3))
+    image[SIZE[0] * 5 // 8 :] = (0.3, 0.2, 0.15)
+    assert water_or_air(image).underwater
+
+
+@pytest.mark.parametrize("azimuth", [-150.0, -60.0, 0.0, 100.0, 175.0])
+def test_the_part_without_texture_is_found(azimuth: float, rng: np.random.Generator) -> None:
+    image = water((0.02, 0.15, 0.3))
+    image *= np.exp(rng.normal(0.0, 0.5, SIZE))[..., None].astype(np.float32)
+    x, y, z = np.moveaxis(directions(SIZE[1], SIZE[0]), -1, 0)
+    about = np.degrees(np.arctan2(x, -z)) - azimuth
+    free = (np.abs((about + 180.0) % 360.0 - 180.0) < 25.0) & (np.abs(np.degrees(np.arcsin(y)) - 5.0) < 18.0)
+    image[free] = (0.02, 0.15, 0.3)
+    found = free_view(image, (-8.0, 18.0), underwater=True)
+    off = (found.azimuth_deg - azimuth + 180.0) % 360.0 - 180.0
+    assert abs(off) <= 15.0  # anywhere inside of a part that is wider than what is looked for by 24 degrees
+    assert found.texture < 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("greySnapper_vertColor", "snapper"), ("Humpback-Whale", "whale"), ("whale_shark", "whaleshark"),
+        ("clownFish2", "clownfish"), ("parrotfish", "fish"), ("fish_0001", "fish"), ("old shipwreck", "shipwreck"),
+        ("Duck", "duck"), ("scuba_diver", "scuba"), ("CesiumMilkTruck", "truck"), ("robot-arm", "robot"),
+        ("sphere", None), ("carpet", None), ("tray", None), ("", None),
+    ],
+)  # fmt: skip
+def test_things_are_known_by_their_name(name: str, word: str | None) -> None:
+    kind = kind_of(name)
+    assert (kind.word if kind else None) == word
+
+
+@pytest.mark.parametrize(
+    ("name", "units", "size_m"),
+    [
+        ("snapper", 40.0, 0.4), ("snapper", 0.4, 0.4), ("snapper", 400.0, 0.4), ("whale", 9.0, 9.0),
+        ("whale", 900.0, 9.0), ("diver", 1800.0, 1.8), ("duck", 1.65, 0.4), ("thing", 3.0, 3.0),
+        ("thing", 120.0, 1.2), ("thing", 9000.0, 9.0), ("thing", 1e6, 1.0), ("thing", 1e-5, 1.0),
+    ],
+)  # fmt: skip
+def test_the_size_is_one_that_a_thing_can_have(tmp_path: Path, name: str, units: float, size_m: float) -> None:
+    path = tmp_path / f"{name}.ply"
+    trimesh.creation.box((0.2 * units, 0.3 * units, units)).export(path)
+    assert look_at_mesh(path).size_m == pytest.approx(size_m)
+
+
+@pytest.mark.parametrize("turned", [0, 1, 2, 3])
+def test_the_front_is_the_thick_end_of_a_long_body(tmp_path: Path, turned: int) -> None:
+    fish = trimesh.creation.cone(0.25, 1.0, sections=24)  # along +z, thick at z = 0: its tail is +z
+    fish.apply_scale((0.6, 1.0, 1.0))
+    fish.apply_transform(trimesh.transformations.rotation_matrix(np.radians(90.0 * turned), (0.0, 1.0, 0.0)))
+    fish.export(tmp_path / "fish.ply")
+    fronts: list[Front] = ["-z", "-x", "+z", "+x"]
+    look = look_at_mesh(tmp_path / "fish.ply")
+    assert (look.front, look.long, look.habit) == (fronts[turned], True, "swims")
+
+
+def test_a_wide_thing_has_its_front_at_z_and_one_with_its_foot_at_the_origin_stands(tmp_path: Path) -> None:
+    mask = trimesh.creation.cone(0.5, 0.4, sections=24)
+    mask.apply_scale((2.0, 1.0, 1.0))
+    mask.apply_translation((0.0, 0.5, 0.0))
+    mask.export(tmp_path / "mask.ply")
+    look = look_at_mesh(tmp_path / "mask.ply")
+    assert (look.front, look.long, look.habit) == ("+z", False, "stands")
