@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processor time of a frame and of its parts, for several scenes in turns."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import Counter
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from mr360uw.cache import Cache
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.first_pass import clip_facts
+from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.loaded import load
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoFrame
+
+T = TypeVar("T")
+PARTS = ("light", "water", "caustics", "layer", "blend")
+"""Parts of a frame's time, see `CostCache`; what is left of the frame is in `layer`."""
+_OF_CACHE = {
+    "light": "light", "pattern": "light", "water": "water", "caustics": "caustics", "water caustics": "caustics",
+    "picture": "blend",
+}  # fmt: skip
+"""Part of a frame by the name under which its result is kept."""
+_TO_NOISE = 1.2533
+"""Standard error of a median over that of a mean: sqrt(pi / 2), of a normal distribution."""
+
+
+class CostCache(Cache):
+    """A cache that notes the processor time [s] of making each value, without that of values made within it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spent: Counter[str] = Counter()
+        self._within = [0.0]
+
+    def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
+        """Return the value of a name for a key, as `Cache.get` does."""
+
+        def made() -> T:
+            self._within.append(0.0)
+            began = time.process_time()
+            value = make()
+            took = time.process_time() - began
+            self.spent[_OF_CACHE.get(name, "layer")] += took - self._within.pop()
+            self._within[-1] += took
+            return value
+
+        return super().get(name, key, made, keep)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameCost:
+    """Medians over the frames that were timed.
+
+    ms: processor time [ms] by part, and of the whole "frame". noise: standard error of these medians, as a fraction.
+    touched: fraction of the frame's pixels in tiles. once_s: processor time [s] of loading the scene, of its first pass
+    and of its first frame.
+    """
+
+    ms: dict[str, float]
+    noise: dict[str, float]
+    touched: float
+    once_s: float
+
+
+class Subject:
+    """A scene loaded with a renderer of its own, ready to draw frames."""
+
+    def __init__(self, scene: Scene, backend: Backend | None = None) -> None:
+        began = time.process_time()
+        self.backend = make_backend()[0] if backend is None else backend
+        with open_plate(scene) as video:
+            self._loaded = load(scene, video.width, video.height)
+            self._facts = clip_facts(self._loaded, video)
+            self._plates = list(video.frames(0, video.frame_count))
+        self._kept, self._next = CostCache(), 0
+        self.samples: list[dict[str, float]] = []
+        self.last = self.frame()
+        self.once_s = time.process_time() - began
+        self.samples.clear()
+
+    @classmethod
+    def of_file(cls, path: Path) -> Subject:
+        """Return the subject of a scene file."""
+        from mr360uw.scene.model import load_scene
+
+        return cls(load_scene(path))
+
+    def frame(self) -> Frame:
+        """Draw the next frame of the clip, over and over, and note what it costs [s]."""
+        plate: VideoFrame = self._plates[self._next % len(self._plates)]
+        self._next += 1
+        self._kept.spent.clear()
+        began = time.process_time()
+        stages = frame_stages(self._loaded, self._facts, self.backend, plate, 0.0, kept=self._kept)
+        self.last = finished(stages)
+        took = time.process_time() - began
+        spent = {name: self._kept.spent[name] for name in PARTS}
+        spent["layer"] += took - sum(spent.values())
+        self.samples.append({**spent, "frame": took})
+        return self.last
+
+    def cost(self) -> FrameCost:
+        """Return the medians of the frames drawn so far."""
+        ms, noise = {}, {}
+        for name in (*PARTS, "frame"):
+            values = [sample[name] for sample in self.samples]
+            middle = statistics.median(values)
+            quarters = statistics.quantiles(values, n=4) if len(values) > 1 else [middle] * 3
+            spread = (quarters[2] - quarters[0]) / 1.349  # of a normal distribution: its standard deviation
+            ms[name] = 1e3 * middle
+            noise[name] = _TO_NOISE * spread / len(values) ** 0.5 / middle if middle > 0.0 else 0.0
+        layer = self.last.layer
+        touched = sum(tile.alpha.size for tile in layer.tiles) / (layer.width * layer.height)
+        return FrameCost(ms, noise, touched, self.once_s)
+
+
+def take_turns(subjects: Sequence[Subject], rounds: int) -> list[FrameCost]:
+    """Return what a frame of each subject costs; in each of the rounds, every one draws a frame."""
+    for subject in subjects:
+        subject.frame()
+        subject.samples.clear()
+    for _ in range(rounds):
+        for subject in subjects:
+            subject.frame()
+    return [subject.cost() for subject in subjects]
