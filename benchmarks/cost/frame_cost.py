@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 from mr360uw.cache import Cache
@@ -28,6 +27,8 @@ _OF_CACHE = {
     "picture": "blend",
 }  # fmt: skip
 """Part of a frame by the name under which its result is kept."""
+_LONGEST_S = 90.0
+"""Time [s] on the wall after which a curve has run long enough."""
 _TO_NOISE = 1.2533
 """Standard error of a median over that of a mean: sqrt(pi / 2), of a normal distribution."""
 
@@ -86,13 +87,6 @@ class Subject:
         self.once_s = time.process_time() - began
         self.samples.clear()
 
-    @classmethod
-    def of_file(cls, path: Path) -> Subject:
-        """Return the subject of a scene file."""
-        from mr360uw.scene.model import load_scene
-
-        return cls(load_scene(path))
-
     def frame(self) -> Frame:
         """Draw the next frame of the clip, over and over, and note what it costs [s]."""
         plate: VideoFrame = self._plates[self._next % len(self._plates)]
@@ -123,11 +117,17 @@ class Subject:
 
 
 def take_turns(subjects: Sequence[Subject], rounds: int) -> list[FrameCost]:
-    """Return what a frame of each subject costs; in each of the rounds, every one draws a frame."""
+    """Return what a frame of each subject costs; in each of the rounds, every one draws a frame.
+
+    After 90 s no more rounds are begun.
+    """
     for subject in subjects:
         subject.frame()
         subject.samples.clear()
+    began = time.perf_counter()
     for _ in range(rounds):
         for subject in subjects:
             subject.frame()
+        if time.perf_counter() - began > _LONGEST_S:
+            break
     return [subject.cost() for subject in subjects]

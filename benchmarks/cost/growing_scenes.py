@@ -20,6 +20,8 @@ _RATE = 24
 _DEPTH_M, _FLOOR_M = 6.0, -3.5
 _FAR_M = 3.0
 """Distance [m] of the balls."""
+_RADIUS_M = 0.5
+"""Radius [m] of the ball that comes nearer."""
 _COVERED = 0.01
 """Fraction of the sphere that balls cover in all, however many."""
 _TRIANGLES = 1000
@@ -47,6 +49,7 @@ class Dives:
         """Return a scene with objects and other tables over a clip."""
         usual: Tables = {
             "camera": {"depth_m": _DEPTH_M},
+            "light": {"sun": "given", "sun_azimuth_deg": 40.0, "sun_elevation_deg": 60.0},
             "water": {"type": "IB"},
             "plate": self.plate(width, frames).name,
         }
@@ -74,8 +77,11 @@ def balls(folder: Path, count: int, triangles: int = _TRIANGLES) -> Tables:
 
 
 def filling_ball(folder: Path, share: float) -> Tables:
-    """Return a ball that covers a fraction of the sphere, up to a half, and nothing that catches its shadow."""
-    return {"object": [_moving(ball_file(folder, _TRIANGLES), _FAR_M * _sine(share), [0.0, 0.0, -_FAR_M])]}
+    """Return a ball that covers a fraction of the sphere, up to a half, and nothing that catches its shadow.
+
+    It comes nearer to cover more: its depths, and so the caustics that light it, stay the same.
+    """
+    return {"object": [_moving(ball_file(folder, _TRIANGLES), _RADIUS_M, [0.0, 0.0, -_RADIUS_M / _sine(share)])]}
 
 
 def ball_file(folder: Path, triangles: int) -> Path:
