@@ -10,8 +10,10 @@ A frame is one of a sample dive with a ball that moves, so that nothing of its l
 decoded before and not encoded. Its parts: `light` measured in the plate, `water` (its table for the frame), `caustics`,
 `layer` (all that is drawn) and `blend` over the plate. Times are processor time of all threads of the process, medians
 over the rounds. In each round every point of a curve draws one frame, so that what slows the machine slows them all.
-`noise` is the standard error of the median: a change within three of them is none. Every curve names what should be
-flat and says whether it is, within 3 %.
+
+Every curve names what should be flat: the largest change from its first point, the median of the ratios round by round,
+with the standard error of that median. Flat is within 3 %, error included; not flat is more than 3 % by two standard
+errors.
 """
 
 from __future__ import annotations
@@ -30,12 +32,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.cost.clip_cost import clip_costs
-from benchmarks.cost.frame_cost import PARTS, FrameCost, Subject, take_turns
+from benchmarks.cost.frame_cost import PARTS, FrameCost, Subject, ratio, take_turns
 from benchmarks.cost.growing_scenes import Dives, balls, filling_ball, one_ball
 
 FLAT = 0.03
 """Growth from the first to the last point of a curve that counts as none."""
-_SURE = 3.0
+_SURE = 2.0
 """Standard errors within which a change is not told from none."""
 _WIDTH, _QUICK_WIDTH = 1024, 512
 
@@ -103,25 +105,25 @@ def measure(curve: Curve, dives: Dives, *, quick: bool, rounds: int) -> list[Fra
     width = _QUICK_WIDTH if quick else _WIDTH
     points = curve.quick if quick else curve.points
     costs = take_turns([curve.subject(dives, point, width) for point in points], rounds)
-    print(f"{curve.unit:>32} {'tiles':>7} " + " ".join(f"{name:>9}" for name in (*PARTS, "frame")) + "   noise   once")
+    print(f"{curve.unit:>32} {'tiles':>7} " + " ".join(f"{name:>9}" for name in (*PARTS, "frame")) + "   once")
     for point, cost in zip(points, costs, strict=True):
         cells = " ".join(f"{cost.ms[name]:9.2f}" for name in (*PARTS, "frame"))
-        print(f"{point:32g} {100 * cost.touched:6.2f}% {cells}  {cost.noise['frame']:5.1%} {cost.once_s:6.1f}s")
+        print(f"{point:32g} {100 * cost.touched:6.2f}% {cells} {cost.once_s:6.1f}s")
     for name in curve.flat:
-        print("  " + verdict(name, [(cost.ms[name], cost.noise[name]) for cost in costs]) + f" ({curve.why})")
+        print("  " + verdict(name, [cost.samples[name] for cost in costs]) + f" ({curve.why})")
     for name in (*PARTS, "frame"):
         if name not in curve.flat:
             print(f"  {name}: x {_ratio([cost.ms[name] for cost in costs]):.2f} over x {points[-1] / points[0]:g}")
     return costs
 
 
-def verdict(name: str, found: Sequence[tuple[float, float]]) -> str:
-    """Return whether values are flat: the largest over the smallest is at most 1.03. found: each with its noise."""
-    values = [value for value, _ in found]
-    growth = _ratio([min(values), max(values)]) - 1.0
-    doubt = _SURE * math.hypot(*(max(noise for _, noise in found),) * 2)
-    word = "flat" if growth <= FLAT else "NOT FLAT" if growth - doubt > FLAT else "not told from flat"
-    return f"{name}: {word}, largest over smallest {growth:+.1%}, noise {doubt:.1%}"
+def verdict(name: str, samples: Sequence[Sequence[float]]) -> str:
+    """Return whether times are flat: within 3 % of each other. samples: those of each point, round by round."""
+    ratios = [ratio(values, samples[0]) for values in samples[1:]]
+    found, noise = max(ratios, key=lambda r: abs(r[0] - 1.0))
+    change = abs(found - 1.0)
+    word = "flat" if change + noise <= FLAT else "NOT FLAT" if change - _SURE * noise > FLAT else "not told from flat"
+    return f"{name}: {word}, largest change from the first point {found - 1.0:+.1%} +- {noise:.1%}"
 
 
 def _ratio(values: Sequence[float]) -> float:

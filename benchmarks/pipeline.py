@@ -197,13 +197,16 @@ def main() -> None:
                 rate(scene, Path(folder), given.runs, what)
 
 
-def measured_scenes(folder: Path, file: Path | None, width: int) -> dict[str, Scene]:
-    """Return the scenes of `rate` by what they show: of a file without and with its receiver, or of a sample dive."""
+def measured_scenes(folder: Path, file: Path | None, width: int, frames: int = 48) -> dict[str, Scene]:
+    """Return the scenes of `rate` by what they show: of a file without and with its receiver, or of a sample dive.
+
+    width, frames: of the dive.
+    """
     if file is not None:
         scene = load_scene(file)
         found = {"scene": scene.model_copy(update={"receiver": None})}
         return found | ({"scene with its receiver": scene} if scene.receiver is not None else {})
-    uw.sample_dive(folder, width=width, frames=48)
+    uw.sample_dive(folder, width=width, frames=frames)
     return {
         "standing still": scene_of(folder, receiver=False),
         "standing still, shadows": scene_of(folder),

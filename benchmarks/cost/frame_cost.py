@@ -29,8 +29,9 @@ _OF_CACHE = {
 """Part of a frame by the name under which its result is kept."""
 _LONGEST_S = 90.0
 """Time [s] on the wall after which a curve has run long enough."""
-_TO_NOISE = 1.2533
-"""Standard error of a median over that of a mean: sqrt(pi / 2), of a normal distribution."""
+_TO_NOISE, _TO_DEVIATION = 1.2533, 1.349
+"""Of a normal distribution: standard error of a median over that of a mean, and what lies between its quartiles over
+its standard deviation."""
 
 
 class CostCache(Cache):
@@ -60,13 +61,13 @@ class CostCache(Cache):
 class FrameCost:
     """Medians over the frames that were timed.
 
-    ms: processor time [ms] by part, and of the whole "frame". noise: standard error of these medians, as a fraction.
+    ms: processor time [ms] by part, and of the whole "frame". samples: the times [s] of each round, by the same names.
     touched: fraction of the frame's pixels in tiles. once_s: processor time [s] of loading the scene, of its first pass
     and of its first frame.
     """
 
     ms: dict[str, float]
-    noise: dict[str, float]
+    samples: dict[str, list[float]]
     touched: float
     once_s: float
 
@@ -103,17 +104,11 @@ class Subject:
 
     def cost(self) -> FrameCost:
         """Return the medians of the frames drawn so far."""
-        ms, noise = {}, {}
-        for name in (*PARTS, "frame"):
-            values = [sample[name] for sample in self.samples]
-            middle = statistics.median(values)
-            quarters = statistics.quantiles(values, n=4) if len(values) > 1 else [middle] * 3
-            spread = (quarters[2] - quarters[0]) / 1.349  # of a normal distribution: its standard deviation
-            ms[name] = 1e3 * middle
-            noise[name] = _TO_NOISE * spread / len(values) ** 0.5 / middle if middle > 0.0 else 0.0
+        samples = {name: [sample[name] for sample in self.samples] for name in (*PARTS, "frame")}
+        ms = {name: 1e3 * statistics.median(values) for name, values in samples.items()}
         layer = self.last.layer
         touched = sum(tile.alpha.size for tile in layer.tiles) / (layer.width * layer.height)
-        return FrameCost(ms, noise, touched, self.once_s)
+        return FrameCost(ms, samples, touched, self.once_s)
 
 
 def take_turns(subjects: Sequence[Subject], rounds: int) -> list[FrameCost]:
@@ -131,3 +126,10 @@ def take_turns(subjects: Sequence[Subject], rounds: int) -> list[FrameCost]:
         if time.perf_counter() - began > _LONGEST_S:
             break
     return [subject.cost() for subject in subjects]
+
+
+def ratio(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
+    """Return the median of the ratios of two series, round by round, and the standard error of that median."""
+    ratios = [a / b for a, b in zip(one, other, strict=True)]
+    low, middle, high = statistics.quantiles(ratios, n=4)
+    return middle, _TO_NOISE * (high - low) / _TO_DEVIATION / len(ratios) ** 0.5

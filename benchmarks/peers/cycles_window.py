@@ -3,8 +3,9 @@
 
     python cycles_window.py SCENE.npz FOLDER PATHS [PATHS ...]
 
-Writes FOLDER/PATHS.exr, linear light, and prints a line for each: paths, processor time [s] of drawing alone. The first
-picture is drawn twice and timed the second time: kernels, meshes and their trees are kept.
+PATHS: paths of a pixel; 4d: four, then denoised by Intel's OpenImageDenoise with albedo and normals. Writes
+FOLDER/PATHS.exr, linear light, and prints a line for each: PATHS, processor time [s] of drawing alone. The first of
+either kind is drawn twice and timed the second time: kernels, meshes and their trees are kept.
 """
 
 import math
@@ -96,6 +97,7 @@ def _settings(size, depth):
 
 
 def main(source, folder, *counts):
+    """Draw the scene of a file with each of some numbers of paths."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with np.load(source) as given:
         bodies = int(given["bodies"])
@@ -109,10 +111,14 @@ def main(source, folder, *counts):
         _camera(given["look_at"], float(given["fov_deg"]))
         _settings(given["window"], int(given["depth"]))
     scene = bpy.context.scene
+    kinds = set()
     for number, paths in enumerate(counts):
-        scene.cycles.samples, scene.cycles.seed = int(paths), number
+        scene.cycles.samples, scene.cycles.seed = int(paths.rstrip("d")), number
+        scene.cycles.use_denoising = paths.endswith("d")
         scene.render.filepath = f"{folder}/{paths}.exr"
-        for _ in range(2 if number == 0 else 1):
+        first = scene.cycles.use_denoising not in kinds
+        kinds.add(scene.cycles.use_denoising)
+        for _ in range(2 if first else 1):
             began = time.process_time()
             bpy.ops.render.render(write_still=True)
             took = time.process_time() - began

@@ -5,10 +5,10 @@
 
 Four diffuse balls on a floor under a clear sky with its sun (`scenes.py`, "balls"). The truth is Mitsuba's converged
 picture (`path_traced.py`). Ours: the light measured in the plate (its time is part of ours), then the layer. The path
-tracers: a window of the frame with one to 16 paths a pixel, known light, no denoiser; the time for our error is read
-between these by straight lines in powers of ten. All errors are relative RMSE over the pixels of the frame that bodies
-cover, and over those of the floor that bodies change; times are processor time of all threads for the pixels in the
-window. `--cycles` names a Python 3.11 that has Blender's bpy (`pip install bpy`); Mitsuba comes with
+tracers: a window of the frame with one to 16 paths a pixel and known light, Cycles also with its denoiser; the time for
+our error is read between these by straight lines in powers of ten. Errors are relative RMSE over the pixels of the
+frame that bodies cover, and over those of the floor that bodies change; times are processor time of all threads for the
+pixels in the window. `--cycles` names a Python 3.11 that has Blender's bpy (`pip install bpy`); Mitsuba comes with
 `pip install 'mr360uw[peers]'`.
 """
 
@@ -20,7 +20,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,17 +33,19 @@ from benchmarks.peers.mitsuba_scene import build, mitsuba, surroundings
 from benchmarks.peers.path_traced import Truth, Window, path_integrator, truth, window_of
 from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, SCENES, SKIES, WIDTH, Scene, Sky
 from mr360uw import ibl
-from mr360uw.cache import Cache
-from mr360uw.composite import render_layer
+from mr360uw.composite import PlacedObject, Shot, render_layer
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.over import over
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Layer
 
 _WINDOW = (450, 338)
 """Columns and rows of the path tracers' pictures: some 19 of their pixels fall into one of the frame."""
 _PATHS = (1, 4, 16)
+_DENOISED = ("1d", "4d", "16d")
 _DEPTH = 16
-_RUNS = 5
+_RUNS = 7
+_STEP_M = 0.02
+"""How far the bodies move from frame to frame [m], all by the same way."""
 _REGIONS = ("objects", "floor")
 
 Picture = tuple[float, Floats]
@@ -50,25 +53,36 @@ Picture = tuple[float, Floats]
 
 
 def ours(scene: Scene, sky: Sky) -> dict[str, Picture]:
-    """Return our pictures by renderer, light measured in the plate; once with all kept from a frame before."""
-    plate = sky.plate()
+    """Return our pictures, light measured in the plate: of a first frame, and of a frame for which all bodies moved."""
+    plate, gl = sky.plate(), LayerRenderer()
+    renderers: dict[str, Callable[[Shot], Layer]] = {"reference": render_layer, "gl": gl.render}
     pictures = {}
-    gl = LayerRenderer()
-    renderers: dict[str, Callable] = {"reference": lambda shot: render_layer(shot, Cache()), "gl": gl.render}
     for name, render in renderers.items():
-        times = []
-        for _ in range(_RUNS):
-            began = time.process_time()
-            light = ibl.environment(plate, expansion="none", glossy=True)
-            image = over(plate, render(scene.shot(light)))
-            times.append(time.process_time() - began)
-        pictures[f"mr360uw, {name}, first frame"] = times[0], image
-        if name == "gl":
-            pictures[f"mr360uw, {name}, next frames"] = statistics.median(times[1:]), image
+        began = time.process_time()
+        image = _ours(scene, plate, render)
+        pictures[f"mr360uw {name}, first frame"] = time.process_time() - began, image
+    times = []
+    for run in range(_RUNS, -1, -1):
+        moved = replace(scene, bodies=tuple(_moved(body, run * _STEP_M) for body in scene.bodies))
+        began = time.process_time()
+        image = _ours(moved, plate, gl.render)
+        times.append(time.process_time() - began)
+    pictures["mr360uw gl, next frame"] = statistics.median(times[1:]), image
     return pictures
 
 
-def by_mitsuba(scene: Scene, sky: Sky) -> tuple[Window, dict[int, Picture]]:
+def _ours(scene: Scene, plate: Floats, render: Callable[[Shot], Layer]) -> Floats:
+    light = ibl.environment(plate, expansion="none", glossy=True)
+    return over(plate, render(scene.shot(light)))
+
+
+def _moved(body: PlacedObject, along_m: float) -> PlacedObject:
+    matrix = body.world_from_object.copy()
+    matrix[0, 3] += along_m
+    return replace(body, world_from_object=matrix)
+
+
+def by_mitsuba(scene: Scene, sky: Sky) -> tuple[Window, dict[str, Picture]]:
     """Return where the window's pixels fall in the frame, and Mitsuba's pictures by paths of a pixel."""
     mi = mitsuba()
     built = build(mi, scene, sky, window=_WINDOW)
@@ -79,12 +93,12 @@ def by_mitsuba(scene: Scene, sky: Sky) -> tuple[Window, dict[int, Picture]]:
         began = time.process_time()
         drawn = np.asarray(mi.render(built, integrator=integrator, spp=paths, seed=100 + paths), np.float64)
         took = time.process_time() - began
-        found[paths] = took, window.means(drawn.reshape(-1, 3))
+        found[str(paths)] = took, window.means(drawn.reshape(-1, 3))
     return window, found
 
 
-def by_cycles(python: Path, scene: Scene, sky: Sky, window: Window) -> dict[int, Picture]:
-    """Return Cycles' pictures by paths of a pixel."""
+def by_cycles(python: Path, scene: Scene, sky: Sky, window: Window, runs: Sequence[str]) -> dict[str, Picture]:
+    """Return Cycles' pictures by `runs`: paths of a pixel, 4d for four that are denoised."""
     import OpenEXR
 
     assert sky.sun is not None
@@ -101,7 +115,7 @@ def by_cycles(python: Path, scene: Scene, sky: Sky, window: Window) -> dict[int,
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / "scene.npz", **arrays)
         program = Path(__file__).parent / "cycles_window.py"
-        command = [str(python), str(program), f"{folder}/scene.npz", folder, *map(str, _PATHS)]
+        command = [str(python), str(program), f"{folder}/scene.npz", folder, *runs]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         found = {}
         for line in said.splitlines():
@@ -110,20 +124,23 @@ def by_cycles(python: Path, scene: Scene, sky: Sky, window: Window) -> dict[int,
                 with OpenEXR.File(f"{folder}/{paths}.exr") as file:
                     channels = file.channels()
                     drawn = np.asarray(next(iter(channels.values())).pixels, np.float64)[..., :3]
-                found[int(paths)] = float(took), window.means(drawn.reshape(-1, 3))
+                found[paths] = float(took), window.means(drawn.reshape(-1, 3))
     return found
 
 
-def time_to(error: float, found: list[tuple[float, float]]) -> float:
-    """Return the time [s] in which an error is reached. found: (time, error) with more and more paths.
+def time_to(error: float, found: list[tuple[float, float]]) -> float | None:
+    """Return the time [s] in which an error is reached; None where more paths do not lead there.
 
-    Beyond the last of them the error falls with the square root of the time.
+    found: (time, error) with more and more paths. Beyond the last, the error falls with the square root of the time if
+    it fell by the last step, to four times as many paths, by a third at least.
     """
     times, reached = np.log([t for t, _ in found]), np.log([e for _, e in found])
     wanted = np.log(error)
-    if wanted < reached[-1]:
-        return float(np.exp(times[-1] + 2.0 * (reached[-1] - wanted)))
-    return float(np.exp(np.interp(-wanted, -reached, times)))
+    if wanted >= np.min(reached):
+        return float(np.exp(np.interp(-wanted, -np.minimum.accumulate(reached), times)))
+    if reached[-1] - reached[-2] > np.log(2.0 / 3.0):
+        return None
+    return float(np.exp(times[-1] + 2.0 * (reached[-1] - wanted)))
 
 
 def _row(what: str, picture: Picture, found: Truth, where: dict[str, np.ndarray]) -> dict[str, float]:
@@ -150,12 +167,18 @@ def main() -> None:
     window, traced = by_mitsuba(scene, sky)
     peers = {"Mitsuba 3": traced}
     if given.cycles is not None:
-        peers["Cycles"] = by_cycles(given.cycles, scene, sky, window)
+        drawn = by_cycles(given.cycles, scene, sky, window, [*map(str, _PATHS), *_DENOISED])
+        peers["Cycles"] = {paths: drawn[paths] for paths in map(str, _PATHS)}
+        peers["Cycles, denoised"] = {paths: drawn[paths] for paths in _DENOISED}
     for peer, drawn in peers.items():
-        rows = {p: _row(f"{peer}, {p} paths a pixel", picture, found, where) for p, picture in drawn.items()}
+        rows = {p: _row(f"{peer}, paths a pixel: {p}", picture, found, where) for p, picture in drawn.items()}
         for name, (took, _) in pictures.items():
             for region in _REGIONS:
-                needed = time_to(reached[name][region], [(drawn[p][0], rows[p][region]) for p in drawn])
+                points = [(drawn[p][0], rows[p][region]) for p in drawn]
+                needed = time_to(reached[name][region], points)
+                if needed is None:
+                    print(f"  {peer} does not get to the error of {name}, {region}, with more paths")
+                    continue
                 print(f"  {peer} as {name}, {region}: {1e3 * needed:.0f} ms, {needed / took:.1f} times ours")
 
 

@@ -127,6 +127,7 @@ def window_of(mi: Any, sensor: Any) -> Window:
 
 
 def path_integrator() -> dict[str, Any]:
+    """Return Mitsuba's path tracer as it is used here, as a dictionary."""
     return {"type": "path", "max_depth": _DEPTH, "rr_depth": _ROULETTE}
 
 
