@@ -132,14 +132,17 @@ def _ratio(values: Sequence[float]) -> float:
 
 def frames(dives: Dives, *, quick: bool) -> dict[int, tuple[float, float]]:
     """Return processor time [ms] a frame and peak memory [MiB] by number of frames, and print them."""
-    found = clip_costs(dives, (24, 96) if quick else (60, 240, 960), _QUICK_WIDTH)
+    found = clip_costs(dives, (12, 24, 96) if quick else (60, 240, 960), _QUICK_WIDTH)
     print(f"{'frames':>32} {'ms a frame':>11} {'peak MiB':>9}")
     for count, (cost_ms, peak) in found.items():
         print(f"{count:32d} {cost_ms:11.2f} {peak:9.0f}")
-    costs = list(found.values())
-    first, last = costs[0], costs[-1]
-    for name, change in (("time a frame", last[0] / first[0] - 1.0), ("memory", last[1] / first[1] - 1.0)):
-        print(f"  {name}: {'flat' if abs(change) <= FLAT else 'NOT FLAT'}, last over first {change:+.1%}")
+    counts, costs = list(found), list(found.values())
+    spent = [count * cost_ms for count, (cost_ms, _) in found.items()]
+    further = [(b - a) / (n - m) for a, b, m, n in zip(spent, spent[1:], counts, counts[1:], strict=False)]
+    print(f"  a further frame: {', '.join(f'{ms:.1f} ms' for ms in further)} (without what is done once)")
+    changes = {"a further frame": further[-1] / further[0] - 1.0, "memory": costs[-1][1] / costs[0][1] - 1.0}
+    for name, change in changes.items():
+        print(f"  {name}: {'does not grow' if change <= FLAT else 'GROWS'}, last over first {change:+.1%}")
     return found
 
 
@@ -164,6 +167,8 @@ def draw(path: Path, found: dict[str, tuple[Sequence[float], dict[str, Sequence[
         panel.set_xticks(points, [f"{point:g}" for point in points], minor=False)
         panel.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
         panel.grid(alpha=0.25)
+        if name == "frames":
+            panel.set(ylim=(10.0, 2000.0), ylabel="ms, MiB")
         panel.legend(fontsize=7, ncols=2)
     for panel in panels[:, 0]:
         panel.set_ylabel("CPU time of a frame [ms]")
