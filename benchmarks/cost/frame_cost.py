@@ -114,15 +114,15 @@ class Subject:
 def take_turns(subjects: Sequence[Subject], rounds: int) -> list[FrameCost]:
     """Return what a frame of each subject costs; in each of the rounds, every one draws a frame.
 
-    After 90 s no more rounds are begun.
+    Each round begins with another subject, so that none always follows the same one. After 90 s no more are begun.
     """
     for subject in subjects:
         subject.frame()
         subject.samples.clear()
     began = time.perf_counter()
-    for _ in range(rounds):
-        for subject in subjects:
-            subject.frame()
+    for turn in range(rounds):
+        for k in range(len(subjects)):
+            subjects[(turn + k) % len(subjects)].frame()
         if time.perf_counter() - began > _LONGEST_S:
             break
     return [subject.cost() for subject in subjects]
