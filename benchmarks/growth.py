@@ -12,7 +12,7 @@ decoded before and not encoded. Its parts: `light` measured in the plate, `water
 over the rounds. In each round every point of a curve draws one frame, so that what slows the machine slows them all.
 
 Every curve names what should be flat: the largest change from its first point, the median of the ratios round by round,
-with the standard error of that median. Flat is within 3 %, error included; not flat is more than 3 % by two standard
+with the standard error of that median. Flat is within 3 %, error included; not flat is more than 3 % by three standard
 errors.
 """
 
@@ -37,7 +37,7 @@ from benchmarks.cost.growing_scenes import Dives, balls, filling_ball, one_ball
 
 FLAT = 0.03
 """Growth from the first to the last point of a curve that counts as none."""
-_SURE = 2.0
+_SURE = 3.0
 """Standard errors within which a change is not told from none."""
 _WIDTH, _QUICK_WIDTH = 1024, 512
 
