@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import resource
 import shutil
 import statistics
 import subprocess
@@ -23,10 +22,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-import mr360uw as uw
-from mr360uw.scene.model import Scene, load_scene, scene_from_dict
-from mr360uw.types import Floats
-from mr360uw.video import transcode
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+import mr360uw as uw  # noqa: E402
+from benchmarks.cost.process_cost import processor_s  # noqa: E402
+from mr360uw.scene.model import Scene, load_scene, scene_from_dict  # noqa: E402
+from mr360uw.types import Floats  # noqa: E402
+from mr360uw.video import transcode  # noqa: E402
 
 _OBJECTS: list[dict[str, Any]] = [
     {"mesh": "whale.glb", "position_m": [0.4, -0.6, -4.2], "rotation_deg": [-60.0, 4.0, 0.0]},
@@ -92,12 +95,6 @@ def _swimming(whale: dict[str, Any], along_m: float) -> dict[str, Any]:
     return {**whale, "key": keys}
 
 
-def processor_s() -> float:
-    """Return the processor time [s] of this process and of its children that have ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
-
-
 def rate(scene: Scene, folder: Path, runs: int, what: str) -> None:
     """Print frames per second of plain transcoding and of compositing, and their ratio, run by run.
 
@@ -136,21 +133,16 @@ def _first(path: Path) -> Floats:
 
 
 _CHILD = """
-import resource, sys
+import sys
 from pathlib import Path
 
-def peak():  # ru_maxrss would count what the parent held before the child began
-    status = Path("/proc/self/status")
-    if status.exists():
-        return next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-sys.path.insert(0, {here!r})
+sys.path.insert(0, {root!r})
 import mr360uw as uw
-from pipeline import scene_of
+from benchmarks.cost.process_cost import peak_kib
+from benchmarks.pipeline import scene_of
 folder, count = Path({folder!r}), {count}
 report = uw.composite_video(scene_of(folder), folder / "memory.mp4", frames=(0, count), overwrite=True)
-print(report.frames, peak())
+print(report.frames, peak_kib())
 """
 
 
@@ -161,7 +153,7 @@ def memory(folder: Path) -> None:
     shutil.move(folder / "long.mp4", dive.plate)
     peaks = {}
     for count in (120, 1200):
-        code = _CHILD.format(here=str(Path(__file__).parent), folder=str(folder), count=count)
+        code = _CHILD.format(root=str(ROOT), folder=str(folder), count=count)
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         frames, kilobytes = map(int, done.stdout.split())
         peaks[frames] = kilobytes / 1024.0
@@ -205,13 +197,16 @@ def main() -> None:
                 rate(scene, Path(folder), given.runs, what)
 
 
-def measured_scenes(folder: Path, file: Path | None, width: int) -> dict[str, Scene]:
-    """Return the scenes of `rate` by what they show: of a file without and with its receiver, or of a sample dive."""
+def measured_scenes(folder: Path, file: Path | None, width: int, frames: int = 48) -> dict[str, Scene]:
+    """Return the scenes of `rate` by what they show: of a file without and with its receiver, or of a sample dive.
+
+    width, frames: of the dive.
+    """
     if file is not None:
         scene = load_scene(file)
         found = {"scene": scene.model_copy(update={"receiver": None})}
         return found | ({"scene with its receiver": scene} if scene.receiver is not None else {})
-    uw.sample_dive(folder, width=width, frames=48)
+    uw.sample_dive(folder, width=width, frames=frames)
     return {
         "standing still": scene_of(folder, receiver=False),
         "standing still, shadows": scene_of(folder),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -65,6 +66,26 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert code == 0
     assert "caustics     skipped  needs a sun and water" in out
     assert "light     first frame: sun at azimuth" in out or "no sun; best candidate at azimuth" in out
+
+
+def test_explain_measures_what_skips_save(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mr360uw.render.stages import skip_times
+
+    monkeypatch.setattr(skip_times, "_RUNS", 1)
+    dry = ("--set", 'water.type="none"', "--set", "plate.scale=0.25", "--backend", "reference")
+    code, out, _ = run("composite", scene, "out.mp4", "--explain", "--measure", *dry)
+    assert code == 0
+    head, *rows = out[out.index("skips ") :].splitlines()
+    assert re.search(r"first frame, \d+x\d+: \d+\.\d ms of processor time as planned; median of 1 pairs", head)
+    saved = {row.split()[0]: row.split(maxsplit=1)[1] for row in rows}
+    assert float(re.fullmatch(r"saves (\d+\.\d) ms \(geometry.*\)", saved["kept"])[1]) > 1.0  # trees, ambient light
+    assert saved["caustics"] == "not measured: it has nothing to work on (needs a sun and water)"
+    assert saved["glossy"].startswith("saves ")
+    assert "sun" not in saved  # it runs
+    assert not (scene.parent / "out.mp4").exists()
+    code, _, err = run("composite", scene, "out.mp4", "--measure")
+    assert code == 2
+    assert "--measure - times the skips that --explain lists (got it alone) - give both" in err
 
 
 def test_the_schema_has_units_and_help(run: Run) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, Scene, Sky
 from mr360uw.composite import PlacedObject
 from mr360uw.sphere import directions
+from mr360uw.types import Floats
 
 WINDOW = (1800, 1350)
 """Columns and rows of the picture: about 300 of its pixels fall into one of the frame."""
@@ -63,11 +64,15 @@ def _shape(mi: Any, name: str, body: PlacedObject) -> Any:
     return mesh
 
 
+def surroundings(sky: Sky) -> Floats:
+    """Return the light around a scene, an equirectangular frame (H, W, 3) float32: the sky, below it the far floor."""
+    around = directions(_SKY_COLUMNS, _SKY_COLUMNS // 2)
+    return np.where(around[..., 1:2] > 0.0, sky.radiance(around), sky.floor_radiance).astype(np.float32)
+
+
 def _environment(mi: Any, sky: Sky) -> dict[str, Any]:
     """Return the sky as an emitter. Mitsuba's column 0 looks along -z, which is the middle of ours."""
-    around = directions(_SKY_COLUMNS, _SKY_COLUMNS // 2)
-    light = np.where(around[..., 1:2] > 0.0, sky.radiance(around), sky.floor_radiance)
-    image = np.roll(light, _SKY_COLUMNS // 2, axis=1).astype(np.float32)
+    image = np.roll(surroundings(sky), _SKY_COLUMNS // 2, axis=1)
     return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image))}
 
 
@@ -85,10 +90,18 @@ def _sun(mi: Any, sky: Sky) -> dict[str, Any]:
     }
 
 
-def build(mi: Any, scene: Scene, sky: Sky, *, bodies: bool = True, ambient: bool = True) -> Any:
-    """Return Mitsuba's scene; on request without its bodies, or with the sun alone."""
+def build(
+    mi: Any,
+    scene: Scene,
+    sky: Sky,
+    *,
+    bodies: bool = True,
+    ambient: bool = True,
+    window: tuple[int, int] = WINDOW,
+) -> Any:
+    """Return Mitsuba's scene; on request without its bodies, or with the sun alone. window: size of the picture."""
     transform = mi.ScalarTransform4f
-    width, height = WINDOW
+    width, height = window
     film = {
         "type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb", "component_format": "float32",
         "rfilter": {"type": "box"},

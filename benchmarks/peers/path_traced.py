@@ -88,7 +88,7 @@ def _digest(scene: Scene, sky: Sky) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Window:
+class Window:
     """How the window's pixels lie in the frame: index of the frame's pixel of each; which of the frame's are whole."""
 
     index: np.ndarray
@@ -104,8 +104,8 @@ class _Window:
         return frame.reshape(WIDTH // 2, WIDTH, -1).astype(np.float32)
 
 
-def _window(mi: Any, sensor: Any) -> _Window:
-    """Return where the window's pixels fall; the camera itself says where it looks."""
+def window_of(mi: Any, sensor: Any) -> Window:
+    """Return where the pixels of a camera's picture fall; the camera itself says where it looks."""
 
     def ray(u: float, v: float) -> Floats:
         return np.array(sensor.sample_ray(0.0, 0.0, mi.Point2f(u, v), mi.Point2f(0.5, 0.5))[0].d, np.float64)
@@ -114,7 +114,7 @@ def _window(mi: Any, sensor: Any) -> _Window:
     edges = [ray(u, v) for u, v in ((0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))]
     left, right, top, bottom = (edge / (edge @ middle) for edge in edges)
     axes = np.stack([right - left, bottom - top, middle])
-    width, height = WINDOW
+    width, height = (int(side) for side in sensor.film().size())
     u, v = np.meshgrid((np.arange(width) + 0.5) / width - 0.5, (np.arange(height) + 0.5) / height - 0.5)
     x, y = frame_from_direction(np.stack([u, v, np.ones_like(u)], axis=-1) @ axes, WIDTH, WIDTH // 2)
     index = (np.minimum(y.astype(int), WIDTH // 2 - 1) * WIDTH + x.astype(int) % WIDTH).ravel()
@@ -123,10 +123,11 @@ def _window(mi: Any, sensor: Any) -> _Window:
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = (place[..., 2] > 0.0) & (np.abs(place[..., :2] / place[..., 2:]) < 0.5).all(axis=-1)
     valid = seen[:-1, :-1] & seen[1:, :-1] & seen[:-1, 1:] & seen[1:, 1:]
-    return _Window(index, np.bincount(index, minlength=WIDTH * WIDTH // 2), valid)
+    return Window(index, np.bincount(index, minlength=WIDTH * WIDTH // 2), valid)
 
 
-def _path() -> dict[str, Any]:
+def path_integrator() -> dict[str, Any]:
+    """Return Mitsuba's path tracer as it is used here, as a dictionary."""
     return {"type": "path", "max_depth": _DEPTH, "rr_depth": _ROULETTE}
 
 
@@ -134,13 +135,13 @@ def _render(scene: Scene, sky: Sky) -> Truth:
     mi = mitsuba()
     began = time.process_time()
     whole = build(mi, scene, sky)
-    window = _window(mi, whole.sensors()[0])
+    window = window_of(mi, whole.sensors()[0])
 
     def picture(of: Any, integrator: dict[str, Any], paths: int, seed: int) -> Floats:
         drawn = mi.render(of, integrator=mi.load_dict(integrator), spp=paths, seed=seed)
         return np.asarray(drawn, np.float64).reshape(-1, np.shape(drawn)[-1])
 
-    halves = np.stack([window.means(picture(whole, _path(), PATHS, seed)) for seed in (1, 2)])
+    halves = np.stack([window.means(picture(whole, path_integrator(), PATHS, seed)) for seed in (1, 2)])
     found = picture(whole, {"type": "aov", "aovs": "number:shape_index,place:position"}, 1, 3)[:, -4:]
     # shapes are counted from 1, the sky is 0
     number = {shape.id(): k + 1 for k, shape in enumerate(whole.shapes())}
@@ -167,8 +168,8 @@ def check() -> None:
     scene = SCENES["balls"]
     for sky in SKIES.values():
         bare = build(mi, scene, sky, bodies=False)
-        window = _window(mi, bare.sensors()[0])
-        drawn = np.asarray(mi.render(bare, integrator=mi.load_dict(_path()), spp=1, seed=5), np.float64)
+        window = window_of(mi, bare.sensors()[0])
+        drawn = np.asarray(mi.render(bare, integrator=mi.load_dict(path_integrator()), spp=1, seed=5), np.float64)
         error = (window.means(drawn.reshape(-1, 3)) / sky.plate() - 1.0)[window.valid]
         print(f"plate, {sky.name:8} mean error {error.mean():+.5f}, RMSE {np.sqrt(np.mean(error**2)):.5f}")
 

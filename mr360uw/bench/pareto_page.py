@@ -11,12 +11,13 @@ from mr360uw.bench.bench_report import BenchReport, StageResult
 from mr360uw.bench.measuring import Measurement, front, knobs_in_words
 from mr360uw.ibl.report import html_page
 
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _EDGE = 900, 360, 70, 44, 14
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _EDGE = 900, 360, 70, 44, 26
 _BELOW = 0.3
 """Place of exact settings, in units of the smallest error that is not 0: below the others, and near enough to them."""
 _FRONT, _OTHER = "#0b6e99", "#9aa7b2"
 _COLOURS = {"default": "#c2410c", "draft": "#4d7c0f", "reference": "#6d28d9"}
 _STYLE = """
+text { paint-order: stroke; stroke: #fff; stroke-width: 3px; stroke-linejoin: round; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; } tr.front { font-weight: 600; }
 circle:hover { stroke: #16202a; stroke-width: 2; } .note { color: #c2410c; }
 """
@@ -37,7 +38,7 @@ def bench_page(report: BenchReport) -> str:
     parts.append(
         "<p>Each dot is a setting: right is dearer, up is less accurate, both in powers of ten. Blue dots on the line "
         "are the Pareto front: no other setting is both cheaper and as accurate. Rings are the settings that "
-        f"<code>draw.quality</code> stands for: {_legend()}.</p>"
+        f"<code>draw.quality</code> stands for: {_legend()}. Numbers are the rows of the table below each plot.</p>"
     )
     parts += [f'<p class="note">Default off the front - {html.escape(line)}</p>' for line in report.off_front]
     for stage in report.stages:
@@ -48,7 +49,7 @@ def bench_page(report: BenchReport) -> str:
 
 def pareto_plot(stage: StageResult) -> str:
     """Return an inline SVG of error over processor time, both logarithmic, with front and named settings."""
-    found, best = stage.measurements, front(stage.measurements)
+    found, best = _by_time(stage), front(stage.measurements)
     least = _BELOW * min((m.error for m in found if m.error > 0.0), default=1.0)
     times, errors = [max(m.cpu_ms, 1e-3) for m in found], [max(m.error, least) for m in found]
     x = _axis(times, _LEFT + _EDGE, _WIDTH - _EDGE)
@@ -59,21 +60,29 @@ def pareto_plot(stage: StageResult) -> str:
         at = x(value)
         out.append(f'<path d="M{at:.1f} {_EDGE}V{_HEIGHT - _BOTTOM}" stroke="#e3e9ee"/>')
         out.append(f'<text x="{at:.1f}" y="{_HEIGHT - _BOTTOM + 16}" text-anchor="middle">{value:g} ms</text>')
-    for value in _ticks(errors):
+    exact = min(m.error for m in found) == 0.0
+    marks = {value: f"{value:.3g}" for value in _ticks(errors) if value > 1.5 * least or not exact}
+    for value, word in (marks | ({least: "0"} if exact else {})).items():
         at = y(value)
         out.append(f'<path d="M{_LEFT} {at:.1f}H{_WIDTH - _EDGE}" stroke="#e3e9ee"/>')
-        out.append(f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{value:g}</text>')
+        out.append(f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{word}</text>')
+    bottom = _HEIGHT - _BOTTOM
+    out.append(f'<path d="M{_LEFT} {_EDGE / 2}V{bottom}H{_WIDTH - _EDGE / 2}" fill="none" stroke="{_OTHER}"/>')
     places = {id(m): (x(time), y(error)) for m, time, error in zip(found, times, errors, strict=True)}
     line = "L".join("{:.1f} {:.1f}".format(*places[id(m)]) for m in best)
     out.append(f'<path d="M{line}" fill="none" stroke="{_FRONT}" stroke-width="1.6"/>')
-    out += [_dot(m, *places[id(m)], on_front=m in best) for m in found]
+    out += [_dot(m, row, *places[id(m)], on_front=m in best) for row, m in enumerate(found, 1)]
     out.append(f'<text x="{_WIDTH - _EDGE}" y="{_HEIGHT - 6}" text-anchor="end">CPU time of one run</text>')
-    exact = "; 0 is drawn at the lower edge" if min(m.error for m in found) == 0.0 else ""
-    out.append(f'<text x="{_LEFT}" y="{_HEIGHT - 6}">relative error (up) against the truth{exact}</text></svg>')
+    out.append(f'<text x="{_LEFT}" y="{_HEIGHT - 6}">relative error (up) against the truth</text></svg>')
     return f"<figure>{''.join(out)}</figure>"
 
 
-def _dot(m: Measurement, x: float, y: float, *, on_front: bool) -> str:
+def _by_time(stage: StageResult) -> list[Measurement]:
+    """Return the measurements in the order of the table's rows, the cheapest first."""
+    return sorted(stage.measurements, key=lambda m: m.cpu_ms)
+
+
+def _dot(m: Measurement, row: int, x: float, y: float, *, on_front: bool) -> str:
     words = html.escape(f"{knobs_in_words(m.knobs)}: {m.cpu_ms:.1f} ms, error {m.error:.2g}")
     fill = _FRONT if on_front else _OTHER
     dot = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{fill}"><title>{words}</title></circle>'
@@ -82,6 +91,7 @@ def _dot(m: Measurement, x: float, y: float, *, on_front: bool) -> str:
         dot += (
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="none" stroke="{_COLOURS[name]}" stroke-width="2"/>'
         )
+    dot += f'<text x="{x:.1f}" y="{y + 19:.1f}" text-anchor="middle" fill="#5b6872">{row}</text>'
     if m.names:
         side, anchor = (-12, "end") if x > 0.8 * _WIDTH else (12, "start")
         text = html.escape(", ".join(m.names))
@@ -114,15 +124,15 @@ def _words(stage: StageResult) -> str:
 
 def _table(stage: StageResult) -> str:
     best, rows = front(stage.measurements), []
-    for m in sorted(stage.measurements, key=lambda m: m.cpu_ms):
+    for row, m in enumerate(_by_time(stage), 1):
         cells = "".join(
-            f'<td class="n">{value}</td>' for value in (f"{m.cpu_ms:.1f}", f"{m.wall_ms:.1f}", f"{m.error:.2g}")
+            f'<td class="n">{value}</td>' for value in (row, f"{m.cpu_ms:.1f}", f"{m.wall_ms:.1f}", f"{m.error:.2g}")
         )
         names = f" ({', '.join(m.names)})" if m.names else ""
         knobs = html.escape(knobs_in_words(m.knobs) + names)
         rows.append(f"<tr{' class=front' if m in best else ''}>{cells}<td>{knobs}</td></tr>")
-    head = "<tr><th>CPU ms</th><th>wall ms</th><th>error</th><th>settings</th></tr>"
-    return f"<details><summary>Figures</summary><table>{head}{''.join(rows)}</table></details>"
+    head = "<tr><th></th><th>CPU ms</th><th>wall ms</th><th>error</th><th>settings</th></tr>"
+    return f"<details open><summary>Figures</summary><table>{head}{''.join(rows)}</table></details>"
 
 
 def _legend() -> str:

@@ -40,6 +40,7 @@ def composite(
     mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
     report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
+    measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time what each skip saves")] = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
@@ -48,10 +49,16 @@ def composite(
     from mr360uw.render.check import explain_plan
     from mr360uw.scene.model import at_scale, load_scene
 
+    if measure and not explain:
+        raise ParameterError("--measure - times the skips that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     check_report(report_file, loaded)
     if explain:
         typer.echo(explain_plan(loaded, backend))
+        if measure:
+            from mr360uw.render.stages.skip_times import explain_skips
+
+            typer.echo(explain_skips(loaded, backend))
         return
     with terminal_progress(lines=progress_lines) as progress:
         report = composite_video(

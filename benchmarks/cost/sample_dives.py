@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthetic dives: python benchmarks/dives.py cost, or sheet FILE for the picture of the presets in docs/sample.md.
+"""Synthetic dives: python benchmarks/cost/sample_dives.py cost, or sheet FILE for the picture in docs/sample.md.
 
 cost: processor time of set-up and of a frame, 1024 x 512, of every preset; each frame after the first of its dive.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.color import encode  # noqa: E402

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processor time that the skips of a plan save, measured by drawing one frame with each of them and without it.
+
+A stage that the plan skips is made to run, with the skipped stages that it builds on, and the frame is drawn again.
+Stages that only choose what a drawn pixel shows (shadow, occlusion, grain, lamps) cannot be made to run: the scene has
+nothing for them.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mr360uw.cache import Cache
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.plan import Plan
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.video import VideoFrame
+
+_RUNS = 5
+"""Pairs of frames that a median is taken over. Twice as many halve the error of what is saved by a factor of 1.4."""
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "environment": (),
+    "sun": ("environment",),
+    "glossy": ("environment",),
+    "caustics": ("environment", "sun"),
+    "shafts": ("environment", "sun", "caustics"),
+    "pattern": ("environment", "sun"),
+    "surface": ("environment",),
+    "snow": ("environment",),
+}
+"""Stages that can be made to run, and those that each of them builds on."""
+_OF_WATER = ("caustics", "shafts", "pattern", "surface", "snow")
+_LEAST_MS = 0.1
+"""Saved time [ms] below which nothing is told from the clock's own steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkipTime:
+    """A stage that is skipped, or "kept" for all that is kept between frames.
+
+    saved_ms: processor time [ms] of all threads that the skip saves in a frame, the median of pairs of frames; None
+    where the stage cannot be made to run. why: the plan's reason.
+    """
+
+    name: str
+    saved_ms: float | None
+    why: str
+
+    def __str__(self) -> str:
+        if self.saved_ms is None:
+            return f"  {self.name:<11}  not measured: it has nothing to work on ({self.why})"
+        if self.saved_ms < _LEAST_MS:
+            return f"  {self.name:<11}  saves less than {_LEAST_MS:g} ms ({self.why})"
+        return f"  {self.name:<11}  saves {self.saved_ms:.1f} ms ({self.why})"
+
+
+def explain_skips(scene: Scene, backend: str = "auto") -> str:
+    """Return, as text, the processor time that each skip of a scene's plan saves in the plate's first frame."""
+    with open_plate(scene) as video:
+        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        plate = next(iter(video.frames(0, 1)))
+    renderer, _ = make_backend(backend)
+    planned_ms, skips = skip_times(loaded, renderer, plate)
+    size = f"{loaded.width}x{loaded.height}"
+    head = f"skips     first frame, {size}: {planned_ms:.1f} ms of processor time as planned; median of {_RUNS} pairs"
+    return "\n".join([head, *map(str, skips)])
+
+
+def skip_times(loaded: Loaded, backend: Backend, plate: VideoFrame) -> tuple[float, list[SkipTime]]:
+    """Return the processor time [ms] of a frame as planned, its geometry kept, and what each skip of the plan saves.
+
+    The frame's light is measured in the plate's frame alone.
+    """
+    _frame_ms(loaded, backend, plate)  # compiles
+    planned = statistics.median(_frame_ms(loaded, backend, plate) for _ in range(_RUNS))
+    found = [_kept_time(loaded, backend, plate)] if loaded.plan.layer.runs else []
+    for name, stage in loaded.plan.stages.items():
+        if stage.runs:
+            continue
+        possible = name in _NEEDS and (name not in _OF_WATER or loaded.surroundings.medium is not None)
+        found.append(SkipTime(name, _saved_ms(loaded, backend, plate, name) if possible else None, stage.why))
+    return planned, found
+
+
+def _saved_ms(loaded: Loaded, backend: Backend, plate: VideoFrame, name: str) -> float:
+    """Return what a stage adds [ms] to a frame in which all that it builds on runs."""
+    without = replace(loaded, plan=_with(loaded.plan, _NEEDS[name]))
+    run = replace(loaded, plan=_with(loaded.plan, (*_NEEDS[name], name)))
+    for one in (without, run):
+        _frame_ms(one, backend, plate)  # compiles
+    return statistics.median(_frame_ms(run, backend, plate) - _frame_ms(without, backend, plate) for _ in range(_RUNS))
+
+
+def _kept_time(loaded: Loaded, backend: Backend, plate: VideoFrame) -> SkipTime:
+    """Return what is saved by what a renderer keeps from an earlier frame: geometry, meshes, ambient light."""
+
+    def pair() -> float:
+        backend.cache.clear()
+        return _frame_ms(loaded, backend, plate) - _frame_ms(loaded, backend, plate)
+
+    return SkipTime("kept", pair(), "geometry, visibility and ambient light of bodies that have not moved; one pair")
+
+
+def _with(plan: Plan, names: Sequence[str]) -> Plan:
+    """Return a plan in which some stages run."""
+    return replace(plan, **{name: replace(plan.stages[name], runs=True) for name in names})
+
+
+def _frame_ms(loaded: Loaded, backend: Backend, plate: VideoFrame) -> float:
+    """Return the processor time [ms] of a frame; of earlier frames, only the renderer's geometry is kept."""
+    began = time.process_time()
+    finished(frame_stages(loaded, ClipFacts(), backend, plate, 0.0, kept=Cache()))
+    return 1e3 * (time.process_time() - began)
