@@ -47,9 +47,8 @@ def free_corners(
     """
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
-    corner[j, i, FREE] = free_between(
-        shot, light, *(a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal)), cache
-    )
+    point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
+    corner[j, i, FREE] = free_between(shot, light, point, normal, cache)
     corner[j, i, SEEN] = 1.0
     return corner
 

@@ -98,15 +98,16 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
 def _around(picture: Picture, part: Rectangle, margin: int) -> tuple[Floats, Rectangle]:
     """Return a part of a panorama with at least `margin` pixels about it, and where that lies.
 
-    It is closed over the seam, cut at the poles, and begins at multiples of `_COARSEST`, so that what is reduced below
-    does not depend on the part. Columns count from the part's own turn.
+    It is closed over the seam, cut at the poles, and begins and ends at multiples of `_COARSEST`, so that what is
+    reduced below does not depend on the part. Columns count from the part's own turn.
     """
     height, width = picture.shape
     row = max(part.row - margin, 0) // _COARSEST * _COARSEST
     column = (part.column - margin) // _COARSEST * _COARSEST
-    rows = min(part.row + part.height + margin, height) - row
+    rows = min(-(-(part.row + part.height + margin) // _COARSEST) * _COARSEST, height) - row
+    last = -(-(part.column + part.width + margin) // _COARSEST) * _COARSEST
     whole = np.asarray(picture.linear(Rectangle(0, row, width, rows)), np.float32)
-    columns = np.arange(column, part.column + part.width + margin) % width
+    columns = np.arange(column, last) % width
     return whole[:, columns], Rectangle(column, row, len(columns), rows)
 
 
@@ -118,7 +119,9 @@ def _blurred(image: Floats, sigma: float) -> Floats:
     if factor == 1:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
     height, width = image.shape[:2]
-    padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
+    padded = image
+    if height % factor or width % factor:
+        padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
     size = padded.shape[1] // factor, padded.shape[0] // factor
     small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)

@@ -90,6 +90,37 @@ def _pattern_at(shown: Any, calm: Any, veil: Any, share: Any) -> Any:
     return max(r, share + direct * (one - share))
 
 
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _take_images(
+    line: Any, weight: Any, waves_row: Any, added_row: Any, j: int, f: int, free: Any, s: int, seen: Any, w: int,
+    waves: Any, g: int, shape: Any, p: int, added: Any,
+) -> None:  # fmt: skip
+    """Set row j of a block to that of its images, of those whose number is not negative."""
+    weight[:] = np.float32(1.0)
+    added_row[:], waves_row[:] = np.float32(0.0), np.float32(1.0)
+    if g >= 0:
+        for k in range(6):
+            for i in range(BLOCK):
+                line[k, i] = shape[g, j, i, k if k < 3 else k + 1]
+        for i in range(BLOCK):
+            weight[i] = shape[g, j, i, 3]
+    if f >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                line[6 + k, i] = free[f, j, i, k]
+    if s >= 0:
+        for i in range(BLOCK):
+            line[9, i] = seen[s, j, i, 0]
+    if w >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                waves_row[k, i] = waves[w, j, i, k]
+    if p >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                added_row[k, i] = added[p, j, i, k]
+
+
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
@@ -124,29 +155,7 @@ def _lay(
                 step = across * (b[k] + v * (d[k] - b[k]) - start)
                 for i in range(BLOCK):
                     line[k, i] = start + (np.float32(i) + half) * step
-            weight[:] = one
-            added_row[:], waves_row[:] = zero, one
-            if g >= 0:
-                for k in range(6):
-                    for i in range(BLOCK):
-                        line[k, i] = shape[g, j, i, k if k < 3 else k + 1]
-                for i in range(BLOCK):
-                    weight[i] = shape[g, j, i, 3]
-            if f >= 0:
-                for k in range(3):
-                    for i in range(BLOCK):
-                        line[6 + k, i] = free[f, j, i, k]
-            if s >= 0:
-                for i in range(BLOCK):
-                    line[9, i] = seen[s, j, i, 0]
-            if w >= 0:
-                for k in range(3):
-                    for i in range(BLOCK):
-                        waves_row[k, i] = waves[w, j, i, k]
-            if p >= 0:
-                for k in range(3):
-                    for i in range(BLOCK):
-                        added_row[k, i] = added[p, j, i, k]
+            _take_images(line, weight, waves_row, added_row, j, f, free, s, seen, w, waves, g, shape, p, added)
             if len(shown):
                 now, mean = shown[y - first_row, at], calm[y - first_row, at]
                 for i in range(count):
