@@ -31,6 +31,8 @@ _FINE_SIGMA = 2.0
 """Standard deviation [px] that wide blurs are left with on a reduced image."""
 _COARSEST = 32
 """Largest reduction."""
+_RADIUS = 4.0
+"""Radius of OpenCV's Gaussian of floats, in standard deviations."""
 _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
@@ -81,10 +83,16 @@ class PlatePattern:
         smooth = np.zeros((part.height, part.width, 3), np.float32)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
-            if np.any(weight):
-                blurred = _blurred(around, _STEP**number)
-                top, left = part.row - first.row, part.column - first.column
-                smooth += weight[:, None, None] * blurred[top : top + part.height, left : left + part.width]
+            rows = np.flatnonzero(weight)
+            if len(rows) == 0:
+                continue
+            # rows that this blur reaches, from and to multiples of `_COARSEST` of the frame's
+            own, reach = slice(rows[0], rows[-1] + 1), int(_RADIUS * _STEP**number) + _COARSEST
+            top, left = part.row - first.row, part.column - first.column
+            begin = max(top + own.start - reach, 0) // _COARSEST * _COARSEST
+            end = -(-(top + own.stop + reach) // _COARSEST) * _COARSEST
+            blurred = _blurred(around[begin:end], _STEP**number)[top + own.start - begin : top + own.stop - begin]
+            smooth[own] += weight[own, None, None] * blurred[:, left : left + part.width]
         return smooth
 
 
