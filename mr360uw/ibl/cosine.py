@@ -42,13 +42,18 @@ class ZonalFilter:
     def __init__(self, kernel: Kernel, scale: int = 1, *, normalised: bool = False) -> None:
         samples = max(_SAMPLES // scale, 4)
         width, height = COLUMNS * scale, ROWS * scale
-        fine = directions(width * samples, height * samples)
-        solid_angle = row_solid_angle(width * samples, height * samples)[:, None]
+        # of directions (cos b sin a, sin b, -cos b cos a), the cosine with a normal is a sum of products over b and a
+        columns, rows = width * samples, height * samples
+        longitude = 2.0 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)
+        latitude = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)
+        solid_angle = row_solid_angle(columns, rows)
         normals = directions(COLUMNS, ROWS)[:, 0]
         matrix = np.empty((ROWS, height, width), np.float64)
         for row, normal in enumerate(normals[: ROWS // 2]):
-            values = kernel(fine @ normal) * solid_angle
-            matrix[row] = values.reshape(height, samples, width, samples).sum(axis=(1, 3))
+            along = normal[0] * np.sin(longitude) - normal[2] * np.cos(longitude)
+            values = kernel(np.outer(np.cos(latitude), along) + (normal[1] * np.sin(latitude))[:, None])
+            of_rows = values.reshape(rows, width, samples).sum(axis=2) * solid_angle[:, None]
+            matrix[row] = of_rows.reshape(height, samples, width).sum(axis=1)
             matrix[ROWS - 1 - row] = matrix[row, ::-1]  # the mirror image of the normal sees that of the world
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)

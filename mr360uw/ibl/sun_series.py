@@ -30,9 +30,12 @@ class SunSeries(Generic[Frame]):
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 
-    def add(self, frame: Frame, time_s: float) -> None:
-        """Add the next frame, shown at a time [s]."""
-        if (len(self._found) + len(self._waiting)) % self._step:
+    def add(self, frame: Frame, index: int, time_s: float) -> None:
+        """Add the next frame, of an index in the clip, shown at a time [s].
+
+        Which frames are measured depends on the index alone, but that the first is.
+        """
+        if self._found and index % self._step:
             self._waiting.append((frame, time_s))
             return
         here = self._measure(frame)

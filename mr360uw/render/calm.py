@@ -69,11 +69,14 @@ class CalmSeries:
         if place >= FRAMES or place % _EVERY:
             return
         linear = frame.image_linear
-        self._sum = linear.copy() if self._sum is None else self._sum + linear
+        if self._sum is None:
+            self._sum = linear.copy()
+        else:
+            self._sum += linear
         if len(self._variance) < _MEASURED:
             self._variance.append(self._detail(frame))
         size = (_COLUMNS, _COLUMNS // 2)
-        below = cv2.resize(luminance(linear).astype(np.float32), size, interpolation=cv2.INTER_AREA)[_COLUMNS // 4 :]
+        below = luminance(cv2.resize(linear, size, interpolation=cv2.INTER_AREA)[_COLUMNS // 4 :]).astype(np.float32)
         self._small.append(below - cv2.GaussianBlur(below, (0, 0), 4.0))
 
     def result(self) -> CalmPlate:

@@ -115,11 +115,11 @@ class CameraPath:
         return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]
 
     def _keyed_depth(self, time_s: float) -> float:
-        from scipy.interpolate import PchipInterpolator
-
         depths = self._depths()
         if self.depth_keys is None or len(depths) == 1:
             return float(depths[0])
+        from scipy.interpolate import PchipInterpolator
+
         times = self.depth_keys[:, 0]
         depth: Any = PchipInterpolator(times, depths)(np.clip(time_s, times[0], times[-1]))
         return float(depth)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -14,10 +15,12 @@ import numpy as np
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun_series import SunSeries
-from mr360uw.medium import Medium, exposure_change, picture_change, steady_gain
+from mr360uw.medium import Medium
+from mr360uw.medium.fit.gain_series import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
+from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
@@ -153,31 +156,15 @@ def _measured(
         end = min(end, begin + FRAMES)
     if calm is not None:
         calm.clear()
-
-    def measured(seen: tuple[VideoFrame, Medium | None]) -> SunMeasurement:
-        frame, medium = seen
-        now = surroundings if keyed is None else keyed(frame.time_s)
-        world_from_camera = camera.at(frame.time_s)[1]
-        light = now.light.of(frame.pixels, time_s=frame.time_s)
-        if medium is not None and may_be_clipped(frame.pixels, now.settings):
-            light = restored(light, medium, world_from_camera[1], keep_sun=False)
-        return measure_sun(light, frame.time_s, world_from_camera)
-
-    suns = SunSeries(measured, float(video.frame_rate))
-    maps = _MapSeries()
+    of_frame = _OfFrame(camera, (lambda _: surroundings) if keyed is None else keyed, wanted.gain)
+    suns = SunSeries(of_frame.sun, float(video.frame_rate))
+    gains = GainSeries(of_frame.gain, float(video.frame_rate))
     with one_blas_thread():
         for frame in prefetch(video.frames(begin, end)):
-            world_from_camera = camera.at(frame.time_s)[1]
-            now = surroundings if keyed is None else keyed(frame.time_s)
-            up, medium, known = world_from_camera[1], now.medium, True
-            if medium is not None and camera.sinks:
-                medium = medium.at_depth(camera.depth_at(frame.time_s))
-            if wanted.gain and medium is not None:
-                gain, residual = fit_level(medium, level_view(frame.pixels, up))
-                maps.add(gain, residual, plate_map(frame.pixels, up))
-                medium, known = medium.scaled(gain), residual < DOUBTFUL
+            if wanted.gain:
+                gains.add(frame, frame.index)
             if wanted.sun:
-                suns.add((frame, medium if known else None), frame.time_s)
+                suns.add(frame, frame.index, frame.time_s)
             if calm is not None:
                 calm.add(frame)
             if progress is not None:
@@ -185,11 +172,48 @@ def _measured(
     confidence = surroundings.settings.minimum_confidence
     return ClipFacts(
         track_suns(suns.every(), minimum_confidence=confidence, camera=camera.rotation_known) if wanted.sun else None,
-        maps.gain(float(video.frame_rate)) if wanted.gain else None,
+        gains.steady() if wanted.gain else None,
         calm.result() if calm is not None else None,
-        tuple(filter(None, [maps.doubt()])) if wanted.gain else (),
+        tuple(filter(None, [_doubt(gains.residuals)])) if wanted.gain else (),
         begin,
     )
+
+
+class _OfFrame:
+    """What is measured in single frames. now: the surroundings at a time [s]. fitted: whether the water's gain is."""
+
+    def __init__(self, camera: CameraPath, now: Callable[[float], Surroundings], fitted: bool) -> None:
+        self._camera, self._now, self._fitted = camera, now, fitted
+        self._level = lru_cache(maxsize=1)(self._fit)
+
+    def gain(self, frame: VideoFrame) -> MeasuredGain:
+        """Return the gain of a frame's water, which there is."""
+        return self._level(frame)[1]
+
+    def sun(self, frame: VideoFrame) -> SunMeasurement:
+        """Return the sun of a frame, with the light that its water lets be known."""
+        now = self._now(frame.time_s)
+        world_from_camera = self._camera.at(frame.time_s)[1]
+        light = now.light.of(frame.pixels, time_s=frame.time_s)
+        if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
+            medium, known = self._water(frame), True
+            if self._fitted:
+                medium, level = self._level(frame)
+                known = level.residual < DOUBTFUL
+            if known:
+                light = restored(light, medium, world_from_camera[1], keep_sun=False)
+        return measure_sun(light, frame.time_s, world_from_camera)
+
+    def _fit(self, frame: VideoFrame) -> tuple[Medium, MeasuredGain]:
+        medium, up = self._water(frame), self._camera.at(frame.time_s)[1][1]
+        gain, residual = fit_level(medium, level_view(frame.pixels, up))
+        return medium.scaled(gain), MeasuredGain(gain, residual, plate_map(frame.pixels, up))
+
+    def _water(self, frame: VideoFrame) -> Medium:
+        """Return the water at the camera's depth in a frame, with the gain of the scene; there is some."""
+        medium = self._now(frame.time_s).medium
+        assert medium is not None
+        return medium.at_depth(self._camera.depth_at(frame.time_s)) if self._camera.sinks else medium
 
 
 def _stored_track(path: Path, video: VideoReader) -> SunTrack:
@@ -200,34 +224,12 @@ def _stored_track(path: Path, video: VideoReader) -> SunTrack:
     return track
 
 
-class _MapSeries:
-    """Accumulates the gain, exposure change and picture change of successive small maps, which are not kept."""
-
-    def __init__(self) -> None:
-        self._gains: list[Floats] = []
-        self._residuals: list[float] = []
-        self._exposure: list[float] = []
-        self._picture: list[float] = []
-        self._last: Floats | None = None
-
-    def add(self, gain: Floats, residual: float, shown: Floats) -> None:
-        before = shown if self._last is None else self._last
-        self._gains.append(gain)
-        self._residuals.append(residual)
-        self._exposure.append(exposure_change(before, shown))
-        self._picture.append(picture_change(before, shown))
-        self._last = shown
-
-    def gain(self, frame_rate: float) -> Floats:
-        """Return the gain (N, 3) of every frame."""
-        return steady_gain(self._gains, self._exposure, self._picture, frame_rate)
-
-    def doubt(self) -> str:
-        """Return a note if most frames show no open water at the horizon, else ""."""
-        residual = float(np.median(self._residuals))
-        if residual < DOUBTFUL:
-            return ""
-        return (
-            f"water - its gain is not known: the horizon shows little open water (got a residual of {residual:.2f}) - "
-            "set water.gain to three numbers, or check camera.roll_deg and pitch_deg"
-        )
+def _doubt(residuals: list[float]) -> str:
+    """Return a note if most frames show no open water at the horizon, else ""."""
+    residual = float(np.median(residuals))
+    if residual < DOUBTFUL:
+        return ""
+    return (
+        f"water - its gain is not known: the horizon shows little open water (got a residual of {residual:.2f}) - "
+        "set water.gain to three numbers, or check camera.roll_deg and pitch_deg"
+    )

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -41,17 +43,28 @@ def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelVi
     Pixels are read at full resolution, up to `_SAMPLES` an azimuth. up: as for `plate_map`.
     """
     height, width = (plate.y if isinstance(plate, YuvImage) else plate).shape[:2]
-    reach = max(BAND_RAD, np.pi / height)
+    column, row = _places(width, height, upward(up).tobytes())
     rows, columns = _SAMPLES
-    elevation = reach * (1.0 - (np.arange(2 * rows) + 0.5) / rows)
+    light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
+    half = float(np.sin(0.5 * _reach(height)))
+    return LevelView(np.array([half, -half]), light)
+
+
+def _reach(height: int) -> float:
+    """Return the half height [rad] of the band about the horizon that is read of a frame: one row at least."""
+    return float(max(BAND_RAD, np.pi / height))
+
+
+@functools.lru_cache(maxsize=2)
+def _places(width: int, height: int, up: bytes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the columns and rows (2 `_SAMPLES[0]`, n) of the pixels about the horizon. up: of `upward`, float64."""
+    rows, columns = _SAMPLES
+    elevation = _reach(height) * (1.0 - (np.arange(2 * rows) + 0.5) / rows)
     turn = (np.arange(SECTORS * columns) + 0.5) / (SECTORS * columns)
     level = direction_from_frame(turn[None, :], 0.5 - elevation[:, None] / np.pi, 1, 1)
-    seen = level @ level_matrix(*map(float, roll_pitch(upward(up))))
+    seen = level @ level_matrix(*map(float, roll_pitch(np.frombuffer(up))))
     x, y = frame_from_direction(seen, width, height)
-    column, row = x.astype(np.int64) % width, np.clip(y.astype(np.int64), 0, height - 1)
-    light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
-    half = float(np.sin(0.5 * reach))
-    return LevelView(np.array([half, -half]), light)
+    return x.astype(np.int64) % width, np.clip(y.astype(np.int64), 0, height - 1)
 
 
 def _pixels(plate: Floats | YuvImage, row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:

@@ -16,15 +16,29 @@ from mr360uw.composite.lighting.footprint import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
-from mr360uw.composite.over import over
+from mr360uw.composite.over import over, tile_of
+from mr360uw.composite.receiver import block_light
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
-from mr360uw.types import Environment, Floats, Layer
+from mr360uw.types import Environment, Floats, Layer, Rectangle
 from tests.composite import tolerances as tol
-from tests.composite.scenes import SUN, box, caustics, changed, codes, environment, medium, placed, quad, shot, sphere
+from tests.composite.scenes import (
+    SUN,
+    box,
+    caustics,
+    changed,
+    codes,
+    environment,
+    medium,
+    placed,
+    plate,
+    quad,
+    shot,
+    sphere,
+)
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -230,3 +244,26 @@ def test_the_receiver_fades_out_at_its_end(renderer: LayerRenderer, sea: Environ
     np.testing.assert_array_equal(expected[distance < 0.8 * last], far[distance < 0.8 * last])
     got = renderer.render(ending).ratio[::STEP, ::STEP]
     assert wrong_codes(got, expected).max() <= tol.RENDERERS_CODES
+
+
+@pytest.mark.parametrize("waves", [False, True])
+def test_blocks_that_are_left_out_change_less_than_the_bound(
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, waves: bool
+) -> None:
+    """And nothing else changes; caustics reach every block, so that none is left out."""
+    scene = shot(
+        placed(sphere(), (0.1, -0.3, -2.5)), width=512, environment=sea, medium=medium(),
+        caustics=caustics(rng) if waves else None, receiver=Receiver(plane_y=-1.2, caustics=waves),
+    )  # fmt: skip
+    fast, window = renderer.render(scene), Rectangle(0, 0, 512, 256)
+    monkeypatch.setattr(block_light, "UNSEEN", 0.0)
+    slow = LayerRenderer().render(scene)
+    got, expected = tile_of(fast, window), tile_of(slow, window)
+    left_out = np.all(got.ratio == 1.0, axis=-1) & np.any(expected.ratio != 1.0, axis=-1)
+    assert np.any(left_out) != waves
+    assert np.abs(expected.ratio - 1.0)[left_out].max(initial=0.0) <= 0.001
+    assert np.array_equal(got.ratio[~left_out], expected.ratio[~left_out])
+    assert np.array_equal(got.radiance, expected.radiance)
+    assert (
+        np.abs(codes(over(plate(512), fast)) - codes(over(plate(512), slow))).max() < 0.125
+    )  # a ninth of a code, and rounding

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.color import decode, encode
 from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.gain_series import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import SECTORS, fit_level
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.jerlov import JerlovType
@@ -232,3 +234,30 @@ def test_the_horizon_is_read_level() -> None:
     view = level_view(plate.astype(np.float32), up)
     expected = (0.2 + 0.5 * view.up)[:, None, None] * np.broadcast_to([0.3, 0.6, 1.0], (2, SECTORS, 3))
     np.testing.assert_allclose(view.radiance, expected, rtol=0.02)  # a pixel is 0.7 degrees, 3 % of this slope
+
+
+@pytest.mark.parametrize(("begin", "step_at"), [(0, None), (0, 14), (5, 14), (2, 17)])
+def test_a_few_frames_a_second_give_the_gain_of_all(begin: int, step_at: int | None) -> None:
+    """Whatever frame the series begins with, and with the exposure's step at its frame."""
+    rate, count, measured = 24.0, 40, list[int]()
+    shape = np.linspace(0.05, 0.4, 8 * 16 * 3).reshape(8, 16, 3)
+
+    def measure(index: int) -> MeasuredGain:
+        measured.append(index)
+        bright = 1.3 if step_at is not None and index >= step_at else 1.0
+        slow = 1.0 + 0.02 * np.sin(2.0 * np.pi * index / 120.0)
+        return MeasuredGain(np.array([1.0, 0.8, 0.5]) * bright * slow, 0.01 * index, shape * bright)
+
+    series = GainSeries(measure, rate)
+    for index in range(begin, count):
+        series.add(index, index)
+    found, counted = series.steady(), list(measured)
+    every = [measure(index) for index in range(begin, count)]
+    changes = [(exposure_change(a.shown, b.shown), picture_change(a.shown, b.shown)) for a, b in pairwise(every)]
+    exposure, picture = np.transpose([(0.0, 0.0), *changes])
+    expected = steady_gain([one.gain for one in every], exposure, picture, rate)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)  # lines between samples of a wave of 5 s: (pi/40)^2/8 .02
+    np.testing.assert_allclose(series.residuals, [one.residual for one in every], atol=FLOAT64)
+    apart = {index for index in range(begin, count) if index % 3 and index != begin and index < 39}
+    around = set() if step_at is None else set(range(step_at // 3 * 3, step_at // 3 * 3 + 3))
+    assert apart - set(counted) == apart - around

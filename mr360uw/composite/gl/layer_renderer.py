@@ -64,14 +64,15 @@ class LayerRenderer:
         self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
         key = (view.key, tuple(placed.key for placed in shot.objects if placed.visible))
         object_parts = self._cache.get("object rectangles", key, lambda: object_rectangles(shot))
-        changes = self._receiver.find(shot)
-        parts = object_parts + (changes.rectangles if changes is not None else [])
-        tiles = even_tiles(parts, view.width, view.height)
-        if not tiles:
+        reach = self._receiver.reach(shot)
+        if not object_parts and reach is None:
             return Layer(view.height, view.width, ())
         ambient = ambient_light(shot, self._cache)
         self._places = _places(ambient)
         self._light.update(shot)
+        changes = self._receiver.find(shot, reach, ambient)
+        parts = object_parts + (changes.rectangles if changes is not None else [])
+        tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part) for part in tiles]
         gaps = self._objects.draw(shot, drawn, frame, ambient) if object_parts else NO_GAPS
         self._receiver.draw(shot, changes, drawn, ambient, gaps)

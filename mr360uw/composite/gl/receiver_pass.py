@@ -17,19 +17,26 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
-from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, sun_sight
+from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.receiver.block_light import corner_light, enlarged, free_images
+from mr360uw.composite.lighting.lamps import lamps_of
+from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
+from mr360uw.composite.receiver.block_light import (
+    changed_blocks,
+    enlarged,
+    free_corners,
+    free_images,
+    set_plate_light,
+)
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
     CoarseGrid,
     ReceiverShape,
-    Touched,
     coarse_grid,
-    receiver_rectangles,
+    rectangles_of_cells,
     touched_cells,
 )
 from mr360uw.composite.sampling import Gaps
@@ -38,12 +45,29 @@ from mr360uw.types import Rectangle, Tile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Changes:
-    """Parts of the receiver that a shot may change: rectangles of the frame, and cells of a grid."""
+class Reach:
+    """Blocks (R, C) of the ground that a shot may change: at all, by the sun's shadow, and by lamps. An upper bound."""
 
+    ground: Ground
+    blocks: NDArray[np.bool_]
+    shaded: NDArray[np.bool_]
+    lamplit: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """Blocks (R, C) of the ground that a shot changes, the ones that lamps light among them, and light on them.
+
+    of_sight: key of `sight`. corner: of `BlockLight`. rectangles: of the frame, which cover the blocks.
+    """
+
+    ground: Ground
+    blocks: NDArray[np.bool_]
+    lamplit: NDArray[np.bool_]
+    of_sight: Hashable
+    sight: SunSight
+    corner: NDArray[np.float32]
     rectangles: list[Rectangle]
-    grid: CoarseGrid
-    touched: Touched
 
 
 class ReceiverPass:
@@ -52,13 +76,43 @@ class ReceiverPass:
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
         self._shader, self._cache = GroundShader(targets, light), cache
 
-    def find(self, shot: Shot) -> Changes | None:
-        """Return the parts of the receiver that may change; None without a receiver."""
+    def reach(self, shot: Shot) -> Reach | None:
+        """Return where the receiver may change, by the bodies' boxes; None where it does not."""
         if shot.receiver is None:
             return None
-        grid = self._coarse_grid(shot, shot.receiver)
-        touched = touched_cells(shot, grid)
-        return Changes(receiver_rectangles(shot, grid, touched), grid, touched)
+        ground, grid = self._ground(shot, shot.receiver), self._coarse_grid(shot, shot.receiver)
+
+        def make() -> Reach:
+            touched = touched_cells(shot, grid)
+            marks = touched.at_all, touched.by_shadow, touched.by_lamps
+            return Reach(ground, *(_blocks(grid, of, ground) for of in marks))
+
+        sun, wide = sun_of(shot), widest_half_angle(shot)
+        seen = None if sun is None else np.asarray(sun.direction).tobytes(), wide, shot.caustics is None
+        key = Same(ground), Same(grid), shot.receiver, tuple(placed.key for placed in shot.casters), seen
+        found = make() if lamps_of(shot) else self._cache.get("receiver reach", key, make)
+        return found if np.any(found.blocks) else None
+
+    def find(self, shot: Shot, reach: Reach | None, ambient: AmbientLight | None) -> Changes | None:
+        """Return the blocks that change, by the light at their corners; None where there are none.
+
+        ambient: solved ambient light among the bodies.
+        """
+        if reach is None or shot.receiver is None:
+            return None
+        ground, blocks, lamplit = reach.ground, reach.blocks, reach.lamplit
+        ground.load_blocks(shot, blocks)
+        corner = free_corners(shot, ground, blocks, ambient, self._cache)
+        shaded = reach.shaded & ("SHADOW" in self._shader.of_sun)
+        of_sight = self._of_sight(shot, ground, blocks, shaded)
+        sight = self._cache.get("sun on ground", of_sight, partial(sun_sight, self._shader, shot, ground, shaded))
+        corner[(*sight.at, SEEN)] = sight.value
+        if "CAUSTICS" not in self._shader.of_sun & _wanted(shot.receiver):
+            changed = changed_blocks(shot, ground, blocks, corner, ambient, self._cache)
+            blocks = changed | (blocks & (lamplit | (sight.edge != NO_EDGE)))
+        rectangles = rectangles_of_cells(blocks, (BLOCK, BLOCK), shot.view)
+        set_plate_light(shot, ground, blocks, corner)
+        return Changes(ground, blocks, lamplit, of_sight, sight, corner, rectangles) if rectangles else None
 
     def draw(
         self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None, gaps: Gaps
@@ -67,14 +121,9 @@ class ReceiverPass:
 
         ambient: solved ambient light among the bodies. gaps: of pixels that they cover partly.
         """
-        if changes is None or not changes.rectangles or shot.receiver is None:
+        if changes is None:
             return
-        ground = self._ground(shot, shot.receiver)
-        blocks = _blocks(changes.grid, changes.touched.at_all, ground)
-        shaded = _blocks(changes.grid, changes.touched.by_shadow, ground) & ("SHADOW" in self._shader.of_sun)
-        ground.load_blocks(shot, blocks)
-        lamplit = _blocks(changes.grid, changes.touched.by_lamps, ground)
-        light = self._block_light(shot, ground, blocks, shaded, lamplit, ambient, gaps)
+        light = self._block_light(shot, changes, ambient, gaps)
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
 
@@ -95,26 +144,13 @@ class ReceiverPass:
 
     # --- light on blocks ---------------------------------------------------------------------------------------------
 
-    def _block_light(
-        self,
-        shot: Shot,
-        ground: Ground,
-        blocks: NDArray[np.bool_],
-        shaded: NDArray[np.bool_],
-        by_lamps: NDArray[np.bool_],
-        ambient: AmbientLight | None,
-        gaps: Gaps,
-    ) -> BlockLight:
-        receiver = shot.receiver
+    def _block_light(self, shot: Shot, changes: Changes, ambient: AmbientLight | None, gaps: Gaps) -> BlockLight:
+        receiver, ground, sight, corner = shot.receiver, changes.ground, changes.sight, changes.corner
         assert receiver is not None
-        j, i = np.nonzero(blocks)
-        lamplit = by_lamps[j, i]
+        j, i = np.nonzero(changes.blocks)
+        lamplit = changes.lamplit[j, i]
         rough = ground.rough[j, i] | lamplit
-        corner = corner_light(shot, ground, blocks, ambient, self._cache)
         free = free_images(shot, ground, corner, j, i, ambient, self._cache, gaps)
-        of_sight = self._of_sight(shot, ground, blocks, shaded)
-        sight = self._cache.get("sun on ground", of_sight, partial(sun_sight, self._shader, shot, ground, shaded))
-        corner[(*sight.at, SEEN)] = sight.value
         edge, umbra, halo = sight.edge[j, i], sight.umbra[j, i], sight.halo[j, i]
         of_sun = self._shader.of_sun & _wanted(receiver)
         wavy = ~umbra & ("CAUSTICS" in of_sun)
@@ -138,7 +174,7 @@ class ReceiverPass:
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
             make = partial(self._pixels, shot, ground, gaps, j[which], i[which], halo[which], wanted, side)
-            of_pixels = of_sight, Same(gaps), which.tobytes()
+            of_pixels = changes.of_sight, Same(gaps), j[which].tobytes(), i[which].tobytes()
             falls, *own = self._cache.get(f"ground {side}", of_pixels, make) if wanted == {"SHADOW"} else make()
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))

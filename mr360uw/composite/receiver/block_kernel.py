@@ -51,3 +51,21 @@ def measure_blocks(
             longest = max(longest, (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
         rough[r, c] |= off or far > limit * limit
         reach_m[r, c] = factor * np.sqrt(longest)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def mark_changed(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, least: Any, marks: Any) -> None:
+    """Set the marks (n,) of blocks that reach into a ball, or where a factor at a corner is not 1 by more than `least`.
+
+    corner: (R + 1, C + 1, k) factors; the others are those of `survey_blocks`.
+    """
+    one = corner.dtype.type(1)
+    for n in range(len(j)):
+        r, c = j[n], i[n]
+        for k in range(corner.shape[2]):
+            v00, v01, v10, v11 = corner[r, c, k], corner[r, c + 1, k], corner[r + 1, c, k], corner[r + 1, c + 1, k]
+            marks[n] |= max(abs(v00 - one), abs(v01 - one), abs(v10 - one), abs(v11 - one)) > least
+        for b in range(len(balls)):
+            x, y, z = middle[r, c, 0] - balls[b, 0], middle[r, c, 1] - balls[b, 1], middle[r, c, 2] - balls[b, 2]
+            far = balls[b, 3] + reach_m[r, c]
+            marks[n] |= x * x + y * y + z * z < far * far

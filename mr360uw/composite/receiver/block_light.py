@@ -10,7 +10,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
-from mr360uw.composite.receiver.block_kernel import survey_blocks
+from mr360uw.composite.receiver.block_kernel import mark_changed, survey_blocks
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.receiver.receiver_kernel import (
@@ -31,29 +31,62 @@ from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
 """Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
+UNSEEN = 0.001
+"""Change of the receiver's light, as a fraction, below which a block is left out: at white half a code value of 10-bit
+video and a ninth of one of 8 bits, less where it is darker. Twice as large, a tenth fewer blocks are drawn."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
 
 
-def corner_light(
+def free_corners(
     shot: Shot, ground: Ground, blocks: NDArray[np.bool_], light: AmbientLight | None, cache: Cache
 ) -> NDArray[np.float32]:
-    """Return the corner light (R + 1, C + 1, 10) of blocks for receiver_kernel.py, with the sun fully visible."""
+    """Return corner light (R + 1, C + 1, 10) for receiver_kernel.py with the ambient light that bodies leave at the
+    corners of blocks, and the sun fully visible; `set_plate_light` fills in the other channels.
+    """
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
+    corner[j, i, FREE] = free_between(shot, light, point, normal, cache)
+    corner[j, i, SEEN] = 1.0
+    return corner
+
+
+def changed_blocks(
+    shot: Shot,
+    ground: Ground,
+    blocks: NDArray[np.bool_],
+    corner: NDArray[np.float32],
+    light: AmbientLight | None,
+    cache: Cache,
+) -> NDArray[np.bool_]:
+    """Return those of some blocks (R, C) in which bodies may change the receiver by more than `UNSEEN`.
+
+    Ambient and direct light have weights that add up to 1 (see ratio.py and pattern.py), and each factor on them is
+    linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
+    """
+    j, i = np.nonzero(blocks)
+    marks = ground.rough[j, i] | _crossed(shot, ground, light, cache)[j, i]
+    factors = corner[..., FREE.start :]
+    mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(UNSEEN), marks)
+    changed = np.zeros_like(blocks)
+    changed[j[marks], i[marks]] = True
+    return changed
+
+
+def set_plate_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_], corner: NDArray[np.float32]) -> None:
+    """Set the ambient share and the veil of the plate at the corners of blocks (R, C)."""
+    j, i = np.nonzero(ground.corners_of(blocks))
+    point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
     of = slice(None)
-    if shot.receiver is not None and shot.receiver.plane_y is not None:
+    if shot.receiver is not None and shot.receiver.plane_y is not None and len(point):
         there = int(np.argmax(point[:, 1] != 0.0))
         of = slice(there, there + 1)  # a horizontal plane has the same share everywhere
     corner[j, i, SHARE] = ambient_share(shot, light_sources(shot), point[of], normal[of])
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
         corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
-    corner[j, i, FREE] = free_between(shot, light, point, normal, cache)
-    corner[j, i, SEEN] = 1.0
-    return corner
 
 
 def free_images(

@@ -31,6 +31,8 @@ _FINE_SIGMA = 2.0
 """Standard deviation [px] that wide blurs are left with on a reduced image."""
 _COARSEST = 32
 """Largest reduction."""
+_RADIUS = 4.0
+"""Radius of OpenCV's Gaussian of floats, in standard deviations."""
 _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
@@ -81,10 +83,16 @@ class PlatePattern:
         smooth = np.zeros((part.height, part.width, 3), np.float32)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
-            if np.any(weight):
-                blurred = _blurred(around, _STEP**number)
-                top, left = part.row - first.row, part.column - first.column
-                smooth += weight[:, None, None] * blurred[top : top + part.height, left : left + part.width]
+            rows = np.flatnonzero(weight)
+            if len(rows) == 0:
+                continue
+            # rows that this blur reaches, from and to multiples of `_COARSEST` of the frame's
+            own, reach = slice(rows[0], rows[-1] + 1), int(_RADIUS * _STEP**number) + _COARSEST
+            top, left = part.row - first.row, part.column - first.column
+            begin = max(top + own.start - reach, 0) // _COARSEST * _COARSEST
+            end = -(-(top + own.stop + reach) // _COARSEST) * _COARSEST
+            blurred = _blurred(around[begin:end], _STEP**number)[top + own.start - begin : top + own.stop - begin]
+            smooth[own] += weight[own, None, None] * blurred[:, left : left + part.width]
         return smooth
 
 
@@ -98,15 +106,16 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
 def _around(picture: Picture, part: Rectangle, margin: int) -> tuple[Floats, Rectangle]:
     """Return a part of a panorama with at least `margin` pixels about it, and where that lies.
 
-    It is closed over the seam, cut at the poles, and begins at multiples of `_COARSEST`, so that what is reduced below
-    does not depend on the part. Columns count from the part's own turn.
+    It is closed over the seam, cut at the poles, and begins and ends at multiples of `_COARSEST`, so that what is
+    reduced below does not depend on the part. Columns count from the part's own turn.
     """
     height, width = picture.shape
     row = max(part.row - margin, 0) // _COARSEST * _COARSEST
     column = (part.column - margin) // _COARSEST * _COARSEST
-    rows = min(part.row + part.height + margin, height) - row
+    rows = min(-(-(part.row + part.height + margin) // _COARSEST) * _COARSEST, height) - row
+    last = -(-(part.column + part.width + margin) // _COARSEST) * _COARSEST
     whole = np.asarray(picture.linear(Rectangle(0, row, width, rows)), np.float32)
-    columns = np.arange(column, part.column + part.width + margin) % width
+    columns = np.arange(column, last) % width
     return whole[:, columns], Rectangle(column, row, len(columns), rows)
 
 
@@ -118,7 +127,9 @@ def _blurred(image: Floats, sigma: float) -> Floats:
     if factor == 1:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
     height, width = image.shape[:2]
-    padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
+    padded = image
+    if height % factor or width % factor:
+        padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
     size = padded.shape[1] // factor, padded.shape[0] // factor
     small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)

@@ -90,6 +90,37 @@ def _pattern_at(shown: Any, calm: Any, veil: Any, share: Any) -> Any:
     return max(r, share + direct * (one - share))
 
 
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _take_images(
+    line: Any, weight: Any, waves_row: Any, added_row: Any, j: int, f: int, free: Any, s: int, seen: Any, w: int,
+    waves: Any, g: int, shape: Any, p: int, added: Any,
+) -> None:  # fmt: skip
+    """Set row j of a block to that of its images, of those whose number is not negative."""
+    weight[:] = np.float32(1.0)
+    added_row[:], waves_row[:] = np.float32(0.0), np.float32(1.0)
+    if g >= 0:
+        for k in range(6):
+            for i in range(BLOCK):
+                line[k, i] = shape[g, j, i, k if k < 3 else k + 1]
+        for i in range(BLOCK):
+            weight[i] = shape[g, j, i, 3]
+    if f >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                line[6 + k, i] = free[f, j, i, k]
+    if s >= 0:
+        for i in range(BLOCK):
+            line[9, i] = seen[s, j, i, 0]
+    if w >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                waves_row[k, i] = waves[w, j, i, k]
+    if p >= 0:
+        for k in range(3):
+            for i in range(BLOCK):
+                added_row[k, i] = added[p, j, i, k]
+
+
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
@@ -97,15 +128,16 @@ def _lay(
     width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
 ) -> None:  # fmt: skip
     one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
-    # one row of a block: channels of `corner`, relative change of the plate, weight of the change
-    line, change = np.empty((10, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
-    weight = np.empty(BLOCK, np.float32)
+    # one row of a block: channels of `corner`, weight of the change, the plate and its pattern r, relative change
+    line, weight = np.empty((10, BLOCK), np.float32), np.empty(BLOCK, np.float32)
+    waves_row, added_row, plate, calm_row, direct, change = np.ones((6, 3, BLOCK), np.float32)
     for n in range(len(row)):
         top, left = row[n] * BLOCK, column[n] * BLOCK
         y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + ratio.shape[0])
         x0, x1 = max(left, first_column), min(left + BLOCK, width, first_column + ratio.shape[1])
         if y0 >= y1 or x0 >= x1:
             continue
+        at, skipped, count = slice(x0 - first_column, x1 - first_column), x0 - left, x1 - x0
         a, b = corner[row[n], column[n]], corner[row[n], column[n] + 1]
         c, d = corner[row[n] + 1, column[n]], corner[row[n] + 1, column[n] + 1]
         f, s, w, g, p = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
@@ -123,31 +155,23 @@ def _lay(
                 step = across * (b[k] + v * (d[k] - b[k]) - start)
                 for i in range(BLOCK):
                     line[k, i] = start + (np.float32(i) + half) * step
-            for i in range(BLOCK):
-                weight[i] = shape[g, j, i, 3] if g >= 0 else one
-            if f >= 0:
+            _take_images(line, weight, waves_row, added_row, j, f, free, s, seen, w, waves, g, shape, p, added)
+            if len(shown):
+                now, mean = shown[y - first_row, at], calm[y - first_row, at]
+                for i in range(count):
+                    for k in range(3):
+                        plate[k, skipped + i], calm_row[k, skipped + i] = now[i, k], mean[i, k]
                 for k in range(3):
                     for i in range(BLOCK):
-                        line[6 + k, i] = free[f, j, i, k]
-            if s >= 0:
-                for i in range(BLOCK):
-                    line[9, i] = seen[s, j, i, 0]
+                        direct[k, i] = _pattern_at(plate[k, i], calm_row[k, i], line[3 + k, i], line[k, i])
             for k in range(3):
-                if g >= 0:
-                    for i in range(BLOCK):
-                        line[k, i] = shape[g, j, i, k]
-                        line[3 + k, i] = shape[g, j, i, 4 + k]
                 for i in range(BLOCK):
-                    sun = line[9, i] * (waves[w, j, i, k] if w >= 0 else one)
-                    more = added[p, j, i, k] if p >= 0 else zero
-                    r, share = one, line[k, i]
-                    if len(shown) and x0 <= left + i < x1:
-                        py, px = y - first_row, left + i - first_column
-                        r = _pattern_at(shown[py, px, k], calm[py, px, k], line[3 + k, i], share)
-                    change[k, i] = weight[i] * ((share * line[6 + k, i] + (r - share) * sun + more) / r - one)
-            for x in range(x0, x1):
-                i = x - left
-                if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
+                    share, r = line[k, i], direct[k, i]
+                    lit = share * line[6 + k, i] + (r - share) * (line[9, i] * waves_row[k, i]) + added_row[k, i]
+                    change[k, i] = weight[i] * (lit / r - one)
+            of_ratio, of_veil = ratio[y - first_row, at], veil[y - first_row, at]
+            for i in range(count):
+                m = i + skipped
+                if max(abs(change[0, m]), abs(change[1, m]), abs(change[2, m])) > least:
                     for k in range(3):
-                        ratio[y - first_row, x - first_column, k] = one + change[k, i]
-                        veil[y - first_row, x - first_column, k] = line[3 + k, i]
+                        of_ratio[i, k], of_veil[i, k] = one + change[k, m], line[3 + k, m]

@@ -210,11 +210,15 @@ def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
 
 def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[Rectangle]:
     """Return rectangles of the frame that cover the cells that may change."""
-    mask = np.zeros(grid.shape, bool)
+    mask = np.zeros(grid.shape, np.bool_)
     mask.flat[grid.index[touched.at_all]] = True
-    width, height = grid.cell
-    across, high = shot.view.width, shot.view.height
+    return rectangles_of_cells(mask, grid.cell, shot.view)
+
+
+def rectangles_of_cells(mask: NDArray[np.bool_], cell: tuple[int, int], view: View) -> list[Rectangle]:
+    """Return rectangles of the frame that cover the set cells (rows, columns) of `cell` pixels, (columns, rows)."""
+    width, height = cell
     return [
-        Rectangle(c * width, r * height, min(columns * width, across), min(rows * height, high - r * height))
+        Rectangle(c * width, r * height, min(columns * width, view.width), min(rows * height, view.height - r * height))
         for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
     ]

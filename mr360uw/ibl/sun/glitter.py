@@ -10,6 +10,8 @@ too high: towards the edge of Snell's window the same angle takes twice the slop
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
@@ -42,17 +44,16 @@ def glitter_middle(plate: Plate, direction: Floats) -> Floats:
         return direction
     index = plate.refractive_index
     place: Floats = start
-    axis = np.linspace(-_REACH * _WINDOW, _REACH * _WINDOW, _PIXELS)
-    slope = np.stack(np.meshgrid(axis, axis), axis=-1)
-    window = np.exp(-0.5 * np.sum(slope**2, axis=-1) / _WINDOW**2)
+    slope, normal, window = _patch()
     for _ in range(_ROUNDS):
-        seen, lit = _through_facets(refract_to_air(place, index), slope, index)
+        in_air = refract_to_air(place, index)
+        seen, lit = _through_facets(in_air, normal, index)
         value = np.where(lit, brightness(plate.look(seen @ level)), 0.0)
         weight = np.maximum(value - _FLOOR * float(value.max()), 0.0) * window
         if float(weight.sum()) <= 0.0:
             return direction
         middle = np.tensordot(weight, slope, 2) / weight.sum()
-        before, place = place, _through_facets(refract_to_air(place, index), middle, index)[0]
+        before, place = place, _through_facets(in_air, _normals(middle), index)[0]
         if place[1] <= 0.0:
             return direction
         if float(before @ place) > _STILL_COSINE:
@@ -60,11 +61,23 @@ def glitter_middle(plate: Plate, direction: Floats) -> Floats:
     return place @ level if float(place @ start) > _FARTHEST_COSINE else direction
 
 
-def _through_facets(sun_in_air: Floats, slope: Floats, index: float) -> tuple[Floats, np.ndarray]:
-    """Return the directions (..., 3) in the water towards the sun through facets of slopes (..., 2) over (x, z), and
-    which of them the sun shines on.
+@functools.cache
+def _patch() -> tuple[Floats, Floats, Floats]:
+    """Return the slopes (n, n, 2) of the patch, the normals (n, n, 3) of their facets and their weights (n, n)."""
+    axis = np.linspace(-_REACH * _WINDOW, _REACH * _WINDOW, _PIXELS)
+    slope = np.stack(np.meshgrid(axis, axis), axis=-1)
+    return slope, _normals(slope), np.exp(-0.5 * np.sum(slope**2, axis=-1) / _WINDOW**2)
+
+
+def _normals(slope: Floats) -> Floats:
+    """Return the unit normals (..., 3) of facets of slopes (..., 2) over (x, z)."""
+    return unit(np.stack([-slope[..., 0], np.ones(slope.shape[:-1]), -slope[..., 1]], axis=-1))
+
+
+def _through_facets(sun_in_air: Floats, normal: Floats, index: float) -> tuple[Floats, np.ndarray]:
+    """Return the directions (..., 3) in the water towards the sun through facets of normals (..., 3), and which of them
+    the sun shines on.
     """
-    normal = unit(np.stack([-slope[..., 0], np.ones(slope.shape[:-1]), -slope[..., 1]], axis=-1))
     lit = normal @ sun_in_air > 0.0
     travel = refract_clamped(np.broadcast_to(-sun_in_air, normal.shape), normal, 1.0 / index)
     return unit(-travel), lit
