@@ -18,8 +18,9 @@ def open_plate(scene: Scene) -> VideoReader:
     """Return the scene's plate, opened as its table says; raise `VideoError`."""
     plate = scene.plate
     video = open_video(
-        plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate, damaged=plate.damaged
-    )
+        plate.path, transfer=plate.transfer, eye=plate.eye, frame_rate=plate.frame_rate, damaged=plate.damaged,
+        layout=plate.layout,
+    )  # fmt: skip
     return scaled(video, plate.scale)
 
 

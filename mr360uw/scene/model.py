@@ -37,7 +37,10 @@ class PlateSettings(Parameters):
 
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
-    eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
+    eye: Literal["left", "right", "both"] | None = parameter(None, "the eyes of a stereo plate to work on")
+    layout: Literal["mono", "top-bottom", "left-right", "right-left"] | None = parameter(
+        None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
+    )
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
     scale: float = parameter(
         1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0
@@ -45,6 +48,11 @@ class PlateSettings(Parameters):
     damaged: Literal["stop", "hold"] = parameter(
         "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
     )
+
+    @property
+    def eyes(self) -> int:
+        """Number of eyes that are worked on."""
+        return 2 if self.eye == "both" else 1
 
 
 class CameraSettings(Parameters):
@@ -71,6 +79,10 @@ class CameraSettings(Parameters):
     tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
         (), "(time_s, roll_deg, pitch_deg), ascending, instead"
     )
+    ipd_m: float = parameter(
+        0.064, 'distance between the eyes of the plate\'s camera, for plate.eye = "both"',
+        unit="m", low=0.01, high=0.2, fixed="the eyes keep their distance",
+    )  # fmt: skip
     gravity: Path | None = parameter(None, "GoPro clip whose gravity track levels the plate, or its GPMF payloads")
 
     @model_validator(mode="after")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_sid
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
-from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_order import Picture, pictures
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
@@ -46,6 +47,7 @@ class ContainerReader(VideoReader):
         eye: Eye | None = None,
         equirectangular: bool = True,
         damaged: Damaged = "stop",
+        layout: Layout | None = None,
     ) -> None:
         self._damaged = damaged
         with open_container(path) as (container, stream):
@@ -56,7 +58,8 @@ class ContainerReader(VideoReader):
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
             self._rotation = int(first.rotation) % 360
-            self._crop = panorama_crop(path, first.width, first.height, spherical, eye, self._rotation, equirectangular)
+            shown = first.width, first.height, spherical, eye, self._rotation, equirectangular, layout
+            self._crop, self._beside, stereo = panorama_crops(path, *shown)
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
             self._wrap = equirectangular
@@ -77,6 +80,7 @@ class ContainerReader(VideoReader):
                 notes=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
                 words=dict(container.metadata),
                 panorama=equirectangular,
+                stereo=output_layout(stereo) if self._beside is not None else "mono",
             )
 
     @cached_property
@@ -214,10 +218,11 @@ class ContainerReader(VideoReader):
         planes = plane_views(native, self.spec)
         for plane in (planes.y, planes.u, planes.v):
             plane.flags.writeable = False
+        beside = None if self._beside is None else self._beside.apply(planes)
         untouched = self._crop.is_whole and not self._rotation
         if not untouched:
             planes = _turned(self._crop.apply(planes), self._rotation)
-        return VideoFrame(
+        frame = VideoFrame(
             index=index,
             pts=pts,
             time_base=self.time_base,
@@ -229,6 +234,7 @@ class ContainerReader(VideoReader):
             wrap=self._wrap,
             damage="held" if lost else "concealed" if native.is_corrupt else "none",
         )
+        return frame if beside is None else replace(frame, right=replace(frame, yuv=beside))
 
 
 def _turned(image: YuvImage, rotation: int) -> YuvImage:
