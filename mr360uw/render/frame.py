@@ -77,7 +77,8 @@ def frame_stages(
     now = loaded.at(time_s)
     eyes = eyes_of(now.scene, plate)
     kept, grain = Cache(len(eyes)) if kept is None else kept, now.scene.draw.grain
-    light, patterns, water = None, [None for _ in eyes], None
+    patterns: list[PlatePattern | None] = [None for _ in eyes]
+    light = water = None
     drawn: list[list[Drawn]] = [[] for _ in eyes]
     if plan.environment.runs:
         of_light = light_key(now, facts, plate)

@@ -137,7 +137,7 @@ class FacetPass:
     ) -> None:
         """Draw an object. place: its first row, its rows, and the number of its first smooth piece."""
         buffers, (row, rows, piece) = self._buffers(placed.mesh), place
-        defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS} | of_eye(shot)
+        defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
         defines |= {"CUTOUTS": 1} if cutouts.textures else {}
         defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}
         shader = self._targets.program("facets", defines)

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.types import YuvImage
-from mr360uw.video.clip import Clip
+from mr360uw.video.metadata.spherical import Stereo
 from mr360uw.video.video_frame import VideoFrame
 
 
-def whole_frame(frame: VideoFrame, clip: Clip) -> VideoFrame:
-    """Return a frame with its right eye beside or below it, in the arrangement of a clip's outputs; itself for mono.
+def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
+    """Return a frame with its right eye beside or below it, arranged as `stereo` says; itself for mono.
 
     The codes are copied. The result is no panorama: its edges do not meet.
     """
     right = frame.right
     if right is None:
         return frame
-    axis = 0 if clip.stereo == "top-bottom" else 1
+    axis = 0 if stereo == "top-bottom" else 1
 
     def joined(left: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
         both = np.concatenate([left, other], axis=axis)

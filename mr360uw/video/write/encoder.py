@@ -67,7 +67,7 @@ class Encoder:
 
     def encode(self, frame: VideoFrame, pts: int) -> list[Any]:
         """Return the packets that are ready once a frame is encoded, with the time stamp `pts` in place of its own."""
-        frame, (width, height) = whole_frame(frame, self._clip), self._clip.frame_size
+        frame, (width, height) = whole_frame(frame, self._clip.stereo), self._clip.frame_size
         if frame.shape != (height, width):
             raise VideoError(
                 f"{self._path} - frame {frame.index} has another size (got {frame.shape[1]}x{frame.shape[0]}) - write "

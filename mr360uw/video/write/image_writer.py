@@ -50,7 +50,7 @@ class ImageWriter(VideoWriter):
                 f"{self.path.stem}_%04d{self.path.suffix}"
             )
         path = numbered(self.path, frame.index) if self._many else self.path
-        write_picture(path, whole_frame(frame, self._clip), self._folder)
+        write_picture(path, whole_frame(frame, self._clip.stereo), self._folder)
         self._written += 1
 
     def finish(self) -> None:
