@@ -3,7 +3,7 @@
 
 A panorama for one eye cannot be taken from one point: whichever way the head turns, the eye is half the distance
 between both beside the middle of the head. Each column is therefore seen from its own point of a circle, a quarter turn
-beside its direction (Ishiguro et al. 1992; Peleg et al. 2001, section 2; Google 2015). Here the circle shrinks with the
+beside its direction (Ishiguro 1992; Peleg 2001, section 2; Google 2015). Here the circle shrinks with the
 cosine of the latitude, to a point at the poles, where no column has a direction of its own:
 
     start = e d x up = e cos(lat) (cos lon, 0, sin lon)        a ray sees start + t d
