@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bounds of bodies in the frame of an eye beside the middle, from those seen from the middle (eyes.py)."""
+"""Bounds of bodies in the frame of an eye beside the middle, from those seen from the middle (types/eyes.py)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from mr360uw.types import Floats, Rectangle
+from mr360uw.composite.tiles import rectangles_of_bodies
+from mr360uw.types import Floats, Rectangle, View
 
 NEAREST = 2.0
 """Distance of a body, in radii of the viewing circle, below which it is taken to reach into any part of the frame."""
@@ -30,6 +32,15 @@ def seen_rectangle(rectangle: Rectangle, nearest_m: float, eye_m: float, width: 
     top, bottom = max(row - over, 0), min(row + rows + over, height)
     columns = min(columns + beside, width)
     return Rectangle((column - (beside if eye_m > 0.0 else 0)) % width, top, columns, bottom - top)
+
+
+def seen_rectangles(bodies: Sequence[Floats], view: View) -> list[Rectangle]:
+    """Return the rectangle of each body's triangles (T, 3, 3) [m] from the middle, in the camera's axes, in a view."""
+    whole = rectangles_of_bodies(bodies, view.width, view.height)
+    if not view.eye_m:
+        return whole
+    size = view.width, view.height
+    return [seen_rectangle(r, nearest_m(body), view.eye_m, *size) for r, body in zip(whole, bodies, strict=True)]
 
 
 def nearest_m(triangles: Floats) -> float:

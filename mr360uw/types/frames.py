@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec
 from mr360uw.constants import PI
-from mr360uw.eyes import ray_starts, seen_direction
 from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
+from mr360uw.types.eyes import ray_starts, seen_direction
 
 Floats = NDArray[np.floating[Any]]
 
@@ -35,7 +35,7 @@ class View:
     surface_y_m: height of the mean water surface in the world. projection: how pixels become rays: "equirectangular"
     (`mr360uw.sphere`), "perspective" with the horizontal angle `fov_rad`, or "orthographic", parallel rays over a width
     of `width_m` [m]; square pixels. The composite's views are equirectangular. eye_m: of an eye's panorama, the radius
-    [m] of the viewing circle on which its rays start (`mr360uw.eyes`), negative for the left eye; 0 for rays from
+    [m] of the viewing circle on which its rays start (`mr360uw.types.eyes`), negative for the left eye; 0 for rays from
     `position`.
     """
 

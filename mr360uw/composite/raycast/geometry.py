@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.eye_bounds import nearest_m, seen_rectangle
+from mr360uw.composite.eye_bounds import seen_rectangles
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.rays import barycentric
 from mr360uw.types import Floats, Rectangle
 
@@ -83,11 +82,7 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
     if view.projection != "equirectangular":
         return [Rectangle(0, 0, view.width, view.height)]
     seen = [(body.to_world(body.mesh.hull) - view.position) @ view.world_from_camera for body in bodies]
-    whole = rectangles_of_bodies(seen, view.width, view.height)
-    if view.eye_m:
-        size = view.width, view.height
-        whole = [seen_rectangle(r, nearest_m(b), view.eye_m, *size) for r, b in zip(whole, seen, strict=True)]
-    return [r for r in whole if r[3] > 0]
+    return [r for r in seen_rectangles(seen, view) if r[3] > 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 #include "composite/gl/shaders/geometry.glsl"
 #include "composite/gl/shaders/tiles.glsl"
 #if defined(EYE)
-#include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;  // of the eye to the right of the middle, negative to the left
 #endif
 uniform sampler2D triangles, materials;
 uniform mat4 camera_from_object;

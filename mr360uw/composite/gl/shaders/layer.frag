@@ -5,6 +5,7 @@
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)
 #include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;
 #endif
 uniform sampler2D fragments, bodies;
 uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
@@ -113,7 +114,7 @@ void main() {
     vec2 place = fragment.yz;
     vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));
 #if defined(EYE)
-    vec3 start = world_from_camera * ray_start(direction_from_frame(place, frame_size));
+    vec3 start = world_from_camera * ray_start(direction_from_frame(place, frame_size), eye_m);
     triangle.a -= start;
     triangle.b -= start;
     triangle.c -= start;

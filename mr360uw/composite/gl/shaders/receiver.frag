@@ -4,6 +4,7 @@
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)
 #include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;
 #endif
 uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
@@ -39,7 +40,7 @@ void main() {
     vec3 direction = world_from_camera * direction_from_frame(place, frame_size);
     vec3 start = vec3(0.0);
 #if defined(EYE)
-    start = world_from_camera * ray_start(direction_from_frame(place, frame_size));
+    start = world_from_camera * ray_start(direction_from_frame(place, frame_size), eye_m);
 #endif
 #if defined(PLANE)
     float distance_m = (plane_height - start.y) / direction.y;

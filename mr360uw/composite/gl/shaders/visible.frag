@@ -8,7 +8,7 @@
 #include "composite/gl/shaders/geometry.glsl"
 #include "sphere.glsl"
 #if defined(EYE)
-#include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;  // of the eye to the right of the middle, negative to the left
 #endif
 uniform sampler2D facet_a, facet_b, facet_c, lists, members, masks;
 uniform vec2 frame_size;
@@ -63,7 +63,7 @@ float tolerance(vec3 plane, float nearness) {
 }
 
 #if defined(EYE)
-// rays that start on the viewing circle: their start, over their distance, is added to their direction (eyes.py). A hit's
+// rays that start on the viewing circle: their start, over their distance, is added to their direction (types/eyes.py). A hit's
 // place over its distance is what a facet's vectors are multiplied with, as a direction is where rays start at the origin
 Four over_distance(Four four, vec4 nearness) {
     Four hit = four;
