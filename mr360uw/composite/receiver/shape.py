@@ -130,7 +130,7 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
         seen &= through.max(axis=-1) > NEGLIGIBLE
     distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
-    along, across = (n * np.pi / width for n in cell[::-1])
+    along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
     reach = distance * np.hypot(along / cosine, across)
     index = np.flatnonzero(seen)
     return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
