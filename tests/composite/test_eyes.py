@@ -75,24 +75,24 @@ def test_a_sphere_has_the_disparity_of_the_closed_form() -> None:
     assert middle[0] - middle[1] == pytest.approx(expected * width / (2 * np.pi), abs=DISPARITY_PX)
 
 
-def bodies(width: int) -> Shot:
+def bodies(width: int, **more: int) -> Shot:
     """Return a ball and a box whose flat sides turn from one eye, over a floor that catches their shadows."""
     crate = placed(box((0.5, 0.5, 0.5)), (-0.25, -0.3, -0.9), (0.0, 0.0, 0.0))
     floor = Receiver(plane_y=-1.2, extent_m=8.0)
-    return shot(placed(sphere(16), (0.5, -0.5, -1.5)), crate, width=width, receiver=floor, samples=5, sun_samples=16)
+    return shot(placed(sphere(16), (0.5, -0.5, -1.5)), crate, width=width, receiver=floor, **more)
 
 
 @pytest.mark.parametrize(("column", "row"), [(29, 25), (31, 20)])
 def test_pixels_are_those_of_cameras_at_their_own_points(column: int, row: int) -> None:
     """On the bodies and on the shadow that they cast: another pixel is seen from another point."""
-    scene = bodies(64)
+    scene, kept = bodies(64, samples=5, sun_samples=16), Cache(4)
     for eye_m in (-HALF_M, HALF_M):
         seen = changed(scene, eye_m=eye_m)
         own = seen.view.starts(seen.view.directions(column + 0.5, row + 0.5))
         here = (row, slice(column - 1, column + 2))
-        whole, alone = (picture(render_layer(one))[here] for one in (seen, changed(scene, position=own)))
+        whole, alone = (picture(render_layer(one, kept))[here] for one in (seen, changed(scene, position=own)))
         assert psnr(whole, alone) > EQUAL_DB
-        assert psnr(whole, picture(render_layer(scene))[here]) < EQUAL_DB
+        assert psnr(whole, picture(render_layer(scene, kept))[here]) < EQUAL_DB
 
 
 @pytest.mark.usefixtures("gl")
