@@ -266,7 +266,7 @@ def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) 
 def test_squeezed_eyes_are_taken_as_they_are(stereo: Stereo, size: str, scene: Path, run: Run) -> None:
     plate = write_clip(scene.parent / "stereo.mp4", 2, size=(256, 128))
     write_spherical(plate, SphericalMetadata(stereo=stereo))
-    overrides = ("--set", f'plate.path="{plate}"')
+    overrides = ("--set", f'plate.path="{plate}"', "--set", 'surface.objects="none"')
     code, _, err = run("check", scene, *overrides)
     assert code == 2
     assert 'plate.eye = "left"' in err
