@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the camera of a 360 clip is tracked: clips of a small renderer with known motion, through H.264.
 
-    python benchmarks/camera.py [moving] [turning] [still] [floor] [--clips FOLDER]  # clips are kept there, used again
+    python benchmarks/camera.py [moving] [turning] [still] [floor] [stereo] [--clips FOLDER]  # clips there are used
 
 A relief of sand with rocks in haze, under moving caustics, with a rig in the lower part of the picture. Prints the
 error of rotation (95th percentile, target 0.1 degree), of position over the length of the path (95th percentile after
 the scale is fitted, target 0.5 %), and the time of 48 frames of 1280x640 (target 60 s on two cores), with the load.
 `floor`: the floor made of the points of the moving clip, against the relief, after the similarity that lays the found
 cameras on the true ones (target: 3 % of the camera's height, rms, where the confidence is a half or more).
+`stereo` prints what both_eyes.py says of both eyes of a plate.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import time
 from fractions import Fraction
 from pathlib import Path
 
+import both_eyes
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -218,6 +220,9 @@ def main() -> None:
     options = given.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         for kind in options.kinds:
+            if kind == "stereo":
+                both_eyes.measure()
+                continue
             clips = options.clips or Path(folder)
             measure_floor(clips) if kind == "floor" else measure(kind, clips)
 

@@ -135,7 +135,7 @@ def composite_video(
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         loaded.check(span[1])
-        renderer, fallback = make_backend(backend)
+        renderer, fallback = make_backend(backend, scene.plate.eyes)
         crew = make_crew(workers, cluster, len(parts))
         inputs = input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))

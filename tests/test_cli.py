@@ -281,20 +281,20 @@ def test_keys_of_a_motion_that_are_wrong_have_their_line(scene: Path, run: Run) 
 
 
 @pytest.mark.parametrize(
-    ("stereo", "crop"),
-    [("top-bottom", "crop=256:64:0:0,scale=256:128"), ("left-right", "crop=128:128:0:0,scale=256:128")],
+    ("stereo", "size"),
+    [("top-bottom", "256x64"), ("left-right", "128x128")],
 )
-def test_squeezed_eyes_are_told_how_to_be_stretched(stereo: Stereo, crop: str, scene: Path, run: Run) -> None:
+def test_squeezed_eyes_are_taken_as_they_are(stereo: Stereo, size: str, scene: Path, run: Run) -> None:
     plate = write_clip(scene.parent / "stereo.mp4", 2, size=(256, 128))
     write_spherical(plate, SphericalMetadata(stereo=stereo))
-    overrides = ("--set", f'plate.path="{plate}"')
+    overrides = ("--set", f'plate.path="{plate}"', "--set", 'surface.objects="none"')
     code, _, err = run("check", scene, *overrides)
     assert code == 2
     assert 'plate.eye = "left"' in err
-    code, _, err = run("check", scene, *overrides, "--set", 'plate.eye="left"')
-    assert code == 2
-    assert "squeezed" in err
-    assert crop in err
+    for eye in ("left", "both"):
+        code, out, _ = run("check", scene, *overrides, "--set", f'plate.eye="{eye}"')
+        assert code == 0
+        assert f"{plate.name}: {size}" in out
 
 
 @pytest.mark.parametrize(

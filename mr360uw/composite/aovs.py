@@ -11,6 +11,7 @@ Marine snow is in the beauty and its alpha alone, in none of the variables.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -108,6 +109,8 @@ def _without_objects(tile: Tile) -> Tile:
 
 RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"
 """Comment in the header of a layered file."""
+Part = dict[str, NDArray[np.generic]]
+"""Channels of a part of an EXR file by name."""
 _FARTHEST_M = 1e10
 _HALF = float(np.finfo(np.float16).max)
 
@@ -135,6 +138,16 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
         "id": {"id.Y": aovs.object_id},
     }
     return parts | {name: {name: _half(image)} for name, image in colours.items()}
+
+
+def stereo_parts(eyes: Mapping[str, dict[str, Part]]) -> tuple[dict[str, Part], dict[str, str]]:
+    """Return the parts of a layered EXR of several eyes, "rgba.left" and so on, and the view of each.
+
+    eyes: parts by "left" and "right". Each part names its view in its header (OpenEXR, "Storing Multi-View Images"):
+    left and right in lower case, the left one first.
+    """
+    parts = {f"{name}.{view}": part for view, own in eyes.items() for name, part in own.items()}
+    return parts, {f"{name}.{view}": view for view, own in eyes.items() for name in own}
 
 
 def _half(image: Floats) -> NDArray[np.float16]:

@@ -227,7 +227,7 @@ def draw_receiver(
     if shot.pattern is not None:
         shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))
         plate = shown, calm, veil
-    point = direction * distance[:, None]
+    point = shot.view.points(direction, distance)
     free = free_of_bodies(shot, light, point, normal, Cache())
     sides = pixel_footprint(shot.view, x, y, point, normal, area).sides
     ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate, sides)

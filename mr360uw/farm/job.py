@@ -63,7 +63,7 @@ class OpenJob:
         self.video = open_plate(job.scene) if video is None else video
         size = self.video.width, self.video.height
         self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
-        self.backend = _backend_of_worker(job.backend) if backend is None else backend
+        self.backend = _backend_of_worker(job.backend, job.scene.plate.eyes) if backend is None else backend
         self._facts = job.work.facts()
 
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
@@ -83,10 +83,13 @@ class OpenJob:
         return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)
 
 
-def _backend_of_worker(name: str) -> Backend:
-    """Return a worker's renderer; `GlError` where it lacks the one that the others render with."""
+def _backend_of_worker(name: str, kinds: int) -> Backend:
+    """Return a worker's renderer for so many kinds of frames that take turns.
+
+    Raises `GlError` where it lacks the one that the others render with.
+    """
     try:
-        return make_backend(name)[0]
+        return make_backend(name, kinds)[0]
     except GlError as error:
         raise GlError(
             f"worker {platform.node()} - has no OpenGL, which the run renders with (got: {error}) - give --backend "

@@ -9,9 +9,10 @@ from pathlib import Path
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
-from mr360uw.scene.inputs import keep_inputs
+from mr360uw.scene.inputs import keep_inputs, open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
+from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.images import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import write_picture
@@ -25,7 +26,7 @@ def render_still(
     view: Perspective | None = None,
     backend: str = "auto",
 ) -> VideoFrame:
-    """Return one composited frame of a scene's plate, or a view into it.
+    """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
 
     frame: its number, 0 by default; or time_s, for the frame that is shown then. The sun and the veil are measured in
     this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
@@ -71,7 +72,9 @@ def save_still(
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
     check_output(path, overwrite=overwrite)
     keep_inputs(scene, path.absolute())
-    write_picture(path, render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend))
+    picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    with open_plate(scene) as plate:
+        write_picture(path, whole_frame(picture, plate.stereo))
 
 
 def check_output(path: Path, *, overwrite: bool) -> None:
@@ -86,8 +89,8 @@ def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
     """Return a view into a frame, in the frame's own codes."""
     light, spec = look(picture.image_linear, view), picture.spec
     if spec.bits == 32:
-        return replace(picture, yuv=None, native=None, rgb=light, wrap=False)
+        return replace(picture, yuv=None, native=None, rgb=light, wrap=False, right=None)
     bits = 8 if spec.bits == 8 else 16
     codes = codes_from_linear(light, spec.transfer, f"uint{bits}", picture.index)
     own = replace(spec, matrix="bt709", bits=bits, primaries=None)
-    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False)
+    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None)

@@ -94,7 +94,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
         alone = scene.model_copy(update={"holdouts": (holdout,)})
         found.of(partial(lambda alone: Mattes(alone, *size).check(stop), alone))
     if (receiver := scene.receiver) is not None:
-        found.of(lambda: ReceiverClip(receiver, *size).check(stop))
+        found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
+from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
@@ -21,7 +22,8 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
-from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics, with_snow
+from mr360uw.render.shots import instants, layer_key, seen_by, shafts_of, shot_at, with_caustics, with_snow
+from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
@@ -37,7 +39,8 @@ class Frame:
     """One composited frame and its intermediate results; stages that the scene does not need are None.
 
     picture: the plate with the layer over it. caustics: of the last instant, in the backend's own form. variables: the
-    layer's output variables if they were asked for; they have no motion blur.
+    layer's output variables if they were asked for; they have no motion blur. right: of a stereo plate, whose left eye
+    this is, the frame of the right one; `picture` has the right eye's picture too.
     """
 
     picture: VideoFrame
@@ -47,6 +50,7 @@ class Frame:
     medium: MediumTable | None = None
     caustics: Any = None
     variables: Aovs | None = None
+    right: Frame | None = None
 
 
 Stages = Generator[None, None, Frame]
@@ -71,12 +75,15 @@ def frame_stages(
     """
     plan, index, time_s = loaded.plan, plate.index, plate.time_s
     now = loaded.at(time_s)
-    kept, grain, found, layers = Cache() if kept is None else kept, now.scene.draw.grain, None, []
-    light = pattern = water = shot = None
+    eyes = eyes_of(now.scene, plate)
+    kept, grain = Cache(len(eyes)) if kept is None else kept, now.scene.draw.grain
+    patterns: list[PlatePattern | None] = [None for _ in eyes]
+    light = water = None
+    drawn: list[list[Drawn]] = [[] for _ in eyes]
     if plan.environment.runs:
-        of_light, of_pattern = light_key(now, facts, plate), pattern_key(now, facts.calm, plate)
+        of_light = light_key(now, facts, plate)
         light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
-        pattern = kept.get("pattern", of_pattern, lambda: plate_pattern(now, facts.calm, plate, kept))
+        patterns = [_pattern(now, facts, eye, kept) for eye in eyes]
     yield  # from here on the thread of the backend
 
     if light is not None and plan.layer.runs:
@@ -84,19 +91,77 @@ def frame_stages(
         water = kept.get("water", of_water, lambda: finite("water", index, exposed_water(*of_water)))
         moments = instants(loaded, now, time_s, shutter_s)
         for instant_s, then in moments:
-            bare = shot_at(then, light, pattern, water, instant_s, index, kept)
-            shot = with_caustics(then, backend, bare, instant_s, kept)
-            shafts = shafts_of(then, backend, shot, instant_s, kept)
-            drawn = partial(_drawn, backend, shot, shafts, index, variables, kept)
-            layer, found = kept.get("layer", layer_key(shot, shafts, variables), drawn)
-            layer, found = with_surface(then, backend, shot, layer, found, instant_s, kept)
-            layers.append(with_snow(then, backend, shot, layer, instant_s, shutter_s / len(moments), kept))
-    layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
+            bare = shot_at(then, light, water, instant_s, index, kept)
+            for eye, pattern, layers in zip(eyes, patterns, drawn, strict=True):
+                shot = seen_by(then, bare, eye, pattern, index)
+                layers.append(_layer(then, backend, shot, instant_s, shutter_s / len(moments), index, variables, kept))
     yield  # from here on any thread, beside the next frame
 
-    of_picture = plate, tuple(layers), grain
-    picture = kept.get("picture", of_picture, lambda: finite("composite", index, plate.over(layer, over_tile, grain)))
-    return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
+    frames = [
+        _composited(eye.plate, layers, light, water, grain, kept) for eye, layers in zip(eyes, drawn, strict=True)
+    ]
+    return frames[0] if len(frames) == 1 else both_eyes(*frames)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
+
+    shot: Shot
+    layer: Layer
+    variables: Aovs | None
+
+
+def _layer(
+    loaded: Loaded,
+    backend: Backend,
+    bare: Shot,
+    instant_s: float,
+    exposure_s: float,
+    index: int,
+    variables: bool,
+    kept: Cache,
+) -> Drawn:
+    """Return the layer of a shot without caustics, with all that the plan asks for."""
+    shot = with_caustics(loaded, backend, bare, instant_s, kept)
+    shafts = shafts_of(loaded, backend, shot, instant_s, kept)
+    make = partial(_drawn, backend, shot, shafts, index, variables, kept)
+    layer, found = kept.get("layer", layer_key(shot, shafts, variables), make)
+    layer, found = with_surface(loaded, backend, shot, layer, found, instant_s, kept)
+    return Drawn(shot, with_snow(loaded, backend, shot, layer, instant_s, exposure_s, kept), found)
+
+
+def _pattern(loaded: Loaded, facts: ClipFacts, eye: Eye, kept: Cache) -> PlatePattern | None:
+    calm = calm_of(facts.calm, eye)
+    key = pattern_key(loaded, calm, eye.plate)
+    return kept.get("pattern", key, lambda: plate_pattern(loaded, calm, eye.plate, kept))
+
+
+def _composited(
+    plate: VideoFrame,
+    drawn: list[Drawn],
+    light: FrameLight | None,
+    water: MediumTable | None,
+    grain: float,
+    kept: Cache,
+) -> Frame:
+    """Return the frame of one eye from what it sees at every instant of the exposure."""
+    layers = tuple(one.layer for one in drawn)
+    height, width = plate.shape
+    layer = mean_layer(list(layers)) if layers else Layer(height, width, ())
+    of_picture = plate, layers, grain
+    picture = kept.get(
+        "picture", of_picture, lambda: finite("composite", plate.index, plate.over(layer, over_tile, grain))
+    )
+    if not drawn:
+        return Frame(picture, plate, layer, light, water)
+    last = drawn[-1]
+    return Frame(picture, plate, layer, light, water, last.shot.caustics, last.variables)
+
+
+def both_eyes(left: Frame, right: Frame) -> Frame:
+    """Return the frame of the left eye with that of the right one."""
+    return replace(left, picture=replace(left.picture, right=right.picture), right=right)
 
 
 def _drawn(

@@ -27,6 +27,7 @@ from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.placement import placement_notes
 from mr360uw.render.plan import Plan, joined_plan, make_plan
+from mr360uw.render.stages.eye_stage import check_eyes
 from mr360uw.render.stages.plan_stages import ObjectFacts
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
@@ -152,13 +153,16 @@ class Loader:
         with files_read() as object_files:
             loaded = load_objects(scene.objects, kept)
         with files_read() as other_files:
-            receiver = kept.get("receiver", (scene.receiver, self._size), lambda: self._receiver(scene))
+            of_eyes = self._size, scene.plate.eye
+            receiver = kept.get("receiver", (scene.receiver, of_eyes), lambda: self._receiver(scene))
             surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
         afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
         objects = tuple(on_the_floor(one, ground) for one in afloat)
+        plan = self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan
+        check_eyes(scene, at_surface=plan.surface.runs)
         of_lamps = scene.lamps, Same(medium), scene.light.white_cd_m2
         return Loaded(
             scene=scene,
@@ -168,9 +172,9 @@ class Loader:
             objects=objects,
             lamps=kept.get("lamps", of_lamps, lambda: load_lamps(scene.lamps, medium, scene.light.white_cd_m2)),
             receiver=receiver,
-            mattes=kept.get("mattes", (scene.holdouts, self._size), lambda: Mattes(scene, width, height)),
+            mattes=kept.get("mattes", (scene.holdouts, of_eyes), lambda: Mattes(scene, width, height)),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
-            plan=self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan,
+            plan=plan,
             notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
@@ -197,7 +201,7 @@ class Loader:
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
     def _receiver(self, scene: Scene) -> ReceiverClip | None:
-        return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size)
+        return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size, scene.plate.eye)
 
 
 def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:

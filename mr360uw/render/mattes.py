@@ -21,6 +21,7 @@ from mr360uw.reading.kept_reads import stamp
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
+from mr360uw.video.read.layout import Eye
 
 _LOSSY_STEPS = 2.0
 """Uncertainty of a value of a lossy video, in codes; that of a lossless picture is one code."""
@@ -45,19 +46,22 @@ class Grey:
 class GreyClip:
     """A still, sequence or video with one grey picture for each frame of the plate; a still serves all frames.
 
-    depth: take the channel Z of EXR pictures if there is one. Raises `VideoError`.
+    depth: take the channel Z of EXR pictures if there is one. both: pictures hold both eyes of a stereo plate, whose
+    frames have width x height each: the left one above the right, or at its left. Raises `VideoError`.
     """
 
-    def __init__(self, path: Path, width: int, height: int, *, depth: bool = False) -> None:
+    def __init__(self, path: Path, width: int, height: int, *, depth: bool = False, both: bool = False) -> None:
         self._reader: VideoReader = open_video(path, transfer="linear", equirectangular=False, depth=depth)
         self._frames: Iterator[VideoFrame] | None = None
         self._last = -1
         self._kept, self._one_thread = Cache(), threading.Lock()
         shape = (self._reader.width, self._reader.height)
-        if shape[0] * height != shape[1] * width:
+        self._axis = next((axis for axis in (0, 1) if both and _is_like(shape, width, height, axis)), None)
+        if self._axis is None and (both or shape[0] * height != shape[1] * width):
+            eyes = "both eyes of " if both else ""
             raise VideoError(
-                f"{path} - has not the plate's shape (got {shape[0]}x{shape[1]} for {width}x{height}) - render it from "
-                "the same frames"
+                f"{path} - has not the plate's shape (got {shape[0]}x{shape[1]} for {eyes}{width}x{height}) - render "
+                "it from the same frames"
             )
 
     def check(self, stop: int) -> None:
@@ -69,25 +73,33 @@ class GreyClip:
                 f"add the missing ones, or take frames 0:{count}"
             )
 
-    def at(self, index: int) -> Grey:
+    def at(self, index: int, eye: int = 0) -> Grey:
         """Return the picture of a frame, the same object while it is unchanged; ascending frames are decoded once.
 
-        For any thread: one may be some frames ahead of the other.
+        eye: 1 for the right one of two. For any thread: one may be some frames ahead of the other.
         """
         if self._reader.is_still:
             index = 0
         with self._one_thread:
             key = index, stamp(self._reader.file_of(index))
-            return self._kept.get("grey", key, lambda: self._decoded(index), _APART)
+            return self._kept.get("grey", key, lambda: self._decoded(index), _APART)[eye]
 
-    def _decoded(self, index: int) -> Grey:
+    def _decoded(self, index: int) -> tuple[Grey, ...]:
         self.check(index + 1)
         if self._frames is None or index != self._last + 1:
             self._frames = iter(self._reader.frames(index))
         frame, self._last = next(self._frames), index
         metric, lossy = frame.spec.bits == 32, frame.yuv is not None
         step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
-        return Grey(frame.image_linear.mean(axis=-1), metric, step)
+        whole = frame.image_linear.mean(axis=-1)
+        parts = [whole] if self._axis is None else np.split(whole, 2, axis=self._axis)
+        return tuple(Grey(part, metric, step) for part in parts)
+
+
+def _is_like(shape: tuple[int, int], width: int, height: int, axis: int) -> bool:
+    """Return whether a picture (width, height) is two of the shape width x height, above each other for axis 0."""
+    wide, high = (2 * width, height) if axis else (width, 2 * height)
+    return shape[1 - axis] % 2 == 0 and shape[0] * high == shape[1] * wide
 
 
 def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
@@ -105,7 +117,7 @@ class Mattes:
     """All holdouts of a scene, in step with the plate."""
 
     def __init__(self, scene: Scene, width: int, height: int) -> None:
-        self._holdouts = [_Holdout(settings, width, height) for settings in scene.holdouts]
+        self._holdouts = [_Holdout(settings, width, height, scene.plate.eye) for settings in scene.holdouts]
         self._kept = Cache()
 
     def check(self, stop: int) -> None:
@@ -113,35 +125,33 @@ class Mattes:
         for holdout in self._holdouts:
             holdout.clip.check(stop)
 
-    def at(self, index: int) -> tuple[Floats | None, Floats | None]:
+    def at(self, index: int, eye: int = 0) -> tuple[Floats | None, Floats | None]:
         """Return the mask (H, W) in [0, 1] and the distances (H, W) [m] of a frame, each None where there is none.
 
-        Several masks combine to their maximum, several distances to their minimum: the same arrays while the pictures
-        are unchanged.
+        eye: 1 for the right one of two. Several masks combine to their maximum, several distances to their minimum: the
+        same arrays while the pictures are unchanged.
         """
-        masks = [h.at(index) for h in self._holdouts if h.settings.kind == "mask"]
-        nearest = [h.at(index) for h in self._holdouts if h.settings.kind == "distance"]
+        masks = [h.at(index, eye) for h in self._holdouts if h.settings.kind == "mask"]
+        nearest = [h.at(index, eye) for h in self._holdouts if h.settings.kind == "distance"]
         return self._joined("mask", masks, np.max), self._joined("distance", nearest, np.min)
 
     def _joined(self, kind: str, mattes: list[Floats], join: Callable[..., Floats]) -> Floats | None:
         if not mattes:
             return None
-        return self._kept.get(kind, tuple(map(Same, mattes)), lambda: join(mattes, axis=0))
+        return self._kept.get(kind, tuple(map(Same, mattes)), lambda: join(mattes, axis=0), keep=2)
 
 
 class _Holdout:
-    def __init__(self, settings: HoldoutSettings, width: int, height: int) -> None:
+    def __init__(self, settings: HoldoutSettings, width: int, height: int, eye: Eye | None) -> None:
         self.settings = settings
-        self.clip = GreyClip(settings.path, width, height, depth=settings.kind == "distance")
+        self.clip = GreyClip(settings.path, width, height, depth=settings.kind == "distance", both=eye == "both")
         self._size = (width, height)
-        self._matte: tuple[Grey, Floats] | None = None
+        self._kept = Cache()
 
-    def at(self, index: int) -> Floats:
-        """Return the matte (H, W) of a frame: weights in [0, 1], or metres."""
-        grey = self.clip.at(index)
-        if self._matte is None or self._matte[0] is not grey:
-            self._matte = grey, self._matte_of(grey)
-        return self._matte[1]
+    def at(self, index: int, eye: int) -> Floats:
+        """Return the matte (H, W) of an eye's frame: weights in [0, 1], or metres."""
+        grey = self.clip.at(index, eye)
+        return self._kept.get("matte", Same(grey), lambda: self._matte_of(grey), keep=2)
 
     def _matte_of(self, grey: Grey) -> Floats:
         import cv2
@@ -160,26 +170,26 @@ class ReceiverClip:
     Caches of renderers use the identity of that object as their key.
     """
 
-    def __init__(self, settings: ReceiverSettings, width: int, height: int) -> None:
+    def __init__(self, settings: ReceiverSettings, width: int, height: int, eye: Eye | None = None) -> None:
         self._settings, self._receiver = settings, load_receiver(settings)
         self._clip: GreyClip | None = None
         self._kept, self._one_thread = Cache(), threading.Lock()
         if settings.kind == "distance":
             assert settings.path is not None
-            self._clip = GreyClip(settings.path, width, height, depth=True)
+            self._clip = GreyClip(settings.path, width, height, depth=True, both=eye == "both")
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a distance map ends before the plate's frame `stop`."""
         if self._clip is not None:
             self._clip.check(stop)
 
-    def at(self, index: int) -> Receiver:
-        """Return the receiver of a frame, for any thread."""
+    def at(self, index: int, eye: int = 0) -> Receiver:
+        """Return the receiver of a frame, for any thread. eye: 1 for the right one of two."""
         if self._clip is None:
             return self._receiver
-        grey = self._clip.at(index)
+        grey = self._clip.at(index, eye)
         with self._one_thread:
-            return self._kept.get("receiver", Same(grey), lambda: self._shaped(grey), _APART)
+            return self._kept.get("receiver", Same(grey), lambda: self._shaped(grey), 2 * _APART)
 
     def _shaped(self, grey: Grey) -> Receiver:
         low, high = self._settings.range_m

@@ -23,6 +23,7 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
+from mr360uw.render.stages.eye_stage import Eye
 from mr360uw.types import Floats, Layer, Light, MediumTable, Sun, View
 
 if TYPE_CHECKING:
@@ -49,33 +50,38 @@ def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> li
 
 
 def shot_at(
-    loaded: Loaded,
-    light: FrameLight,
-    pattern: PlatePattern | None,
-    medium: MediumTable | None,
-    time_s: float,
-    index: int,
-    kept: Cache,
+    loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int, kept: Cache
 ) -> Shot:
-    """Return the shot of an instant of frame `index`, without caustics. kept: holds the light in the world's axes."""
+    """Return the shot of an instant of frame `index`, without caustics and without what is of one eye (`seen_by`).
+
+    kept: holds the light in the world's axes.
+    """
     view = loaded.view(time_s)
     of_world = light.environment, view.world_from_camera.tobytes()
     environment = kept.get("turned", of_world, lambda: turned(light.environment, view.world_from_camera))
     objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
     suns: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
     lamps: tuple[Light, ...] = tuple(lamp.at(time_s, view, objects) for lamp in loaded.lamps)
-    matte, matte_distance = loaded.mattes.at(index)
     return Shot(
         view=view,
         objects=objects,
         environment=environment,
         lights=(*suns, *lamps),
         medium=medium,
-        receiver=loaded.receiver.at(index) if loaded.receiver is not None else None,
+        draw=loaded.scene.draw,
+    )
+
+
+def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
+    """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
+    matte, matte_distance = loaded.mattes.at(index, eye.number)
+    return dataclasses.replace(
+        shot,
+        view=dataclasses.replace(shot.view, eye_m=eye.eye_m),
+        receiver=loaded.receiver.at(index, eye.number) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
         pattern=pattern,
-        draw=loaded.scene.draw,
     )
 
 

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mr360uw.composite.aovs import RECIPE, exr_parts
+from mr360uw.composite.aovs import RECIPE, Part, exr_parts, stereo_parts
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipFacts
-from mr360uw.render.frame import Stages, finished, frame_stages
+from mr360uw.render.frame import Frame, Stages, finished, frame_stages
 from mr360uw.render.loaded import Loaded
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoReader, write_exr
@@ -111,9 +111,20 @@ class RangeRenderer:
         times.concealed += frame.plate.damage == "concealed"
         times.sunless += frame.light is not None and frame.light.environment.sun is None
         if self.layers is not None and frame.variables is not None:
-            parts = exr_parts(frame.layer, frame.variables, frame.plate.image_linear)
+            parts, views = _layers(frame)
             file = numbered(self.layers, frame.plate.index)
-            write_exr(file, parts, attributes={"comments": RECIPE}, folder=self.scratch)
+            write_exr(file, parts, attributes={"comments": RECIPE}, views=views, folder=self.scratch)
             since = times.add("layers", since)
         sink.write(frame.picture)
         times.add("encode", since)
+
+
+def _layers(frame: Frame) -> tuple[dict[str, Part], dict[str, str]]:
+    """Return the parts of a frame's layered EXR, and the view of each where there are two eyes."""
+    eyes = {"left": frame} if frame.right is None else {"left": frame, "right": frame.right}
+    parts = {
+        name: exr_parts(eye.layer, eye.variables, eye.plate.image_linear)
+        for name, eye in eyes.items()
+        if eye.variables is not None
+    }
+    return (parts["left"], {}) if len(parts) == 1 else stereo_parts(parts)

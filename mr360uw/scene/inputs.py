@@ -21,7 +21,7 @@ def open_plate(scene: Scene) -> VideoReader:
     plate = scene.plate
     video = open_video(
         plate.path, transfer=plate.transfer, primaries=plate.primaries, eye=plate.eye, frame_rate=plate.frame_rate,
-        damaged=plate.damaged, projection=plate.projection, fisheye_fov_deg=plate.fisheye_fov_deg,
+        damaged=plate.damaged, projection=plate.projection, fisheye_fov_deg=plate.fisheye_fov_deg, layout=plate.layout,
     )  # fmt: skip
     return scaled(video, plate.scale)
 

@@ -40,7 +40,10 @@ class PlateSettings(Parameters):
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
     primaries: Primaries | None = parameter(None, "primaries of the plate's light; none: as its matrix has them")
-    eye: Literal["left", "right"] | None = parameter(None, "the eye of a stereo plate to work on")
+    eye: Literal["left", "right", "both"] | None = parameter(None, "the eyes of a stereo plate to work on")
+    layout: Literal["mono", "top-bottom", "left-right", "right-left"] | None = parameter(
+        None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
+    )
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
     scale: float = parameter(
         1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0
@@ -55,6 +58,11 @@ class PlateSettings(Parameters):
         FISHEYE_FOV_DEG, "angle across one half of a dual-fisheye frame; most cameras: 190 to 205", unit="deg",
         low=120.0, high=280.0,
     )  # fmt: skip
+
+    @property
+    def eyes(self) -> int:
+        """Number of eyes that are worked on."""
+        return 2 if self.eye == "both" else 1
 
 
 class CameraSettings(Parameters):
@@ -81,6 +89,10 @@ class CameraSettings(Parameters):
     tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
         (), "(time_s, roll_deg, pitch_deg), ascending, instead"
     )
+    ipd_m: float = parameter(
+        0.064, 'distance between the eyes of the plate\'s camera, for plate.eye = "both"',
+        unit="m", low=0.01, high=0.2, fixed="the eyes keep their distance",
+    )  # fmt: skip
     gravity: Path | None = parameter(None, "GoPro clip whose gravity track levels the plate, or its GPMF payloads")
 
     @model_validator(mode="after")

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import ColorSpec
 from mr360uw.constants import PI
-from mr360uw.sphere import direction_from_frame, unit
+from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
+from mr360uw.types.eyes import ray_starts, seen_direction
 
 Floats = NDArray[np.floating[Any]]
 
@@ -33,7 +34,9 @@ class View:
     width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
     surface_y_m: height of the mean water surface in the world. projection: how pixels become rays: "equirectangular"
     (`mr360uw.sphere`), "perspective" with the horizontal angle `fov_rad`, or "orthographic", parallel rays over a width
-    of `width_m` [m]; square pixels. The composite's views are equirectangular.
+    of `width_m` [m]; square pixels. The composite's views are equirectangular. eye_m: of an eye's panorama, the radius
+    [m] of the viewing circle on which its rays start (`mr360uw.types.eyes`), negative for the left eye; 0 for rays from
+    `position`.
     """
 
     width: int
@@ -44,6 +47,7 @@ class View:
     projection: Literal["equirectangular", "perspective", "orthographic"] = "equirectangular"
     fov_rad: float = 0.5 * PI
     width_m: float = 10.0
+    eye_m: float = 0.0
 
     def directions(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the unit directions (..., 3) in the world seen at continuous frame coordinates."""
@@ -59,6 +63,40 @@ class View:
         half = 0.5 * self.width_m if self.projection == "orthographic" else 0.0
         beside = np.stack([half * right, half * up, np.zeros(right.shape)], axis=-1)
         return self.position + beside @ self.world_from_camera.T
+
+    def starts(self, direction: Floats) -> Floats:
+        """Return where a panorama's rays in directions (..., 3) start, (..., 3) [m] from `position`, world axes."""
+        if not self.eye_m:
+            return np.zeros(direction.shape)
+        return ray_starts(direction, self.world_from_camera[:, 1], self.eye_m)
+
+    def points(self, direction: Floats, distance_m: Floats) -> Floats:
+        """Return the points (..., 3) [m], from `position`, at distances (...) along rays in directions (..., 3)."""
+        along = direction * distance_m[..., None]
+        return along + self.starts(direction) if self.eye_m else along
+
+    def from_middle(self, direction: Floats, distance_m: Floats) -> tuple[Floats, Floats]:
+        """Return the unit directions (n, 3) and distances (n,) from `position` of the points at ends of rays."""
+        if not self.eye_m:
+            return direction, distance_m
+        point = self.points(direction, distance_m)
+        length = np.linalg.norm(point, axis=-1)
+        return point / np.maximum(length, 1e-12)[..., None], length
+
+    def seen(self, point: Floats) -> Floats:
+        """Return the unit directions (..., 3), in the camera's axes, in which a panorama shows points (..., 3) [m].
+
+        point: from `position`, world axes.
+        """
+        local = point @ self.world_from_camera
+        if self.eye_m:
+            return seen_direction(local, self.eye_m)
+        return np.asarray(local / np.maximum(np.linalg.norm(local, axis=-1, keepdims=True), 1e-12))
+
+    def places(self, point: Floats) -> tuple[Floats, Floats]:
+        """Return the frame coordinates x, y (...) at which a panorama shows points (..., 3) [m] from `position`."""
+        local = point @ self.world_from_camera
+        return frame_from_direction(seen_direction(local, self.eye_m) if self.eye_m else local, self.width, self.height)
 
     @property
     def pixel_rad(self) -> float:
@@ -90,7 +128,7 @@ class View:
         """A value that is equal for views that show the same."""
         return (
             self.projection, self.width, self.height, self.position.tobytes(), self.world_from_camera.tobytes(),
-            self.surface_y_m, self.fov_rad, self.width_m,
+            self.surface_y_m, self.fov_rad, self.width_m, self.eye_m,
         )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mr360uw.color import ColorSpec
 from mr360uw.video.metadata.hdr import HdrMetadata
-from mr360uw.video.metadata.spherical import SphericalMetadata
+from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
 
 
@@ -24,7 +24,8 @@ class Clip:
     is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
     is_still: one picture, that `frames` repeats as often as asked. notes: parts of the file that are not copied, one
     line each. words: text tags of the container, such as title and date. panorama: whether outputs are marked as full
-    spheres. hdr: metadata of high dynamic range, where the file has some.
+    spheres. hdr: metadata of high dynamic range, where the file has some. stereo: arrangement of both eyes in outputs,
+    whose frames have a right one; "mono" if they have not.
     """
 
     path: Path
@@ -44,6 +45,14 @@ class Clip:
     words: Mapping[str, str] = field(default_factory=dict)
     panorama: bool = True
     hdr: HdrMetadata | None = None
+    stereo: Stereo = "mono"
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height [pixels] of the whole picture, of both eyes where there are two."""
+        if self.stereo == "mono":
+            return self.width, self.height
+        return (self.width, 2 * self.height) if self.stereo == "top-bottom" else (2 * self.width, self.height)
 
     @property
     def has_audio(self) -> bool:

@@ -89,6 +89,7 @@ def write_exr(
     full_size: tuple[int, int] | None = None,
     origin: tuple[int, int] = (0, 0),
     attributes: Mapping[str, Any] | None = None,
+    views: Mapping[str, str] | None = None,
     folder: Path | None = None,
 ) -> None:
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
@@ -96,7 +97,8 @@ def write_exr(
     parts: {part: {channel: array}}, or one linear image (H, W, 3 or 4). float16 channels are stored as half, float32
     as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
     that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
-    frame. attributes: more header entries (numbers, strings). folder: of the temporary file; default: that of `path`.
+    frame. attributes: more header entries (numbers, strings). views: of parts that show
+    what one eye sees, "left" or "right". folder: of the temporary file; default: that of `path`.
     """
     import OpenEXR
 
@@ -118,6 +120,8 @@ def write_exr(
         arrays = {channel: _checked(f"{path} {channel}", array) for channel, array in channels.items()}
         height, width = next(iter(arrays.values())).shape[:2]
         own = dict(header)
+        if views is not None and name in views:
+            own["view"] = views[name]
         if full_size is not None:
             column, row = origin
             low = np.array([column, row], np.int32)

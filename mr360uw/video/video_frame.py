@@ -32,7 +32,8 @@ class VideoFrame:
     are read. yuv: the planes (views, read-only) or None for RGB plates. rgb: code values (H, W, 3) of an RGB plate,
     uint8 or uint16, or linear float32, else None. native: the decoder's frame that owns exactly these planes, if any.
     wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
-    ("concealed"), or the frame could not be decoded and is the last good one ("held").
+    ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
+    left eye this is, the right one at the same instant.
     """
 
     index: int
@@ -46,6 +47,7 @@ class VideoFrame:
     native: Any = None
     wrap: bool = True
     damage: Literal["none", "concealed", "held"] = "none"
+    right: VideoFrame | None = None
 
     @classmethod
     def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:

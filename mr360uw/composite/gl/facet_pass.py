@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.composite.eye_bounds import NEAREST
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
 from mr360uw.composite.mesh.mesh import Mesh
@@ -105,7 +106,7 @@ class FacetPass:
         row = np.concatenate([[0], np.cumsum(heights)])
         masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
         cutouts = self._cache.get("cutouts", masked, lambda: self._make_cutouts(masked))
-        rows = self._cache.get("facets", None, _Rows)
+        rows = self._cache.get("facets", shot.view.eye_m, _Rows)
         target = rows.room(int(row[-1]), bool(masked))
         piece, changed = 0, []
         for k, placed in enumerate(objects):
@@ -136,7 +137,9 @@ class FacetPass:
     ) -> None:
         """Draw an object. place: its first row, its rows, and the number of its first smooth piece."""
         buffers, (row, rows, piece) = self._buffers(placed.mesh), place
-        defines = {"FACET_COLUMNS": FACET_COLUMNS} | ({"CUTOUTS": 1} if cutouts.textures else {})
+        defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
+        defines |= {"CUTOUTS": 1} if cutouts.textures else {}
+        defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}
         shader = self._targets.program("facets", defines)
         bind(shader, {"triangles": buffers.triangles, "materials": buffers.materials})
         camera_from_world = np.eye(4)
@@ -147,6 +150,7 @@ class FacetPass:
             frame_size=(shot.view.width, shot.view.height),
             count=len(placed.mesh.positions),
             first_row=row,
+            eye_m=shot.view.eye_m,
             first_piece=float(piece),
             first_map=float(cutouts.first.get(placed.mesh.still, 0)),
         )
@@ -166,6 +170,11 @@ class FacetPass:
         table = np.array([entries[texture] for texture in maps])
         textures = {"cutouts": store, "cutout_maps": list_texture(table)}
         return _Cutouts(textures, dict(zip(meshes, first[:-1].tolist(), strict=True)))
+
+
+def of_eye(shot: Shot) -> dict[str, int]:
+    """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
+    return {"EYE": 1} if shot.view.eye_m else {}
 
 
 def _nearest_first(numbers: NDArray[np.int64], nearest: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from collections.abc import Hashable
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.gl.facet_pass import of_eye
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
@@ -110,7 +111,7 @@ class GroundShader:
         else:
             textures["shape"] = texture_from_array(_atlas(shape, rows))
         numbers = {"LAMPS": self._light.defines["LAMPS"]} if "LAMPS" in wanted else {}
-        shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers})
+        shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures)
         self._light.set(shader)
         extent = shot.receiver.extent_m
@@ -118,6 +119,7 @@ class GroundShader:
             shader,
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
+            eye_m=shot.view.eye_m,
             side=side,
             spacing=float(spacing),
             plane_height=(shot.receiver.plane_y or 0.0) - float(shot.view.position[1]),

@@ -20,7 +20,7 @@ from mr360uw.composite.ambient.knot_values import UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
-from mr360uw.composite.gl.facet_pass import camera_centred
+from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
 from mr360uw.composite.gl.fragments import Fragments, add_behind, through
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.surface_pass import SurfacePass
@@ -177,7 +177,7 @@ class ObjectPass:
         """Run layer.frag for a part of the fragments."""
         mesh, count = part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = defines | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
+        defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
         defines |= {"AMONG_BODIES": 1} if mesh in bodies.among and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
@@ -199,6 +199,7 @@ class ObjectPass:
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
             count=count,
+            eye_m=shot.view.eye_m,
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, in_lane_order, lane_rows, make_blocks
-from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass
+from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass, of_eye
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
@@ -73,7 +73,7 @@ class SurfacePass:
         facets = self._facets.draw(shot, objects)
         blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
-        defines = {"CUTOUTS": 1} if "cutouts" in textures else {}
+        defines = of_eye(shot) | ({"CUTOUTS": 1} if "cutouts" in textures else {})
         layers = []
         blended = blocks.some(blocks.bounds[:, 2] < blocks.bounds[:, 3])
         for layer in range(BLEND_LAYERS):
@@ -191,7 +191,8 @@ class SurfacePass:
         }  # fmt: skip
         shader = self._targets.program("visible", {**every, **draw.defines, **defines})
         bind(shader, draw.textures)
-        set_uniforms(shader, frame_size=(shot.view.width, shot.view.height), layer=draw.layer)
+        size = (shot.view.width, shot.view.height)
+        set_uniforms(shader, frame_size=size, layer=draw.layer, eye_m=shot.view.eye_m)
         filled = np.concatenate([positions, positions[-1:].repeat(4 * fours - len(positions), axis=0)])
         write_uniform(shader, "turns", _turns(shot, filled))
         steps = shot.draw.samples**-0.5 * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])

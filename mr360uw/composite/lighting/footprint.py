@@ -59,7 +59,8 @@ def pixel_footprint(
     point, normal: (n, 3) of the surface seen there.
     """
     neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
-    steps = pixel_steps(point, normal, neighbours, 1.0)
+    seen = point - view.starts(view.directions(x, y)) if view.eye_m else point
+    steps = pixel_steps(seen, normal, neighbours, 1.0)
     return Footprint(point, steps) if area is None else footprint(point, steps, area)
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.eye_bounds import seen_rectangles
 from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.rays import barycentric
 from mr360uw.types import Floats, Rectangle
 
@@ -82,7 +82,7 @@ def object_rectangles(shot: Shot) -> list[Rectangle]:
     if view.projection != "equirectangular":
         return [Rectangle(0, 0, view.width, view.height)]
     seen = [(body.to_world(body.mesh.hull) - view.position) @ view.world_from_camera for body in bodies]
-    return [r for r in rectangles_of_bodies(seen, view.width, view.height) if r[3] > 0]
+    return [r for r in seen_rectangles(seen, view) if r[3] > 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +169,9 @@ def surface(
     """
     direction = shot.view.directions(x, y)
     neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-    return surface_along(geometry, triangle, np.zeros(3), direction, neighbours, area, pixel, shot.view.height)
+    return surface_along(
+        geometry, triangle, shot.view.starts(direction), direction, neighbours, area, pixel, shot.view.height
+    )
 
 
 def surface_along(

@@ -44,6 +44,7 @@ def trace_samples(
     fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
     fy = (y[:, None] + samples.positions[None, :, 1]).ravel()
     direction = shot.view.directions(fx, fy)
+    from_middle = shot.view.starts(direction)
     layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
     distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
     filled = np.zeros(count * n, np.int64)
@@ -55,12 +56,13 @@ def trace_samples(
     for _ in range(MAXIMUM_HITS):
         if len(active) == 0:
             break
-        rays = direction[active]
-        triangle = scene.first_hit(start[active, None] * rays, rays)
-        active, triangle, rays = active[triangle >= 0], triangle[triangle >= 0], rays[triangle >= 0]
+        rays, origin = direction[active], from_middle[active]
+        triangle = scene.first_hit(origin + start[active, None] * rays, rays)
+        hit = triangle >= 0
+        active, triangle, rays, origin = active[hit], triangle[hit], rays[hit], origin[hit]
         if len(active) == 0:
             break
-        corners = geometry.positions[triangle]
+        corners = geometry.positions[triangle] - origin[:, None]
         weights, distance = barycentric(corners, rays)
         start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
         material = geometry.material[triangle]
@@ -151,9 +153,9 @@ def _near_plane(
     corners = geometry.positions[first]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    seen = np.where(triangle >= 0, distance, 0.0)[..., None]
+    seen = np.where(triangle >= 0, distance, 0.0)
     fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
-    off = np.einsum("nsk,nk->ns", shot.view.directions(fx, fy) * seen - corners[:, :1], normal)
+    off = np.einsum("nsk,nk->ns", shot.view.points(shot.view.directions(fx, fy), seen) - corners[:, :1], normal)
     tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
     same = geometry.patch[triangle] == geometry.patch[first][:, None]
     return same & (np.abs(off) <= tolerance[:, None])

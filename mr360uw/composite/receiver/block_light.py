@@ -26,7 +26,6 @@ from mr360uw.composite.receiver.receiver_kernel import (
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
@@ -150,7 +149,7 @@ def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cach
     place = jumps_of_light(shot, light, cache)
     if len(place):
         width, height = shot.view.width, shot.view.height
-        x, y = frame_from_direction(place @ shot.view.world_from_camera, width, height)
+        x, y = shot.view.places(place)
         wide = np.minimum(1.0 / np.maximum(np.sin(np.pi * y / height), 1.0 / BLOCK), BLOCK)  # near a pole [pixels]
         for down in (-1.0, 1.0):
             for right in (-1.0, 0.0, 1.0):
@@ -197,5 +196,5 @@ def _pixel_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[F
     pixels = ground.pixels(shot, j, i)
     inside = np.arange(BLOCK) + 0.5
     x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
-    point = shot.view.directions(x, y) * pixels[..., 3:]
+    point = shot.view.points(shot.view.directions(x, y), pixels[..., 3])
     return point.astype(np.float32), pixels[..., :3]

@@ -90,7 +90,7 @@ class Ground:
         direction = shot.view.directions(x, y)
         distance, normal = self._shape.meet_along(shot.view, x, y, direction)
         there = np.isfinite(distance)
-        point = direction * np.where(there, distance, 0.0)[..., None]
+        point = np.where(there[..., None], shot.view.points(direction, np.where(there, distance, 0.0)), 0.0)
         return point, np.where(there[..., None], normal, 0.0)
 
     def _classify(self, shot: Shot, j: Indices, i: Indices) -> None:

@@ -56,26 +56,27 @@ class ReceiverShape:
     def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return what `meet` does; direction: (..., 3) those of the view at frame coordinates x, y (...)."""
         receiver = self._receiver
+        start = view.starts(direction)
         if receiver.plane_y is not None:
             height = receiver.plane_y - self._camera[1]
             with np.errstate(divide="ignore", over="ignore"):
-                distance = height / direction[..., 1]
+                distance = (height - start[..., 1]) / direction[..., 1]
             distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.inf)
             normal = np.zeros_like(direction)
             normal[..., 1] = -np.sign(height) if height else 1.0
         elif self._scene is not None:
-            distance, normal = self._meet_mesh(direction)
+            distance, normal = self._meet_mesh(start, direction)
         else:
             distance, normal = self._meet_map(view, x, y, direction)
         return np.where(distance <= receiver.extent_m, distance, np.inf), normal
 
-    def _meet_mesh(self, direction: Floats) -> tuple[Floats, Floats]:
+    def _meet_mesh(self, start: Floats, direction: Floats) -> tuple[Floats, Floats]:
         assert self._scene is not None
-        rays = direction.reshape(-1, 3)
-        triangle = self._scene.first_hit(np.zeros_like(rays), rays)
+        rays, origin = direction.reshape(-1, 3), start.reshape(-1, 3)
+        triangle = self._scene.first_hit(origin, rays)
         hit = triangle >= 0
         distance, normal = np.full(len(rays), np.inf), np.zeros_like(rays)
-        corners = self._scene.triangles[triangle[hit]]
+        corners = self._scene.triangles[triangle[hit]] - origin[hit, None]
         _, distance[hit] = barycentric(corners, rays[hit])
         flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         flat /= np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-30)
@@ -129,10 +130,10 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
         seen &= through.max(axis=-1) > NEGLIGIBLE
     distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
-    along, across = (n * np.pi / width for n in cell[::-1])
+    along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
     reach = distance * np.hypot(along / cosine, across)
     index = np.flatnonzero(seen)
-    return CoarseGrid(cell, seen.shape, index, direction * distance[:, None], normal, reach)
+    return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

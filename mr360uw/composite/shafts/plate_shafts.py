@@ -111,6 +111,7 @@ def _change(
     x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
     rays = np.asarray(shot.view.directions(x, y), np.float64)
     ends = np.minimum(plate_distance(shot, x, y, rays, kept), light.settings.range_m)
+    rays, ends = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, ends))
     blocks = np.zeros((*near.shape, 3), np.float32)
     blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept)
     return blocks

@@ -64,6 +64,7 @@ def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m:
     """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
     settings, sun = light.settings, sun_of(shot)
     end_m = np.minimum(end_m, settings.range_m)
+    rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
     of_rays = shot.view.key, light.settings, rays.tobytes(), end_m.tobytes()
     found = np.zeros((len(rays), 3))
     for part in scene.parts:

@@ -30,7 +30,6 @@ from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_c
 from mr360uw.composite.snow.splat import Picture, draw_particles
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
-from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats, Layer, View
 
 _LEAST_CONTRAST = 0.005
@@ -173,12 +172,11 @@ def _disc_radius(settings: SnowSettings, diameter_m: Floats, distance_m: Floats)
 
 def _seen(view: View, position: Floats) -> Floats:
     """Return the unit directions (n, 3), in a camera's axes, of points (n, 3) in the world."""
-    point = (position - view.position) @ view.world_from_camera
-    return np.asarray(point / np.maximum(np.linalg.norm(point, axis=-1, keepdims=True), 1e-12))
+    return view.seen(position - view.position)
 
 
 def _plate_m(shot: Shot, point: Floats, distance_m: Floats, kept: Cache) -> Floats:
     """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
     view, direction = shot.view, point / np.maximum(distance_m, 1e-9)[:, None]
-    x, y = frame_from_direction(direction @ view.world_from_camera, view.width, view.height)
+    x, y = view.places(point)
     return plate_distance(shot, x, y, direction, kept)

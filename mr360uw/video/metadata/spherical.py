@@ -197,3 +197,9 @@ def write_spherical(path: str | Path, metadata: SphericalMetadata, front: bool =
     front: also move the index to the front of the file ("fast start").
     """
     edit_moov(Path(path), lambda moov: embed(moov, metadata), front)
+
+
+def from_tag(stream: Any) -> SphericalMetadata | None:
+    """Return V1 metadata as Matroska and WebM hold it, in a tag of the track; None where there is none."""
+    xml = next((text for key, text in stream.metadata.items() if key.upper() == V1_TAG), None)
+    return from_xml(xml.encode()) if xml else None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -20,11 +21,11 @@ from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.metadata.hdr import hdr_from_side_data
-from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, from_side_data, from_xml, read_spherical
+from mr360uw.video.metadata.spherical import from_side_data, from_tag, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
-from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_order import Picture, pictures
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.probe import first_picture, open_container
@@ -46,6 +47,7 @@ class ContainerReader(VideoReader):
         eye: Eye | None = None,
         equirectangular: bool = True,
         damaged: Damaged = "stop",
+        layout: Layout | None = None,
         track: int = 0,
     ) -> None:
         self._damaged, self._track = damaged, track
@@ -55,11 +57,11 @@ class ContainerReader(VideoReader):
             self._listed = None if listed is None else listed.begun_at(first.pts)
             context = stream.codec_context
             tags = ColorTags.of(context)
-            spherical = read_spherical(path) or from_side_data(first.side_data) or _from_tag(stream)
+            spherical = read_spherical(path) or from_side_data(first.side_data) or from_tag(stream)
             self._rotation = int(first.rotation) % 360
             spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
-            self._crop = panorama_crop(
-                path, first.width, first.height, spherical, eye, self._rotation, equirectangular,
+            self._crop, self._beside, stereo = panorama_crops(
+                path, first.width, first.height, spherical, eye, self._rotation, equirectangular, layout,
                 lambda: shape_of_codes(plane_views(first, spec), spec.bits),
             )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
@@ -83,6 +85,7 @@ class ContainerReader(VideoReader):
                 words=dict(container.metadata),
                 panorama=equirectangular,
                 hdr=hdr_from_side_data(first.side_data),
+                stereo=output_layout(stereo) if self._beside is not None else "mono",
             )
 
     @cached_property
@@ -220,10 +223,11 @@ class ContainerReader(VideoReader):
         planes = plane_views(native, self.spec)
         for plane in (planes.y, planes.u, planes.v):
             plane.flags.writeable = False
+        beside = None if self._beside is None else self._beside.apply(planes)
         untouched = self._crop.is_whole and not self._rotation
         if not untouched:
             planes = _turned(self._crop.apply(planes), self._rotation)
-        return VideoFrame(
+        frame = VideoFrame(
             index=index,
             pts=pts,
             time_base=self.time_base,
@@ -235,15 +239,10 @@ class ContainerReader(VideoReader):
             wrap=self._wrap,
             damage="held" if lost else "concealed" if native.is_corrupt else "none",
         )
+        return frame if beside is None else replace(frame, right=replace(frame, yuv=beside))
 
 
 def _turned(image: YuvImage, rotation: int) -> YuvImage:
     if not rotation:
         return image
     return YuvImage(image.y[::-1, ::-1], image.u[::-1, ::-1], image.v[::-1, ::-1], image.spec)
-
-
-def _from_tag(stream: Any) -> SphericalMetadata | None:
-    """V1 metadata as Matroska and WebM hold it: a tag of the track."""
-    xml = next((text for key, text in stream.metadata.items() if key.upper() == V1_TAG), None)
-    return from_xml(xml.encode()) if xml else None

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +20,7 @@ from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.reading.picture_size import picture_size
-from mr360uw.video.read.layout import Eye, panorama_crop
+from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.reader import VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
@@ -124,13 +125,14 @@ class ImageReader(VideoReader):
         eye: Eye | None,
         equirectangular: bool,
         depth: bool = False,
+        layout: Layout | None = None,
     ) -> None:
         if frame_rate <= 0:
             raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
         first = read_picture(files[0], depth=depth)
         self._files, self._wrap, self._depth = files, equirectangular, depth
-        self._crop = panorama_crop(
-            path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular,
+        self._crop, self._beside, stereo = panorama_crops(
+            path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular, layout=layout,
             look=lambda: shape_of_codes(first, 8 * first.dtype.itemsize),
         )  # fmt: skip
         own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")
@@ -144,6 +146,7 @@ class ImageReader(VideoReader):
             codec_name=files[0].suffix.lower().lstrip("."),
             is_still=len(files) == 1,
             panorama=equirectangular,
+            stereo=output_layout(stereo) if self._beside is not None else "mono",
         )
 
     @property
@@ -170,11 +173,15 @@ class ImageReader(VideoReader):
     def _read(self, start: int, stop: int) -> Iterator[VideoFrame]:
         codes = self._codes(self._files[0]) if self.is_still else None
         for index in range(start, stop):
-            rgb = codes if codes is not None else self._codes(self._files[index])
+            both = codes if codes is not None else self._codes(self._files[index])
             time_s = float(index * self.time_base)
-            yield VideoFrame(index, index, self.time_base, time_s, 1, self.spec, rgb=rgb, wrap=self._wrap)
+            eyes = [
+                VideoFrame(index, index, self.time_base, time_s, 1, self.spec, rgb=rgb, wrap=self._wrap) for rgb in both
+            ]
+            yield replace(eyes[0], right=eyes[1]) if len(eyes) > 1 else eyes[0]
 
-    def _codes(self, path: Path) -> NDArray[Any]:
+    def _codes(self, path: Path) -> list[NDArray[Any]]:
+        """Return the codes of a picture, of both eyes where they are read."""
         codes = read_picture(path, depth=self._depth)
         if (codes.shape[1], codes.shape[0]) != self._crop.frame_size or 8 * codes.dtype.itemsize != self.spec.bits:
             raise VideoError(
@@ -183,6 +190,5 @@ class ImageReader(VideoReader):
             )
         if self._wrap and codes.dtype.kind == "f" and not np.isfinite(codes.sum(dtype=np.float64)):
             raise VideoError(f"{path} - holds samples that are no light (got NaN or infinity) - repair the picture")
-        codes = self._crop.window(codes)
         codes.flags.writeable = False
-        return codes
+        return [crop.window(codes) for crop in (self._crop, self._beside) if crop is not None]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the panorama in a frame: the whole of it, or one eye of a stereo pair."""
+"""Finds the panoramas in a frame: the whole of it, one eye of a stereo pair, or both."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ from mr360uw.types import YuvImage
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.read.picture_shape import Shape, way_out
 
-Eye = Literal["left", "right"]
+Eye = Literal["left", "right", "both"]
+Layout = Literal["mono", "top-bottom", "left-right", "right-left"]
+"""Arrangement of the eyes in a frame, the left one named first: it is above, at the left or at the right."""
+_WIDEST = 5.0
+"""Largest ratio of width to height of a squeezed panorama: 32:9 is usual (two eyes, one above the other, in 16:9)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +49,7 @@ class Crop:
         return YuvImage(self.window(image.y), u, v, image.spec)
 
 
-def panorama_crop(
+def panorama_crops(
     path: Path,
     width: int,
     height: int,
@@ -53,45 +57,59 @@ def panorama_crop(
     eye: Eye | None,
     rotation: int = 0,
     equirectangular: bool = True,
+    layout: Layout | None = None,
     look: Callable[[], Shape] = lambda: "panorama",
-) -> Crop:
-    """Return the part of a frame that is one full equirectangular panorama, or raise VideoError.
+) -> tuple[Crop, Crop | None, Stereo]:
+    """Return the part of a frame that is one full equirectangular panorama, that of the right eye beside it where
+    `eye` is "both", and the arrangement of the eyes. Raises `VideoError`.
 
-    The stereo layout is taken from the metadata or, without any, from the frame's shape: 1:1 is top-bottom, 4:1 is
-    left-right. With `eye` that half is taken. equirectangular False accepts a mono frame of any shape. look: says what
+    layout: arrangement of the eyes; None takes it from the metadata or, without any, from the frame's shape: 1:1 is
+    top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the metadata say that the frame is one:
+    then their pixels may be wider or higher. equirectangular False accepts a mono frame of any shape. look: says what
     the picture shows, where its size does not fit.
     """
-    if rotation not in (0, 180):
+    if rotation not in (0, 180) or (rotation and eye == "both"):
         raise VideoError(
             f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before "
-            "(only 180 is done here)"
+            "(only 180 is done here, and not for both eyes)"
         )
-    stereo = _stereo(width, height, spherical)
+    whole = Crop(0, 0, width, height, (width, height))
     if not equirectangular and eye is None:
-        return Crop(0, 0, width, height, (width, height))
+        return whole, None, "mono"
     if spherical is not None and equirectangular:
         _check_projection(path, spherical)
-    if stereo == "mono":
-        if eye is not None:
-            raise VideoError(
-                f"{path} - is not stereo (got {width}x{height}), so it has no {eye} eye - leave out the eye"
-            )
-        crop = Crop(0, 0, width, height, (width, height))
-    elif eye is None:
+    stereo = layout or _stereo(width, height, spherical)
+    if stereo == "mono" and eye is not None:
+        raise VideoError(
+            f'{path} - is not stereo (got {width}x{height}), so it has no "{eye}" eye - leave out the eye, or say with '
+            'plate.layout = "top-bottom" or "left-right" how its eyes lie'
+        )
+    if stereo != "mono" and eye is None:
         if spherical is None and look() == "fisheye":
             raise VideoError(f"{path} - {way_out('fisheye')}")
         raise VideoError(
-            f"{path} - is {stereo} stereo (got {width}x{height}), and one eye is worked on at a time - choose it: "
-            'plate.eye = "left" or "right" in a scene, --eye left on the command line, eye="left" in Python'
+            f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "
+            'plate.eye = "left", "right" or "both" in a scene, --eye left on the command line, eye="left" in Python'
         )
-    else:
-        crop = _eye_crop(path, width, height, stereo, eye)
-        if equirectangular and crop.width != 2 * crop.height and width == 2 * height:
-            raise VideoError(_squeezed(path, crop, stereo, eye))
-    if equirectangular and crop.width != 2 * crop.height:
+    crop = whole if stereo == "mono" else _eye_crop(path, width, height, stereo, "right" if eye == "right" else "left")
+    said = layout is not None or spherical is not None
+    if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
         size = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
-        raise VideoError(f"{path} - {size} - {way_out(look()) or 'export it as equirectangular 2:1'}")
-    return crop
+        out = way_out(look()) or "export it as equirectangular 2:1, or tag it as the full sphere"
+        raise VideoError(f"{path} - {size} - {out}")
+    return crop, _eye_crop(path, width, height, stereo, "right") if eye == "both" else None, stereo
+
+
+def output_layout(stereo: Stereo) -> Stereo:
+    """Return the arrangement of outputs with both eyes: that of the plate, but never right-left, which V1 metadata
+    cannot say and players that know no other would show crossed.
+    """
+    return "left-right" if stereo == "right-left" else stereo
+
+
+def _may_be_squeezed(crop: Crop) -> bool:
+    """Return whether a picture of a shape other than 2:1 can be a whole panorama, squeezed or stretched."""
+    return crop.width <= _WIDEST * crop.height and crop.height <= crop.width and crop.width % 2 == crop.height % 2 == 0
 
 
 def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Stereo:
@@ -102,26 +120,19 @@ def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Ste
     return "left-right" if width == 4 * height else "mono"
 
 
-def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Eye) -> Crop:
+def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal["left", "right"]) -> Crop:
+    across, down = (1, 2) if stereo == "top-bottom" else (2, 1)
+    if stereo != "custom" and (width % (2 * across) or height % (2 * down)):
+        raise VideoError(
+            f"{path} - cannot be divided into two eyes, {stereo} (got {width}x{height}) - export it with a "
+            f"{'height' if down == 2 else 'width'} that is a multiple of 4 and the other side even"
+        )
     if stereo == "top-bottom":
         return Crop(0, 0 if eye == "left" else height // 2, width, height // 2, (width, height))
     if stereo in ("left-right", "right-left"):
         first = (eye == "left") == (stereo == "left-right")
         return Crop(0 if first else width // 2, 0, width // 2, height, (width, height))
     raise VideoError(f"{path} - its stereo layout is not known (got {stereo}) - export one eye as mono")
-
-
-def _squeezed(path: Path, crop: Crop, stereo: Stereo, eye: Eye) -> str:
-    """Return the error message for two eyes squeezed into one 2:1 frame, each to half its width or height."""
-    height = max(crop.height, crop.width // 2)
-    ffmpeg = (
-        f'ffmpeg -i {path.name} -vf "crop={crop.width}:{crop.height}:{crop.column}:{crop.row},'
-        f'scale={2 * height}:{height},setsar=1" -c:a copy {eye}.mp4'
-    )
-    return (
-        f"{path} - its two eyes are squeezed into one 2:1 frame, {stereo} (got {crop.width}x{crop.height} for each) - "
-        f"stretch one, and take that as a mono plate: {ffmpeg}"
-    )
 
 
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:

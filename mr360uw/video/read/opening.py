@@ -9,7 +9,7 @@ from pathlib import Path
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.video.read.images import ImageReader, picture_files
-from mr360uw.video.read.layout import Eye
+from mr360uw.video.read.layout import Eye, Layout
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection, projection_of
 from mr360uw.video.read.reader import Damaged, VideoReader
 
@@ -26,17 +26,20 @@ def open_video(
     damaged: Damaged = "stop",
     projection: Projection = "auto",
     fisheye_fov_deg: float = FISHEYE_FOV_DEG,
+    layout: Layout | None = None,
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
     path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
     transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none
     for EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
-    eye: "left" or "right" of a stereo plate. frame_rate: of pictures, which have none of their own.
-    equirectangular: refuse what is not a 2:1 panorama. depth: read EXR pictures by their channel Z if they have one.
-    damaged: "stop" raises at a frame of a video that cannot be decoded, "hold" repeats the last one that could.
+    eye: "left" or "right" of a stereo plate, or "both": then frames are the left eye's and have the right one.
+    frame_rate: of pictures, which have none of their own. equirectangular: refuse what is not a panorama, of 2:1 or
+    tagged as one. depth: read EXR pictures by their channel Z if they have one. damaged: "stop" raises at a frame of a
+    video that cannot be decoded, "hold" repeats the last one that could.
     projection: of the file's pictures; frames of "dual_fisheye" and "eac" are turned to equirectangular. "auto": .insv
     is dual fisheye, .360 is EAC, all else equirectangular. fisheye_fov_deg: across one half of a dual-fisheye frame.
+    layout: arrangement of the eyes in a file without tags; by default as its tags or its shape say.
 
     VideoError where the plate cannot be used.
     """
@@ -50,7 +53,7 @@ def open_video(
     files = picture_files(Path(path))
     if files is not None:
         rate = Fraction(frame_rate).limit_denominator(1001)
-        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth)
+        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth, layout)
     from mr360uw.video.read.container import ContainerReader
 
-    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged)
+    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout)

@@ -85,6 +85,8 @@ def smaller(frame: VideoFrame, width: int, height: int) -> VideoFrame:
     """Return a frame reduced to an even size; every pixel is the mean of the codes that it covers."""
     if frame.shape == (height, width):
         return frame
+    if frame.right is not None:
+        frame = replace(frame, right=smaller(frame.right, width, height))
     if frame.yuv is None:
         assert frame.rgb is not None
         return replace(frame, rgb=_reduced(frame.rgb, width, height))

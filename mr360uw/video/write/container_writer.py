@@ -59,7 +59,7 @@ class ContainerWriter(VideoWriter):
                 f"{path} - this kind of output is not known (got {path.suffix}) - take {', '.join(CONTAINERS)}"
             )
         self._boxes = kind in ("mp4", "mov")
-        sphere = replace(like.spherical or SphericalMetadata(), stereo="mono")
+        sphere = replace(like.spherical or SphericalMetadata(), stereo=like.stereo)
         self._metadata = sphere if like.panorama else None
         self.notes = (
             like.notes

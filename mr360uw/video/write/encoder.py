@@ -13,6 +13,7 @@ from av.video.reformatter import ColorRange, Interpolation
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.metadata.tags import BT709_TAGS, color_spec
+from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_views
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import EncodeSettings
@@ -36,7 +37,7 @@ class Encoder:
         self._count = 0
         if settings.codec == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 writes its settings to stderr unless told not to
-        context.width, context.height = like.width, like.height
+        context.width, context.height = like.frame_size
         context.pix_fmt = self._pixel_format(context.codec)
         context.time_base = like.time_base
         context.framerate = like.frame_rate
@@ -67,10 +68,11 @@ class Encoder:
 
     def encode(self, frame: VideoFrame, pts: int) -> list[Any]:
         """Return the packets that are ready once a frame is encoded, with the time stamp `pts` in place of its own."""
-        if frame.shape != (self._clip.height, self._clip.width):
+        frame, (width, height) = whole_frame(frame, self._clip.stereo), self._clip.frame_size
+        if frame.shape != (height, width):
             raise VideoError(
                 f"{self._path} - frame {frame.index} has another size (got {frame.shape[1]}x{frame.shape[0]}) - write "
-                f"frames of {self._clip.width}x{self._clip.height}"
+                f"frames of {width}x{height}"
             )
         native = self._native(frame)
         native.pts, native.time_base = pts, frame.time_base

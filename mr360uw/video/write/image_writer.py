@@ -15,6 +15,7 @@ from mr360uw.files import whole_file
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.gpano import marked
+from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.images import FLOAT_SUFFIXES, is_pattern, matching_files, numbered
 from mr360uw.video.video_frame import VideoFrame
@@ -27,7 +28,8 @@ class ImageWriter(VideoWriter):
     """One picture, or a sequence numbered by the frames' index; each appears complete or not at all.
 
     EXR: linear Rec.709 with the `envmap` attribute, in single precision for plates of floats, which then keep every
-    bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked as panoramas (XMP).
+    bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked as panoramas (XMP),
+    except pictures of two eyes, for which there is no mark.
     folder: of incomplete pictures, on the same disk; default: that of `path`.
     """
 
@@ -47,7 +49,8 @@ class ImageWriter(VideoWriter):
                 f"{self.path} - one picture cannot hold several frames - name a pattern such as "
                 f"{self.path.stem}_%04d{self.path.suffix}"
             )
-        write_picture(numbered(self.path, frame.index) if self._many else self.path, frame, self._folder)
+        path = numbered(self.path, frame.index) if self._many else self.path
+        write_picture(path, whole_frame(frame, self._clip.stereo), self._folder)
         self._written += 1
 
     def finish(self) -> None:

@@ -12,7 +12,6 @@ from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.rays import RayScene, barycentric
-from mr360uw.sphere import frame_from_direction
 
 
 def ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
@@ -47,9 +46,8 @@ def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | Non
     middle = placed.to_world(placed.mesh.center_m)
     middle[1] = points[:, 1].min()
     ray = middle - shot.view.position
-    direction = ray / max(float(np.linalg.norm(ray)), 1e-9) @ shot.view.world_from_camera
-    x, y = frame_from_direction(direction[None], shot.view.width, shot.view.height)
+    x, y = shot.view.places(ray[None])
     distance, _ = shape.meet(shot, x, y)
     if not np.isfinite(distance[0]):
         return None
-    return float(shot.view.position[1] + (shot.view.directions(x, y) * distance[:, None])[0, 1])
+    return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])

@@ -3,6 +3,10 @@
 #include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
+#if defined(EYE)
+#include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;
+#endif
 uniform sampler2D fragments, bodies;
 uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, glossy, caustic_ratio;
@@ -109,10 +113,19 @@ void main() {
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
     vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));
+#if defined(EYE)
+    vec3 start = world_from_camera * ray_start(direction_from_frame(place, frame_size), eye_m);
+    triangle.a -= start;
+    triangle.b -= start;
+    triangle.c -= start;
+#endif
     Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place), right, below,
                         PI / frame_size.y * filter_width);
     mat2x3 steps = mat2x3(pixel_step(s.point, s.geometric_normal, right, filter_width),
                           pixel_step(s.point, s.geometric_normal, below, filter_width));
+#if defined(EYE)
+    s.point += start;
+#endif
     Footprint area = footprint_of(s.point, steps, more.yz, matrix);
 #if OUTPUTS == 3
     seen_out = sun_seen_from(s, area, numbers.x);

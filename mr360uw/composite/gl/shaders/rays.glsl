@@ -5,12 +5,13 @@ struct Facet {
     vec3 a;
     vec3 b;
     vec3 c;
+    float side;  // -1 or 1 if only one side is shown: -1 where it faces the origin; 0 for both
 };
 
 Facet make_facet(vec3 a, vec3 b, vec3 c) {
     vec3 bc = cross(b, c - b);
     float volume = dot(a, bc);
-    return Facet(bc / volume, cross(c, a - c) / volume, cross(a, b - a) / volume);
+    return Facet(bc / volume, cross(c, a - c) / volume, cross(a, b - a) / volume, 0.0);
 }
 
 // (weights of the corners, distance)

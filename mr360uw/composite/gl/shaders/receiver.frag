@@ -2,6 +2,10 @@
 // request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
+#if defined(EYE)
+#include "composite/gl/shaders/eyes.glsl"
+uniform float eye_m;
+#endif
 uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio;
 uniform mat3 world_from_camera;
@@ -34,13 +38,17 @@ void main() {
     ivec2 p = ivec2(gl_FragCoord.xy), block = p / side;
     vec2 place = texelFetch(blocks, block, 0).xy + (vec2(p - block * side) + 0.5) * spacing;
     vec3 direction = world_from_camera * direction_from_frame(place, frame_size);
+    vec3 start = vec3(0.0);
+#if defined(EYE)
+    start = world_from_camera * ray_start(direction_from_frame(place, frame_size), eye_m);
+#endif
 #if defined(PLANE)
-    float distance_m = plane_height / direction.y;
+    float distance_m = (plane_height - start.y) / direction.y;
 #else
     vec4 ground = texelFetch(shape, p, 0);
     float distance_m = ground.w;
 #endif
-    vec3 point = distance_m * direction;
+    vec3 seen_from = distance_m * direction, point = start + seen_from;
 #if defined(SHADOW) || defined(LAMPS)
 #if defined(PLANE)
     vec3 normal = vec3(0.0, 1.0, 0.0);
@@ -49,7 +57,7 @@ void main() {
 #endif
     vec3 right = world_from_camera * direction_from_frame(place + vec2(1.0, 0.0), frame_size);
     vec3 below = world_from_camera * direction_from_frame(place + vec2(0.0, 1.0), frame_size);
-    mat2x3 steps = mat2x3(pixel_step(point, normal, right, 1.0), pixel_step(point, normal, below, 1.0));
+    mat2x3 steps = mat2x3(pixel_step(seen_from, normal, right, 1.0), pixel_step(seen_from, normal, below, 1.0));
     Footprint area = footprint_of(point, steps, vec2(0.0), texelFetch(areas, block, 0).xyz);
 #endif
     float seen = 1.0;

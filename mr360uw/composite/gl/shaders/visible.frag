@@ -7,6 +7,9 @@
 #include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/geometry.glsl"
 #include "sphere.glsl"
+#if defined(EYE)
+uniform float eye_m;  // of the eye to the right of the middle, negative to the left
+#endif
 uniform sampler2D facet_a, facet_b, facet_c, lists, members, masks;
 uniform vec2 frame_size;
 uniform vec4 turns[4 * FOURS];
@@ -44,10 +47,10 @@ ivec2 facet_place(int triangle) {
 // piece: number of the smooth piece. nearest: upper bound of one over the distance to this triangle and all after it
 Facet fetch_facet(int triangle, out float piece, out float nearest) {
     ivec2 at = facet_place(triangle);
-    vec4 a = texelFetch(facet_a, at, 0), b = texelFetch(facet_b, at, 0);
+    vec4 a = texelFetch(facet_a, at, 0), b = texelFetch(facet_b, at, 0), c = texelFetch(facet_c, at, 0);
     piece = a.w;
     nearest = b.w;
-    return Facet(a.xyz, b.xyz, texelFetch(facet_c, at, 0).xyz);
+    return Facet(a.xyz, b.xyz, c.xyz, c.w);
 }
 
 vec3 plane_of(Facet facet) {
@@ -59,17 +62,44 @@ float tolerance(vec3 plane, float nearness) {
     return PLANE_TOLERANCE * PIXEL_FILTER * PI / frame_size.y / nearness * length(plane);
 }
 
+#if defined(EYE)
+// rays that start on the viewing circle: their start, over their distance, is added to their direction (types/eyes.py). A hit's
+// place over its distance is what a facet's vectors are multiplied with, as a direction is where rays start at the origin
+Four over_distance(Four four, vec4 nearness) {
+    Four hit = four;
+    hit.x = four.x - eye_m * nearness * four.z;
+    hit.z = four.z + eye_m * nearness * four.x;
+    return hit;
+}
+
+// rays to where they meet a facet's plane; turned away from where they would meet its back, if it has only one side
+Four towards(Four four, Facet facet) {
+    vec3 plane = facet.a + facet.b + facet.c;
+    vec4 room = 1.0 - eye_m * (plane.z * four.x - plane.x * four.z);
+    room = sign(room) * max(abs(room), 1e-9);
+    Four hit = over_distance(four, products(four, plane) / room);
+    vec4 shown = step(0.0, -facet.side * room) * 2.0 - 1.0;
+    hit.x *= shown;
+    hit.y *= shown;
+    hit.z *= shown;
+    return hit;
+}
+#else
+Four over_distance(Four four, vec4 nearness) { return four; }
+Four towards(Four four, Facet facet) { return four; }
+#endif
+
 #if defined(CUTOUTS) || defined(BLENDED)
 // per ray: whether a triangle is solid there, and one over the distance from which hits count
 vec4 solid[FOURS], limit[FOURS];
 #define FREE(f) solid[f] = vec4(1.0); limit[f] = vec4(1e30);
-#define HITS(f) before(solid[f] * hits(fours[f], facet), limit[f])
+#define HITS(f) before(solid[f] * hits(towards(fours[f], facet), facet), limit[f])
 
 vec4 before(vec4 hit, vec4 nearer) {
     return hit * step(hit, nearer);
 }
 #else
-#define HITS(f) hits(fours[f], facet)
+#define HITS(f) hits(towards(fours[f], facet), facet)
 #endif
 
 #if defined(CUTOUTS)
@@ -79,13 +109,14 @@ void cut_out(int triangle, Facet facet) {
     vec4 map = texelFetch(cutout_maps, list_place(max(int(c.z), 0)), 0);
     mat3x2 uv = mat3x2(a.xy, a.zw, b.xy);
     vec3 alphas = vec3(b.zw, c.x);
-    Four near = four_rays(longitude, latitude, vec4[4](beside[0], beside[1], beside[2], beside[3]));
+    Four near = towards(four_rays(longitude, latitude, vec4[4](beside[0], beside[1], beside[2], beside[3])), facet);
     vec2 here = uv * barycentric(facet, vec3(near.x.x, near.y.x, near.z.x)).xyz;
     vec2 du = uv_change(facet, uv, here, vec3(near.x.y, near.y.y, near.z.y));
     vec2 dv = uv_change(facet, uv, here, vec3(near.x.z, near.y.z, near.z.z));
     for (int f = 0; f < FOURS; ++f) {
+        Four hit = towards(fours[f], facet);
         for (int k = 0; k < 4; ++k) {
-            vec3 ray = vec3(fours[f].x[k], fours[f].y[k], fours[f].z[k]);
+            vec3 ray = vec3(hit.x[k], hit.y[k], hit.z[k]);
             vec3 weights = clamp(barycentric(facet, ray).xyz, 0.0, 1.0);
             float alpha = dot(weights, alphas);
             if (c.z >= 0.0) alpha *= texture_lookup(cutouts, map, uv * weights, du, dv).r;
@@ -118,7 +149,8 @@ float largest(vec4 v) {
 }
 
 void note_reach(Facet facet, float piece) {
-    vec4 u = products(fours[1], facet.a), v = products(fours[1], facet.b), w = products(fours[1], facet.c);
+    Four corner = towards(fours[1], facet);
+    vec4 u = products(corner, facet.a), v = products(corner, facet.b), w = products(corner, facet.c);
     vec4 near = max(u + v + w, 0.0);
     bool reaches = min(largest(u), min(largest(v), largest(w))) >= 0.0;
     bool seen = any(greaterThan(HITS(0), fours[0].nearness)) || any(greaterThan(HITS(1), fours[1].nearness));
@@ -189,16 +221,17 @@ void peel(int first, int end, int pixel) {
 const float APART = 4.0;
 
 bool all_near(Four four, vec3 plane, float slack, float piece) {
-    vec4 off = abs(products(four, plane) / four.nearness - 1.0);
+    vec4 off = abs(products(over_distance(four, four.nearness), plane) / four.nearness - 1.0);
     return all(equal(four.piece, vec4(piece))) && all(greaterThan(four.nearness, vec4(0.0)))
         && all(lessThanEqual(off, vec4(slack)));
 }
 
 void write_result() {
     float center = fours[0].triangle.x, piece, nearest;
-    vec3 plane = plane_of(fetch_facet(max(int(center) - 1, 0), piece, nearest));
+    Facet facet = fetch_facet(max(int(center) - 1, 0), piece, nearest);
+    vec3 plane = plane_of(facet);
     float slack = tolerance(plane, fours[0].nearness.x);
-    vec4 corners = products(fours[1], plane);
+    vec4 corners = products(towards(fours[1], facet), plane);
     bool whole = center > 0.0 && piece == current
         && all_near(fours[0], plane, slack, piece) && all_near(fours[1], plane, slack, piece)
         && all(lessThanEqual(same * (1.0 - APART * slack), corners)) && all(lessThanEqual(others, corners));
@@ -236,7 +269,7 @@ float of_group[WORDS];  // bits of its rays
 
 // adds rays to a group; until it is complete they are marked by a negative nearness
 void gather(inout Four four, inout Group group, int first) {
-    vec4 off = abs(products(four, group.plane) / four.nearness - 1.0);
+    vec4 off = abs(products(over_distance(four, four.nearness), group.plane) / four.nearness - 1.0);
     for (int k = 0; k < 4; ++k) {
         bool near = four.piece[k] == group.piece && off[k] <= group.slack;
         bool taken = four.nearness[k] > 0.0 && (near || group.last || first + k == group.rank);
