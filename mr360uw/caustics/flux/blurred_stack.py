@@ -132,14 +132,14 @@ def _point_lights(
 
     cells, tile_m = grid_of(settings, sea), sea.tile_m
     fields, travel = sea.grid_fields(cells, time_s), beam_slope(refract_to_water(sun, refractive_index))
-    rays, flux = np.empty((8, cells, cells)), np.empty((2, cells, cells))
+    rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((2, cells + 1, cells + 1))
     lights = []
     for index in pass_indices(settings.chromatic, refractive_index):
-        vertex_rays(*(getattr(fields, name) for name in FIELD_NAMES), tile_m / cells, sun, index, travel, rays)
-        if triangle_flux(rays, tile_m, sun, flux) <= 0.0:
+        vertex_rays(*(getattr(fields, name) for name in FIELD_NAMES), tile_m, sun, index, travel, rays)
+        if triangle_flux(rays, sun, flux) <= 0.0:
             return []
         points = np.empty((5, 3, cells, cells), np.float32)
-        total, *edge = edge_points(rays, flux, tile_m, points)
+        total, *edge = edge_points(rays, flux, points)
         lights.append(_PointLight(sea, sun, time_s, index, travel, points.reshape(5, -1), total, tuple(edge)))
     return lights
 

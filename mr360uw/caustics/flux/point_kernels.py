@@ -26,16 +26,17 @@ _ONE = np.float32(1.0)
 @compiled
 def vertex_rays(
     height: Array, shift_x: Array, shift_z: Array, slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array,
-    strain_xz: Array, cell_m: float, sun: Array, refractive_index: float, travel: Array, out: Array,
+    strain_xz: Array, tile_m: float, sun: Array, refractive_index: float, travel: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Write the rays at the points of a grid of one tile, `cell_m` apart, from its `SurfaceFields`, each (N, N).
+    """Write the rays at the points of a grid of one tile from its `SurfaceFields`, each (N, N).
 
-    sun: (3,) towards it in air. travel: (2,) of the beam for each metre of depth, taken off the slopes. out: (8, N, N):
-    position x, y, z, origin x, z, slope x, z, transmittance.
+    sun: (3,) towards it in air. travel: (2,) of the beam for each metre of depth, taken off the slopes. out: (8, N + 1,
+    N + 1): position x, y, z, origin x, z, slope x, z, transmittance; the last row and column lie one tile on.
     """
-    eta = 1.0 / refractive_index
-    for j in range(height.shape[0]):
-        for i in range(height.shape[0]):
+    cells, eta = height.shape[0], 1.0 / refractive_index
+    cell_m = tile_m / cells
+    for j in range(cells):
+        for i in range(cells):
             across_x, across_z, shear = 1.0 + strain_xx[j, i], 1.0 + strain_zz[j, i], strain_xz[j, i]
             ny = across_x * across_z - shear * shear
             nx = slope_z[j, i] * shear - across_z * slope_x[j, i]
@@ -54,61 +55,57 @@ def vertex_rays(
             c_t = np.sqrt(1.0 - (1.0 - c_i * c_i) * eta * eta)
             s, p = c_i + refractive_index * c_t, refractive_index * c_i + c_t
             out[7, j, i] = 2.0 * refractive_index * c_i * c_t * (1.0 / (s * s) + 1.0 / (p * p))
+    for field in range(8):
+        rows = out[field]
+        rows[:cells, cells] = rows[:cells, 0] + (tile_m if field in (0, 3) else 0.0)
+        rows[cells] = rows[0] + (tile_m if field in (2, 4) else 0.0)
 
 
 @compiled
-def triangle_flux(rays: Array, tile_m: float, sun: Array, out: Array) -> float:
-    """Write the flux (2, N, N) [m^2] into the triangles of each cell, per unit irradiance across the beam.
+def triangle_flux(rays: Array, sun: Array, out: Array) -> float:
+    """Write the flux [m^2] into the triangles of each cell, per unit irradiance across the beam.
 
-    rays: of `vertex_rays`. out: of the triangles of `deposit`, one after the other. Returns the least flux: where it is
-    0, a triangle is turned away from the sun.
+    rays: of `vertex_rays`. out: (2, N + 1, N + 1), of the triangles (a, b, c) and (a, c, d) of cell (j, i) in row j + 1
+    and column i + 1; the first row and column lie one tile back. Returns the least flux: where it is 0, a triangle is
+    turned away from the sun.
     """
-    cells, least = rays.shape[1], np.inf
+    cells, least = rays.shape[1] - 1, np.inf
     for j in range(cells):
-        k, below = (j + 1, 0.0) if j + 1 < cells else (0, tile_m)
         for i in range(cells):
-            m, beside = (i + 1, 0.0) if i + 1 < cells else (0, tile_m)
             ax, ay, az = rays[0, j, i], rays[1, j, i], rays[2, j, i]
-            bx, by, bz = rays[0, j, m] + beside - ax, rays[1, j, m] - ay, rays[2, j, m] - az
-            cx, cy, cz = rays[0, k, m] + beside - ax, rays[1, k, m] - ay, rays[2, k, m] + below - az
-            dx, dy, dz = rays[0, k, i] - ax, rays[1, k, i] - ay, rays[2, k, i] + below - az
-            middle = rays[7, j, i] + rays[7, k, m]
+            bx, by, bz = rays[0, j, i + 1] - ax, rays[1, j, i + 1] - ay, rays[2, j, i + 1] - az
+            cx, cy, cz = rays[0, j + 1, i + 1] - ax, rays[1, j + 1, i + 1] - ay, rays[2, j + 1, i + 1] - az
+            dx, dy, dz = rays[0, j + 1, i] - ax, rays[1, j + 1, i] - ay, rays[2, j + 1, i] - az
+            middle = rays[7, j, i] + rays[7, j + 1, i + 1]
             b = sun[0] * (cy * bz - cz * by) + sun[1] * (cz * bx - cx * bz) + sun[2] * (cx * by - cy * bx)
             d = sun[0] * (dy * cz - dz * cy) + sun[1] * (dz * cx - dx * cz) + sun[2] * (dx * cy - dy * cx)
-            out[0, j, i] = max(b, 0.0) * (middle + rays[7, j, m]) / 6.0
-            out[1, j, i] = max(d, 0.0) * (middle + rays[7, k, i]) / 6.0
-            least = min(least, out[0, j, i], out[1, j, i])
+            out[0, j + 1, i + 1] = max(b, 0.0) * (middle + rays[7, j, i + 1]) / 6.0
+            out[1, j + 1, i + 1] = max(d, 0.0) * (middle + rays[7, j + 1, i]) / 6.0
+        for i in range(cells):
+            least = min(least, out[0, j + 1, i + 1], out[1, j + 1, i + 1])
+    out[:, 0] = out[:, cells]
+    out[:, :, 0] = out[:, :, cells]
     return least
 
 
 @compiled
-def edge_points(rays: Array, flux: Array, tile_m: float, points: Array) -> tuple[float, float, float, float]:
+def edge_points(rays: Array, flux: Array, points: Array) -> tuple[float, float, float, float]:
     """Write the light of the cells as points: origin x, z, slope x, z and flux, (5, 3, N, N), in single precision.
 
-    Returns the sum of the flux [m^2] and, weighted by it, the mean square of the edges' length [m^2] on the plane at
-    depth d as the coefficients of 1, d and d^2.
+    rays, flux: of `vertex_rays`, `triangle_flux`. Returns the sum of the flux [m^2] and, weighted by it, the mean
+    square of the edges' length [m^2] on the plane at depth d as the coefficients of 1, d and d^2.
     """
-    cells = rays.shape[1]
+    cells = rays.shape[1] - 1
     total, still, mixed, grown = 0.0, 0.0, 0.0, 0.0
-    for j in range(cells):
-        k, below = (j + 1, 0.0) if j + 1 < cells else (0, tile_m)
-        above = j - 1 if j > 0 else cells - 1
-        for i in range(cells):
-            m, beside = (i + 1, 0.0) if i + 1 < cells else (0, tile_m)
-            left = i - 1 if i > 0 else cells - 1
-            x, z, u, v = rays[3, j, i], rays[4, j, i], rays[5, j, i], rays[6, j, i]
-            own_b, own_d = flux[0, j, i], flux[1, j, i]
-            for edge in range(3):
-                if edge == 0:
-                    ex, ez = rays[3, j, m] + beside - x, rays[4, j, m] - z
-                    eu, ev, light = rays[5, j, m] - u, rays[6, j, m] - v, own_b + flux[1, above, i]
-                elif edge == 1:
-                    ex, ez = rays[3, k, m] + beside - x, rays[4, k, m] + below - z
-                    eu, ev, light = rays[5, k, m] - u, rays[6, k, m] - v, own_b + own_d
-                else:
-                    ex, ez = rays[3, k, i] - x, rays[4, k, i] + below - z
-                    eu, ev, light = rays[5, k, i] - u, rays[6, k, i] - v, own_d + flux[0, j, left]
-                light /= 3.0
+    for edge in range(3):  # a-b, a-c, a-d
+        down, right = (1 if edge > 0 else 0), (1 if edge < 2 else 0)
+        for j in range(cells):
+            for i in range(cells):
+                x, z, u, v = rays[3, j, i], rays[4, j, i], rays[5, j, i], rays[6, j, i]
+                ex, ez = rays[3, j + down, i + right] - x, rays[4, j + down, i + right] - z
+                eu, ev = rays[5, j + down, i + right] - u, rays[6, j + down, i + right] - v
+                # of the two triangles that share the edge
+                light = (flux[0, j + 1, i + right] + flux[1, j + down, i + 1]) / 3.0
                 points[0, edge, j, i], points[1, edge, j, i] = x + 0.5 * ex, z + 0.5 * ez
                 points[2, edge, j, i], points[3, edge, j, i] = u + 0.5 * eu, v + 0.5 * ev
                 points[4, edge, j, i] = light
