@@ -101,3 +101,10 @@ WORLD_GRID = 0.02
 """Height [m] and normal up to 5 % of a pixel beside its centre: slopes and curvatures of the sea times 6 mm."""
 SIXTEEN_BIT = 1e-4
 """Codes of 16 bits, rounded, over the range that a PNG holds."""
+SUMMED_POINTS = 2e-5
+"""Sums of points in single precision: places in 128 pixels are rounded to 1e-5 of one."""
+SUMMED_OVER_COVERED = 0.015
+"""RMSE over standard deviation of planes summed from points against coverage, blurred by two pixels and more: coverage
+folds frequencies beyond the map's onto lower ones, which makes 0.007 there, and a quarter of it at four pixels."""
+SUMMED_PIXEL = 0.04
+"""The greatest difference of one pixel of these maps, over their mean."""

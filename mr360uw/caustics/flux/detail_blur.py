@@ -50,14 +50,20 @@ def gaussian_transform(matrix_m: Array, size: int, tile_m: float) -> Array | Non
 
     matrix_m: (2, 2) A of `detail_footprint`.
     """
-    steps = np.round(matrix_m * (size / tile_m) / _STEP)
-    if np.linalg.norm(steps, 2) * _STEP < LEAST_PIXELS:
+    steps = gaussian_steps(matrix_m, size, tile_m)
+    if np.linalg.norm(np.reshape(steps, (2, 2)), 2) * _STEP < LEAST_PIXELS:
         return None
-    return _kept_transform(tuple(steps.ravel().tolist()), size)
+    return transform_of_steps(steps, size)
+
+
+def gaussian_steps(matrix_m: Array, size: int, tile_m: float) -> tuple[float, ...]:
+    """Return a (2, 2) matrix [m] as its elements in the steps [pixel] that Gaussians are rounded to."""
+    return tuple(np.round(matrix_m * (size / tile_m) / _STEP).ravel().tolist())
 
 
 @functools.lru_cache(maxsize=32)
-def _kept_transform(steps: tuple[float, ...], size: int) -> Array:
+def transform_of_steps(steps: tuple[float, ...], size: int) -> Array:
+    """Return the factor (size, size/2 + 1) of a Gaussian's matrix in steps."""
     matrix = np.reshape(steps, (2, 2)) * _STEP
     if np.linalg.norm(matrix, -2) < _SAMPLED_BELOW:
         return np.asarray(np.fft.rfft2(_sampled(matrix @ matrix.T, size)).real)

@@ -60,7 +60,7 @@ def reference_map(
 ) -> Array:
     """Return the irradiance ratio (size, size) of `single_map.caustic_map` in float64; arguments must be checked."""
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    light = _SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
+    light = SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
 
@@ -90,7 +90,7 @@ def caustic_stack(
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
     soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
-    lights = [_SurfaceLight.of(sea, surface, sun, index) for index in indices]
+    lights = [SurfaceLight.of(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
@@ -178,8 +178,8 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class _SurfaceLight:
-    """Refracted rays of one sun below one surface, the flux (N, N, 2) of its cells, and the slope that blurs."""
+class SurfaceLight:
+    """Light of one sun below one surface: refracted rays, the flux (N, N, 2) of its cells, and the slope that blurs."""
 
     rays: Rays
     flux: Array
@@ -189,7 +189,8 @@ class _SurfaceLight:
     blur_slope: float
 
     @classmethod
-    def of(cls, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> _SurfaceLight:
+    def of(cls, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> SurfaceLight:
+        """Return the light of the sun (3,) in air below a surface of the whole tile, (N, N)."""
         rays = refracted_rays(surface, sun, refractive_index)
         return cls(rays, cell_flux(surface, rays, sun, sea.tile_m), sun, sea.tile_m, refractive_index, sea.blur_slope)
 

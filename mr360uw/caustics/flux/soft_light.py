@@ -49,9 +49,13 @@ def soft_light(ratio: Array, blurs: list[tuple[float, Array]], tile_m: float) ->
     """Return a periodic map (size, size) convolved with a sum of `gaussians`, in float64; the mean stays."""
     from scipy.fft import irfft2, rfft2
 
-    exact = tuple((weight, tuple(matrix.ravel().tolist())) for weight, matrix in blurs)
-    factor = _kept_transform(exact, len(ratio), tile_m)
+    factor = soft_transform(blurs, len(ratio), tile_m)
     return np.maximum(irfft2(rfft2(ratio) * factor, s=ratio.shape), 0.0)
+
+
+def soft_transform(blurs: list[tuple[float, Array]], size: int, tile_m: float) -> Array:
+    """Return the factor (size, size/2 + 1) of a sum of `gaussians` on a map's real Fourier transform."""
+    return _kept_transform(tuple((weight, tuple(matrix.ravel().tolist())) for weight, matrix in blurs), size, tile_m)
 
 
 @functools.lru_cache(maxsize=32)

@@ -35,14 +35,18 @@ def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float,
     return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
 
 
+def kernel_steps(footprint_m: Array, size: int, tile_m: float) -> tuple[float, ...]:
+    """Return a (2, 2) footprint [m] as its elements in multiples of `KERNEL_STEP`, of a map (size, size)."""
+    return tuple(np.round(footprint_m * (size / tile_m) / KERNEL_STEP).ravel().tolist())
+
+
 def blur(image: Array, footprint_m: Array, tile_m: float, transform: Array | None = None) -> Array:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays.
 
     transform: (size, size/2 + 1) real Fourier transform of one more kernel, or None.
     """
     size = image.shape[0]
-    steps = np.round(footprint_m * (size / tile_m) / KERNEL_STEP)
-    steps_of = tuple(steps.ravel().tolist())
+    steps_of = kernel_steps(footprint_m, size, tile_m)
     kernel = _kept_kernel(steps_of, size)
     reach = len(kernel) // 2
     if reach == 0 and transform is None:
@@ -52,7 +56,7 @@ def blur(image: Array, footprint_m: Array, tile_m: float, transform: Array | Non
 
         spectrum = rfft2(image) if transform is None else rfft2(image) * transform
         if reach:
-            spectrum *= _kept_transform(steps_of, size)
+            spectrum *= disc_transform(steps_of, size)
         return np.maximum(irfft2(spectrum, s=image.shape), 0.0)
     import cv2
 
@@ -71,8 +75,8 @@ def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=32)
-def _kept_transform(steps: tuple[float, ...], size: int) -> NDArray[np.complex128]:
-    """Return the real Fourier transform (size, size/2 + 1) of a footprint's kernel."""
+def disc_transform(steps: tuple[float, ...], size: int) -> NDArray[np.complex128]:
+    """Return the real Fourier transform (size, size/2 + 1) of the kernel of a footprint in steps, 1 at the mean."""
     from scipy.fft import rfft2
 
     kernel = _kept_kernel(steps, size)

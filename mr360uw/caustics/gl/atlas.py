@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.types import Floats
 
 _NEW_PLANES = 3
@@ -24,27 +25,43 @@ def layer_planes(count: int) -> NDArray[np.int64]:
     return np.minimum(first[:, None] + np.arange(channels), count - 1)
 
 
-def mip_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
-    """Return levels (D, size, size, C) in the texture's layout, (layers C, 2 size + 2 levels, size + 2, 1, 2 or 4).
+def mip_atlas(*stacks: Sequence[Floats]) -> NDArray[np.float32]:
+    """Return the levels (D, size, size, C) of stacks in the texture's layout, (layers C, 2 size + 2 levels, size + 2,
+    1, 2 or 4).
 
-    A pixel holds up to four planes, of one colour; colours follow each other as layers. The levels lie below each
-    other, each with the pixels of its other side around it, so that one filtered fetch is right at its edges. They
-    all lie in level 0 of the texture: drivers may take the level of a fetch from one pixel of each 2 x 2 block.
+    A pixel holds up to four planes, of one colour; colours follow each other as layers, and stacks after each other.
+    The levels lie below each other, each with the pixels of its other side around it, so that one filtered fetch is
+    right at its edges. They all lie in level 0 of the texture: drivers may take the level of a fetch from one pixel of
+    each 2 x 2 block.
     """
-    count, size, _, colours = levels[0].shape
+    count, size = stacks[0][0].shape[:2]
     planes = layer_planes(count)
-    shape = (len(planes), colours, 2 * size + 2 * len(levels), size + 2, planes.shape[1])
-    atlas = np.zeros(shape, np.float32)
-    top = 0
-    for level in levels:
-        side = level.shape[1]
-        square = atlas[:, :, top : top + side + 2, : side + 2]
-        for (layer, channel), plane in np.ndenumerate(planes):
-            square[layer, :, 1:-1, 1:-1, channel] = np.moveaxis(level[plane], -1, 0)
-        square[:, :, 0], square[:, :, -1] = square[:, :, side], square[:, :, 1]
-        square[:, :, :, 0], square[:, :, :, -1] = square[:, :, :, side], square[:, :, :, 1]
-        top += side + 2
-    return atlas.reshape(-1, *shape[2:])
+    colours = [levels[0].shape[3] for levels in stacks]
+    shape = (len(planes) * sum(colours), 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
+    atlas, first = np.zeros(shape, np.float32), 0
+    for levels, of_stack in zip(stacks, colours, strict=True):
+        top = 0
+        for level in levels:
+            write_level(level, planes, atlas[first : first + len(planes) * of_stack], top)
+            top += level.shape[1] + 2
+        first += len(planes) * of_stack
+    return atlas
+
+
+@compiled
+def write_level(level: Floats, planes: NDArray[np.int64], atlas: NDArray[np.float32], top: int) -> None:
+    """Write a level (D, side, side, C) with its border of one pixel into layers of an atlas, from row `top` on."""
+    side, colours = level.shape[1], level.shape[3]
+    for layer in range(planes.shape[0]):
+        for colour in range(colours):
+            for row in range(side + 2):
+                j = side - 1 if row == 0 else row - 1 if row <= side else 0
+                out = atlas[layer * colours + colour, top + row]
+                for k in range(planes.shape[1]):
+                    line = level[planes[layer, k], j]
+                    for i in range(side):
+                        out[i + 1, k] = line[i, colour]
+                    out[0, k], out[side + 1, k] = out[side, k], out[1, k]
 
 
 def plane_steps(depth_m: Floats) -> NDArray[np.float32]:

@@ -57,14 +57,12 @@ def _of_layers(level: Array, planes: NDArray[np.int64], count: int) -> Array:
 
 def upload(stack: CausticStack) -> GlCausticStack:
     """Return a stack on the device, with its mip levels."""
-    grey = np.array_equal(stack.ratio[..., 0], stack.ratio[..., 1]) and np.array_equal(
-        stack.ratio[..., 0], stack.ratio[..., 2]
-    )
-    ratio = np.asarray(stack.ratio[..., :1] if grey else stack.ratio, np.float32)
-    layers = [mip_atlas(mip_levels(ratio))]
+    ratio = np.asarray(stack.ratio, np.float32)
+    grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
+    stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
     if stack.soft is not None:
-        layers.append(mip_atlas(mip_levels(np.asarray(stack.soft, np.float32))))
-    texture = texture_array_from_array(np.concatenate(layers))
+        stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
+    texture = texture_array_from_array(mip_atlas(*stacks))
     return on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction, softened=stack.softened)
 
 

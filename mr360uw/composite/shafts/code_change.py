@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from mr360uw.color import encode
@@ -10,6 +12,7 @@ from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.lighting.surfaces import water_ahead
 from mr360uw.composite.shafts.shaft_light import ShaftLight
 from mr360uw.composite.shot import Shot
+from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.beam_share import unoccluded
 from mr360uw.medium.shafts.shaft_water import ShaftWater
 from mr360uw.sphere import unit
@@ -86,6 +89,16 @@ def _beam_before(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats) -> 
     assert sun is not None
     depth_m = float(shot.view.depth_of(np.zeros(3)))
     end_m = np.minimum(end_m, np.where(rays[:, 1] > 0.0, depth_m / np.maximum(rays[:, 1], 1e-9), np.inf))
-    cosine, up, end = (np.asarray(a, np.float64) for a in (rays @ unit(sun.direction), rays[:, 1], end_m))
-    beam = unoccluded(ShaftWater.of(light.medium), cosine, up, end, depth_m, sun_up(sun))
+    ways = np.stack([rays @ unit(sun.direction), rays[:, 1], end_m]).astype(np.float64)
+    beam = _unit_beam(light.medium, ways.tobytes(), depth_m, sun_up(sun))
     return np.asarray(np.asarray(sun.irradiance, np.float64) * beam)
+
+
+@functools.lru_cache(maxsize=4)
+def _unit_beam(medium: Medium, ways: bytes, depth_m: float, up: float) -> Floats:
+    """Return `unoccluded` (n, 3) of a medium. ways: of float64 (3, n), cosine to the sun, height and end of the rays.
+
+    Kept, as cameras and bodies mostly stand still while the strength of the sun changes.
+    """
+    cosine, height, end_m = np.frombuffer(ways).reshape(3, -1)
+    return unoccluded(ShaftWater.of(medium), cosine, height, end_m, depth_m, up)

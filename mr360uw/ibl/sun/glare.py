@@ -12,12 +12,16 @@ Bodies before the sky, far darker than it, stay.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.color import luminance
-from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
+from mr360uw.ibl.level.upward import elevation_sine
+from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle
 from mr360uw.ibl.sun.split import Split
 from mr360uw.types import Floats
 
@@ -41,13 +45,11 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
     """
     if amount <= 0.0:
         return split
-    sine = plate_sines(plate)
+    above, elevation, rings = _rings(tuple(plate.up.tolist()))
     angle = np.arccos(np.clip(coarse_directions() @ split.sun.direction.astype(np.float32), -1.0, 1.0))
-    above = sine > 0.0
     near = above & (angle < _REACH_RAD)
     far = above & ~near
-    elevation = np.arcsin(np.minimum(sine, 1.0))
-    ring = np.minimum((elevation[far] * (2.0 * _RINGS / np.pi)).astype(np.int64), _RINGS - 1)
+    ring = rings[far]
     count = np.bincount(ring, minlength=_RINGS)
     told = count >= _FEWEST
     if not np.any(near) or not np.any(told):
@@ -67,6 +69,15 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
     change = weight[:, None] * (sky - seen)
     residual = split.residual.copy()
     residual[near] = seen + change
-    area = np.broadcast_to(coarse_solid_angle(), sine.shape)[near]
+    area = np.broadcast_to(coarse_solid_angle(), near.shape)[near]
     taken: Floats = np.maximum(split.sun.irradiance - area @ change, 0.0).astype(np.float32)
     return Split(residual, replace(split.sun, irradiance=taken))
+
+
+@functools.lru_cache(maxsize=4)
+def _rings(up: tuple[float, ...]) -> tuple[NDArray[np.bool_], Floats, NDArray[Any]]:
+    """Return of the coarse map's pixels (128, 256): whether they are above the horizon, elevation [rad], and ring."""
+    sine = elevation_sine(coarse_directions(), np.array(up))
+    elevation = np.arcsin(np.clip(sine, -1.0, 1.0))
+    ring = np.clip((elevation * (2.0 * _RINGS / np.pi)).astype(np.int64), 0, _RINGS - 1)
+    return sine > 0.0, elevation, ring

@@ -38,11 +38,19 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: float) -
     if sun_up is None or medium.sky != "uniform" or medium.surface == "none":
         return np.maximum(medium.irradiance(depth), 0.0)
     up = min(max(round(sun_up / _STEP), 1) * _STEP, 1.0)
-    under_sun = _under_sun(medium.water, medium.sensor, medium.illuminant, medium.refractive_index, up, direct)
-    whole = under_sun.light.display(under_sun.model.irradiance(depth, 1.0))
-    level = under_sun.light.display(under_sun.model.radiance(depth, _LEVEL))[0]
-    shown = medium.gain * medium.level_radiance(_LEVEL)[0]
-    return np.asarray(shown * whole / np.maximum(level, 1e-300))
+    ratio = _ratio(medium.water, medium.sensor, medium.illuminant, medium.refractive_index, up, direct, depth)
+    return np.asarray(medium.gain * medium.level_radiance(_LEVEL)[0] * ratio)
+
+
+@functools.lru_cache(maxsize=64)
+def _ratio(
+    water: Water, sensor: Sensor, illuminant: str, refractive_index: float, sun_up: float, direct: float, depth_m: float
+) -> Array:
+    """Return e_s/l_s (3,) [sr] at a depth."""
+    under_sun = _under_sun(water, sensor, illuminant, refractive_index, sun_up, direct)
+    whole = under_sun.light.display(under_sun.model.irradiance(depth_m, 1.0))
+    level = under_sun.light.display(under_sun.model.radiance(depth_m, _LEVEL))[0]
+    return np.asarray(whole / np.maximum(level, 1e-300))
 
 
 @functools.lru_cache(maxsize=64)
