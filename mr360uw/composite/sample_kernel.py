@@ -75,12 +75,14 @@ def read_groups(
             if shown[n, group, 0] == 0.0:
                 continue
             pixel[found], number[found], count = n, np.int64(shown[n, group, 0]) - 1, 0
-            for k in range(samples):
-                word = np.int64(shown[n, group, 1 + k // word_bits])
-                inside = (word >> (k % word_bits)) & 1 == 1
-                member[found, k] = inside
-                count += inside
-                covered[there, k] = inside if found == begun else covered[there, k] or inside
+            for word in range(shown.shape[2] - 1):
+                bits = np.int64(shown[n, group, 1 + word])
+                for k in range(word * word_bits, min((word + 1) * word_bits, samples)):
+                    inside = bits & 1 == 1
+                    bits >>= 1
+                    member[found, k] = inside
+                    count += inside
+                    covered[there, k] = inside or (found > begun and covered[there, k])
             weight[found] = count / samples
             found += 1
         if found > begun:
