@@ -60,7 +60,7 @@ class Motion:
             return rigid(self.position[0], self.rotation[0], float(self.scale[0]))
         t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
         position, log_scale, turn = self._curves
-        k = min(int(np.searchsorted(self.time_s, t, side="right")), len(self.time_s) - 1)
+        k = max(int(np.searchsorted(self.time_s, t)), 1)
         turns, grows = (np.any(of_keys[k] != of_keys[k - 1]) for of_keys in (self.rotation, self.scale))
         rotation = turn(t).as_matrix() if turns else self.rotation[k]
         return rigid(position(t), rotation, float(np.exp(log_scale(t)) if grows else self.scale[k]))
