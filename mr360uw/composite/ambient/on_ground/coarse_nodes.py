@@ -62,7 +62,7 @@ def make_coarse_nodes(
         part = slice(number * count, (number + 1) * count)
         bodies = np.flatnonzero(seen[:, part].any(axis=1))
         swept = nothing_swept(len(bodies), count)
-        for row, m in enumerate(bodies):
+        for row, m in enumerate(bodies.tolist()):
             field, points = standing.fields[m], rounded(places[part] - standing.origin[m], radii[m])
             key: Hashable = (field, points.tobytes())
             swept[0][row], swept[1][row] = kept(key, functools.partial(_swept, field, points))
