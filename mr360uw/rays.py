@@ -84,7 +84,7 @@ def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _triple(d: Any, p: Any, q: Any) -> Any:
+def triple(d: Any, p: Any, q: Any) -> Any:
     """Return d.(p x (q - p))."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return d[0] * (p[1] * z - p[2] * y) + d[1] * (p[2] * x - p[0] * z) + d[2] * (p[0] * y - p[1] * x)
@@ -94,10 +94,10 @@ def _triple(d: Any, p: Any, q: Any) -> Any:
 def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> None:
     for n in range(len(triangles)):
         a, b, c, d = triangles[n, 0], triangles[n, 1], triangles[n, 2], directions[n]
-        weights[n, 0], weights[n, 1], weights[n, 2] = _triple(d, b, c), _triple(d, c, a), _triple(d, a, b)
+        weights[n, 0], weights[n, 1], weights[n, 2] = triple(d, b, c), triple(d, c, a), triple(d, a, b)
         total = weights[n, 0] + weights[n, 1] + weights[n, 2]
         if abs(total) < 1e-300:
             total = 1e-300
         for k in range(3):
             weights[n, k] /= total
-        distance[n] = _triple(a, b, c) / total
+        distance[n] = triple(a, b, c) / total

@@ -68,12 +68,15 @@ class Motion:
         return any(np.ptp(a, axis=0).any() for a in (self.position, self.rotation, self.scale))
 
     def at(self, time_s: float) -> Floats:
-        """Return the (4, 4) transform at a time."""
+        """Return the (4, 4) transform at a time; between equal keys turn and scale are theirs to the last bit."""
         if len(self.time_s) == 1:
             return rigid(self.position[0], self.rotation[0], float(self.scale[0]))
         t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
         position, log_scale, turn = self._curves
-        return rigid(position(t), turn(t).as_matrix(), float(np.exp(log_scale(t))))
+        k = max(int(np.searchsorted(self.time_s, t)), 1)
+        turns, grows = (np.any(of_keys[k] != of_keys[k - 1]) for of_keys in (self.rotation, self.scale))
+        rotation = turn(t).as_matrix() if turns else self.rotation[k]
+        return rigid(position(t), rotation, float(np.exp(log_scale(t)) if grows else self.scale[k]))
 
     @cached_property
     def _curves(self) -> tuple[Any, Any, Any]:

@@ -137,11 +137,14 @@ def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64
     Of the uncovered samples with the fewest covered ones around them, the place is that nearest to the mean of all
     uncovered ones. The mean itself may lie below the body.
     """
+    from mr360uw.composite.sample_kernel import find_clear
+
     partly = np.flatnonzero(covered.any(axis=1) & ~covered.all(axis=1))
     row, column, free = row[partly], column[partly], ~covered[partly]
     apart = np.sum((samples.positions[:, None] - samples.positions) ** 2, axis=-1)
-    around = np.where(free, ~free @ (apart <= _CLEAR**2).astype(np.float64), np.inf)
-    nearest = nearest_to_mean(samples, free, around == around.min(axis=1, keepdims=True))
+    clear = np.zeros_like(free)
+    find_clear(free, apart <= _CLEAR**2, clear)
+    nearest = nearest_to_mean(samples, free, clear)
     area = _PART_OF_GAP * frame_areas(samples, free, nearest)
     area[:, :2] = 0.0
     return Gaps(row, column, np.stack([column, row], axis=-1) + samples.positions[nearest], area)

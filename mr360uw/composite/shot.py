@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.composite.affine import scale_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
@@ -30,7 +31,7 @@ class PlacedObject:
     @property
     def scale(self) -> float:
         """Metres in the world for a metre of the mesh."""
-        return float(abs(np.linalg.det(self.world_from_object[:3, :3])) ** (1.0 / 3.0))
+        return scale_of(self.world_from_object[:3, :3])
 
     @property
     def bias_m(self) -> float:

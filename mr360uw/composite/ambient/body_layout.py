@@ -106,10 +106,16 @@ class Layout:
         """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,): kept
         of each body under where the points are in its axes.
         """
-        shaded = np.zeros(len(points), np.bool_)
-        for body in self.bodies:
-            if not body.placed.casts_shadow:
-                continue
+        shaded, casting = np.zeros(len(points), np.bool_), [b for b in self.bodies if b.placed.casts_shadow]
+        if len(points) == 0 or not casting:
+            return shaded
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        reach = np.array([b.radius for b in casting]) + np.sqrt(np.sum((points - middle) ** 2, axis=-1).max())
+        way = np.array([b.center for b in casting]) - middle
+        ahead = way @ direction
+        beside = np.sum(way * way, axis=-1) - ahead**2
+        for number in np.flatnonzero((beside < reach**2) & (ahead > -reach)):
+            body = casting[number]
             to = body.center - points
             along = to @ direction
             off = np.sum(to * to, axis=-1) - along**2
@@ -176,8 +182,9 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
 def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], cache: Cache) -> BodyView:
     """Return what one of several bodies sees. first: where the lookouts of each begin."""
     body, total, keep = bodies[number], int(first[-1]), _kept(len(bodies))
+    inverse, scale = np.linalg.inv(body.placed.world_from_object), body.placed.scale
     others = [
-        (int(first[k]), other.transfer, _pose(body, other))
+        (int(first[k]), other.transfer, _pose(body, inverse, scale, other))
         for k, other in enumerate(bodies)
         if k != number and other.placed.casts_shadow
     ]
@@ -189,10 +196,10 @@ def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], cache
     return cache.get("ambient view", key, make, keep=keep)
 
 
-def _pose(body: Body, other: Body) -> RelativePose:
-    inverse = np.linalg.inv(body.placed.world_from_object)
-    least = min(body.radius, other.radius) / body.placed.scale
-    return relative_pose(inverse, other.placed.world_from_object, other.placed.scale / body.placed.scale, least)
+def _pose(body: Body, inverse: Floats, scale: float, other: Body) -> RelativePose:
+    """Return where another body lies in the frame of one, with its inverse matrix (4, 4) and scale."""
+    least = min(body.radius, other.radius) / scale
+    return relative_pose(inverse, other.placed.world_from_object, other.placed.scale / scale, least)
 
 
 def _look(body: Body, begin: int, others: list[tuple[int, Transfer, RelativePose]], total: int, kept: Any) -> BodyView:
@@ -202,15 +209,16 @@ def _look(body: Body, begin: int, others: list[tuple[int, Transfer, RelativePose
     transfer, shape, glossy = body.transfer, body.transfer.lattice, body.transfer.mesh.glossy
     part = np.zeros(len(transfer.cosine))
     for _, other, pose in others:
-        part = np.maximum(part, near_sites(transfer, other, pose))
+        of_other = near_sites(transfer, other, pose)
+        part = part if of_other is None else np.maximum(part, of_other)
     if glossy:
         part[:] = 1.0  # every site has a lobe of its own
-    near, looks = np.flatnonzero(part), []
+    near, looks, sunk = np.flatnonzero(part), [], body.sunk_key
     near_cosine = np.where(body.own.open[near], transfer.cosine[near], np.float32(0.0))
     for site, cosine in ((transfer.lookouts.site, body.own.direct), (near, near_cosine)):
-        place, pairs, node = body.places(site), [], None
+        place, pairs, node, which = body.places(site), [], None, site.tobytes()
         for first, other, pose in others if len(site) else ():
-            key = (shape, other.lattice, pose.key, body.placed.casts_shadow, site.tobytes(), body.sunk_key)
+            key = (shape, other.lattice, pose.key, body.placed.casts_shadow, which, sunk)
             make = functools.partial(pair_view, transfer, place, cosine > 0.0, other, pose)
             pairs.append((kept("ambient pair", key, make), first))
         if body.ground is not None and body.on_ground:

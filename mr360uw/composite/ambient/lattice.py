@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.knot_kernel import find_three
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.normals import welded
 from mr360uw.types import Floats
@@ -217,24 +218,7 @@ def _is_open(corners: Floats) -> bool:
 
 
 def knots_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Return three knots (n, 3) and their weights (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4).
-
-    Twin: ambient.glsl.
-    """
-    steps = places[:, 3]
-    weights = np.maximum(weights, 0.0)
-    along = weights[:, 1:] / np.maximum(weights.sum(axis=1), 1e-12)[:, None] * steps[:, None]
-    i = np.minimum(along[:, 0].astype(np.int64), steps - 1)
-    j = np.minimum(along[:, 1].astype(np.int64), steps - 1 - i)
-    u, v = along[:, 0] - i, along[:, 1] - j
-    upper = (u + v > 1.0) & (i + j < steps - 1)
-    row, below = _row(steps, i), _row(steps, i + 1)
-    three = np.stack([np.where(upper, below + j + 1, row + j), below + j, row + j + 1], axis=-1) + places[:, :1]
-    three = np.where(steps[:, None] == 1, places[:, :3], three)
-    shares = np.stack([np.where(upper, u + v - 1.0, 1.0 - u - v), np.where(upper, 1.0 - v, u),
-                       np.where(upper, 1.0 - u, v)], axis=-1)  # fmt: skip
-    return three, shares
-
-
-def _row(steps: NDArray[np.int64], i: NDArray[np.int64]) -> NDArray[np.int64]:
-    return i * (2 * steps + 3 - i) // 2
+    """Return three knots (n, 3) and their shares (n, 3) at weights (n, 3) in triangles with places (n, 4)."""
+    knots, shares = np.empty((len(places), 3), np.int64), np.empty((len(places), 3))
+    find_three(places, np.asarray(weights, np.float64), knots, shares)
+    return knots, shares

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Same
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.lattice import Lattice, knots_at, make_lattice, stand_ins
+from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
+from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
 from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
 from mr360uw.composite.ambient.store import kept_on_disk
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
@@ -24,7 +25,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast.geometry import base_color, gather
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
-from mr360uw.rays import RayScene, barycentric
+from mr360uw.rays import RayScene
 from mr360uw.types import Floats
 
 _RAYS_AT_ONCE = 200_000
@@ -200,10 +201,10 @@ def _met(
     direction: Floats,
     triangle: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    weights, distance = barycentric(scene.triangles[triangle] - origin[:, None], direction)
-    behind = np.sum(scene.normals[triangle] * direction, axis=-1) > 0.0
-    knots, shares = knots_at(lattice.places[solid[triangle]], weights)
-    knot = knots[np.arange(len(knots)), np.argmax(shares, axis=1)]
+    count = len(triangle)
+    knot, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
+    if count:
+        find_nearest_knots(scene.triangles, triangle, origin, direction, lattice.places, solid, knot, distance, behind)
     return lattice.knot_site[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind
 
 

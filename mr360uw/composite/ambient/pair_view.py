@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,9 +42,13 @@ class PairView:
 def share_shown(transfer: Transfer, other: Transfer, pose: RelativePose) -> float:
     """Return the part of another mesh, at a pose in the frame of a first, that shows in the light of the first."""
     center, radius = _ball(other, pose)
-    gap = max(float(np.linalg.norm(center - transfer.mesh.center_m)) - transfer.mesh.radius_m, radius)
-    t = np.clip(((radius / gap) ** 2 - _UNNOTICED) / (_NOTICED - _UNNOTICED), 0.0, 1.0)
-    return float(t * t * (3.0 - 2.0 * t))
+    gap = max(_norm(center - transfer.mesh.center_m) - transfer.mesh.radius_m, radius)
+    t = min(max(((radius / gap) ** 2 - _UNNOTICED) / (_NOTICED - _UNNOTICED), 0.0), 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _norm(way: Floats) -> float:
+    return math.hypot(*way.tolist())
 
 
 def _ball(other: Transfer, pose: RelativePose) -> tuple[Floats, float]:
@@ -76,7 +81,7 @@ def _towards(
     place: Floats, open_: NDArray[np.bool_], to: Floats, radius: float, center: Floats, other_radius: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the open directions, as pairs of site and direction, into the ball around another body."""
-    apart = float(np.linalg.norm(to))
+    apart = _norm(to)
     sine = (radius + other_radius) / max(apart, 1e-12)
     # directions that lead into it from some site: few of a body that stands apart
     near = np.arange(COUNT)
@@ -104,13 +109,15 @@ def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: A
     return total
 
 
-def near_sites(transfer: Transfer, other: Transfer, pose: RelativePose) -> NDArray[np.float64]:
-    """Return (S,) how far the sites of a mesh have passed from interpolating (0) to looking themselves (1)."""
+def near_sites(transfer: Transfer, other: Transfer, pose: RelativePose) -> NDArray[np.float64] | None:
+    """Return (S,) how far the sites of a mesh have passed from interpolating (0) to looking themselves (1); None where
+    the bodies are so far apart that none has.
+    """
     mesh, spacing, position = transfer.mesh, transfer.lookouts.spacing_m, transfer.lattice.position
     (center, radius), reach = _ball(other, pose), _INTERPOLATED * spacing
+    if _norm(center - mesh.center_m) > mesh.radius_m + radius + reach:
+        return None
     part = np.zeros(len(position))
-    if np.linalg.norm(center - mesh.center_m) > mesh.radius_m + radius + reach:
-        return part
     close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
     there = (position[close] - pose.shift) @ np.linalg.inv(pose.linear).T
     distance, _ = other.tree.query(there, distance_upper_bound=reach / pose.scale)

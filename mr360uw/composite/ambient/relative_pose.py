@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mr360uw.composite.affine import scale_of
 from mr360uw.types import Floats
 
 _BITS = 20
@@ -19,16 +20,14 @@ _BITS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelativePose:
-    """linear: (3, 3), shift: (3,) [m of the first mesh]: where a second frame lies in a first. key: equal for equal."""
+    """linear: (3, 3), shift: (3,) [m of the first mesh]: where a second frame lies in a first; scale: size of the
+    linear part. key: equal for equal.
+    """
 
     linear: Floats
     shift: Floats
+    scale: float
     key: bytes
-
-    @property
-    def scale(self) -> float:
-        """Size of the linear part."""
-        return float(abs(np.linalg.det(self.linear)) ** (1.0 / 3.0))
 
 
 def relative_pose(inverse: Floats, matrix: Floats, scale: float, length_m: float) -> RelativePose:
@@ -39,7 +38,8 @@ def relative_pose(inverse: Floats, matrix: Floats, scale: float, length_m: float
     steps = np.rint(np.log2([scale, length_m])) - _BITS
     unit = np.exp2(steps)
     linear, shift = np.rint(pose[:3, :3] / unit[0]) + 0.0, np.rint(pose[:3, 3] / unit[1]) + 0.0
-    return RelativePose(linear * unit[0], shift * unit[1], linear.tobytes() + shift.tobytes() + steps.tobytes())
+    key, linear = linear.tobytes() + shift.tobytes() + steps.tobytes(), linear * unit[0]
+    return RelativePose(linear, shift * unit[1], scale_of(linear), key)
 
 
 def rounded(values: Floats, unit: float = 1.0) -> Floats:

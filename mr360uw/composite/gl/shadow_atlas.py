@@ -2,7 +2,8 @@
 """Shadow atlas: a square slot of columns along the light for each body, traced by shadow.glsl.
 
 Each slot is drawn from a `LightFrame`: bodies, and axes in which the light's rays are parallel. For the sun these are
-orthogonal axes along its direction; for a lamp they follow the projective map of lamps.glsl.
+orthogonal axes along its direction; for a lamp they follow the projective map of lamps.glsl. A slot of the sun holds
+heights above the lowest point of its bodies, about their middle: bodies that move without turning keep it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.relative_pose import rounded
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
@@ -65,15 +67,28 @@ class LightFrame:
     @property
     def key(self) -> tuple[object, ...]:
         """Cache key: equal for frames that draw the same."""
-        origin = None if self.origin is None else self.origin.tobytes()
-        return (*(body.key for body in self.bodies), self.axes.tobytes(), origin, self.middle_m, self.nearest_m)
+        if self.origin is None:
+            of_bodies = (part for body in self.bodies for part in (body.mesh, self.matrix(body).tobytes()))
+            return (*of_bodies, self.axes.tobytes())
+        of_lamp = self.origin.tobytes(), self.middle_m, self.nearest_m
+        return (*(body.key for body in self.bodies), self.axes.tobytes(), *of_lamp)
+
+    @property
+    def start(self) -> Floats:
+        """Place (3,) [m] in the world from which the bodies are drawn: the lamp, or for the sun the first body."""
+        return self.bodies[0].world_from_object[:3, 3] if self.origin is None else self.origin
 
     def matrix(self, placed: PlacedObject) -> Floats:
-        """Return the (3, 4) transform from a body to the axes, before any projection."""
-        matrix = self.axes @ placed.world_from_object[:3]
+        """Return the (3, 4) transform from a body to the axes about `start`, before any projection."""
+        shift = rounded(placed.world_from_object[:3, 3] - self.start, placed.mesh.radius_m * placed.scale)
+        return self.axes @ np.column_stack([placed.world_from_object[:3, :3], shift])
+
+    def placed(self, extents: Floats) -> Floats:
+        """Return extents (6,) about `start` as the shaders take them: for the sun about the world's origin."""
         if self.origin is not None:
-            matrix[:, 3] -= self.axes @ self.origin
-        return matrix
+            return extents
+        x, y, z = self.axes @ self.start
+        return extents + np.array([x, y, 0.0, 0.0, z, z])
 
     def extents(self) -> Floats:
         """Return the bodies' extents (6,): centre across, half size across, ends along; two numbers each."""
@@ -138,26 +153,26 @@ class ShadowAtlas:
         if not frames:
             return self._cache.get("no shadows", None, _nothing)
         key = (size, tuple(frame.key for frame in frames))
-        return self._cache.get("shadow atlas", key, lambda: self._draw(tuple(frames), size))
+        texture, drawn = self._cache.get("shadow atlas", key, lambda: self._draw(frames, size))
+        extents = [frame.placed(of_frame) for frame, of_frame in zip(frames, drawn, strict=True)]
+        return Atlas(texture, _table(extents, size), tuple(frames), size)
 
-    def _draw(self, frames: tuple[LightFrame, ...], size: int) -> Atlas:
+    def _draw(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, list[Floats]]:
+        """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
         self._cache.drop("shadow atlas")  # what is drawn now may replace it in the same target
-        columns, rows = min(max(len(frames), 1), _COLUMNS), max(-(-len(frames) // _COLUMNS), 1)
+        columns, rows = min(len(frames), _COLUMNS), -(-len(frames) // _COLUMNS)
         drawn, atlas = self._cache.get(
             "shadow targets", (columns, rows, size), lambda: _targets(columns * size, rows * size)
         )
         drawn.use()
         drawn.viewport = (0, 0, *drawn.size)
         drawn.clear(-1e9, -1e9, 0.0, 0.0)
-        table = np.zeros((max(len(frames), 1), ROW_TEXELS, 4))
-        side = _SUPERSAMPLING * size
-        for number, frame in enumerate(frames):
+        side, extents = _SUPERSAMPLING * size, [frame.extents() for frame in frames]
+        for number, (frame, of_frame) in enumerate(zip(frames, extents, strict=True)):
             column, row = number % _COLUMNS, number // _COLUMNS
             drawn.viewport = (column * side, row * side, side, side)
-            extents = frame.extents()
-            self._draw_frame(drawn, frame, (*extents[:2], *(1.0 / extents[2:4])))
-            table[number, :2] = extents[:4], (*extents[4:], column * size, row * size)
-        entries = texture_from_array(table)
+            self._draw_frame(drawn, frame, (*of_frame[:2], *(1.0 / of_frame[2:4])))
+        entries = texture_from_array(_table(extents, size))
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         drawn.color_attachments[0].use(0)  # type: ignore[union-attr]
         entries.use(1)
@@ -167,7 +182,7 @@ class ShadowAtlas:
         texture: moderngl.Texture = atlas.color_attachments[0]  # type: ignore[assignment]
         texture.build_mipmaps(0, size.bit_length() - 3)
         texture.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)
-        return Atlas(texture, table, frames, size)
+        return texture, extents
 
     def _draw_frame(self, target: moderngl.Framebuffer, frame: LightFrame, slot: tuple[float, ...]) -> None:
         """Draw bodies into the viewport: the largest of (top, -bottom) along the light."""
@@ -203,6 +218,15 @@ class ShadowAtlas:
             context.blend_equation = context.MAX  # type: ignore[assignment]
             vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
             context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
+
+
+def _table(extents: Sequence[Floats], size: int) -> Floats:
+    """Return the table of an atlas whose slots, of `size` texels, have these extents (6,)."""
+    table = np.zeros((len(extents), ROW_TEXELS, 4))
+    for number, of_frame in enumerate(extents):
+        corner = number % _COLUMNS * size, number // _COLUMNS * size
+        table[number, :2] = of_frame[:4], (*of_frame[4:], *corner)
+    return table
 
 
 def _nothing() -> Atlas:

@@ -22,6 +22,7 @@ from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.sample_kernel import read_groups
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -133,18 +134,17 @@ class SurfacePass:
         defines = {"PICKED": 1, "WORDS": words, "WORD_BITS": _WORD_BITS}
         shown = self._rays(draw, samples.positions, defines, len(row), channels, samples.cells)
         shown = shown.reshape(len(row), GROUPS, 1 + words)
-        pixel, group = np.nonzero(shown[..., 0])
-        entries = shown[pixel, group].astype(np.int32)
-        bits = entries[:, 1:, None] >> np.arange(_WORD_BITS, dtype=np.int32) & 1
-        member = bits.reshape(len(pixel), words * _WORD_BITS)[:, : samples.count].astype(np.bool_)
+        groups = np.count_nonzero(shown[..., 0])
+        there = np.flatnonzero(shown[..., 0].any(axis=1))
+        (pixel, triangle), first = np.empty((2, groups), np.int64), np.empty(len(there), np.int64)
+        member, covered = (np.empty((n, samples.count), np.bool_) for n in (groups, len(there)))
+        weight = np.empty(groups)
+        read_groups(shown, _WORD_BITS, pixel, triangle, member, weight, first, covered)
         rank = nearest_to_mean(samples, member)
-        there, first = np.unique(pixel, return_index=True)
         place = np.stack([column[pixel], row[pixel]], axis=-1) + samples.positions[rank]
-        area, weight = frame_areas(samples, member, rank), member.mean(axis=1)
-        covered = np.logical_or.reduceat(member, first, axis=0) if len(pixel) else member
+        area = frame_areas(samples, member, rank)
         gaps = find_gaps(samples, row[there], column[there], covered)
-        numbers = entries[:, 0].astype(np.int64) - 1
-        return Fragments(row[there], column[there], first, numbers, place, area, weight, gaps)
+        return Fragments(row[there], column[there], first, triangle, place, area, weight, gaps)
 
     def _by_sample(
         self,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.on_ground.light_table import glow_table
+from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
 from mr360uw.composite.ambient.on_ground.sky_weights import weights_of
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept, nothing_swept, sweep_field
 from mr360uw.composite.ambient.relative_pose import rounded
@@ -54,21 +55,22 @@ def make_coarse_nodes(
 
     kept: gets a sweep of one body from a cache.
     """
-    from scipy.sparse import csr_matrix, hstack, vstack
-
-    weights, rows = [], []
-    for own in nodes:
-        points = own.coarse + standing.origin[own.body]
-        swept = nothing_swept(len(standing.fields), len(points))
-        for m, (field, origin) in enumerate(zip(standing.fields, standing.origin, strict=True)):
-            places = rounded(points - origin, radii[m])
-            key: Hashable = (field, places.tobytes())
-            swept[0][m], swept[1][m] = kept(key, functools.partial(_swept, field, places))
+    places = np.concatenate([own.coarse + standing.origin[own.body] for own in nodes])
+    share, weights, count = np.zeros((len(standing.fields), len(places))), [], len(places) // len(nodes)
+    seen = standing.seen_from(places)
+    for number in range(len(nodes)):
+        part = slice(number * count, (number + 1) * count)
+        bodies = np.flatnonzero(seen[:, part].any(axis=1))
+        swept = nothing_swept(len(bodies), count)
+        for row, m in enumerate(bodies.tolist()):
+            field, points = standing.fields[m], rounded(places[part] - standing.origin[m], radii[m])
+            key: Hashable = (field, points.tobytes())
+            swept[0][row], swept[1][row] = kept(key, functools.partial(_swept, field, points))
         found = weights_of(swept, glow_table()[..., 0], up=True)
         weights.append(found.weights)
-        share = np.pi * found.share
-        rows.append(hstack([_from_nodes(n.fine + standing.origin[n.body], points, share[n.body]) for n in nodes]))
-    return CoarseNodes(np.concatenate(weights), csr_matrix(vstack(rows), dtype=np.float32))
+        share[bodies, part] = np.pi * found.share
+    ends = np.stack([own.fine[[0, -1]] + standing.origin[own.body] for own in nodes])
+    return CoarseNodes(np.concatenate(weights), _from_nodes(ends, places, share[[own.body for own in nodes]]))
 
 
 def _swept(field: HeightField, places: Floats) -> Swept:
@@ -77,17 +79,17 @@ def _swept(field: HeightField, places: Floats) -> Swept:
     return begins[0], blocked[0]
 
 
-def _from_nodes(nodes: Floats, points: Floats, factor: Floats) -> Any:
-    """Return the sparse matrix (n, NODES^2) that gives values of nodes at places (n, 3), bilinear, times `factor`."""
+def _from_nodes(ends: Floats, points: Floats, factor: Floats) -> Any:
+    """Return the sparse matrix (n, NODES^2 b) that gives the sum over b bodies of the values of their nodes at places
+    (n, 3), bilinear, times factors (b, n). ends: (b, 2, 3) places of the first and the last node of each.
+    """
     from scipy.sparse import csr_matrix
 
-    place = np.clip(among_nodes(nodes, points), 0.0, NODES - 1.001)
-    (i, j), (u, v) = place.astype(np.int64).T, (place - np.floor(place)).T
-    first = i * NODES + j
-    column = np.stack([first, first + 1, first + NODES, first + NODES + 1], axis=-1)
-    weight = np.stack([(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v], axis=-1) * factor[:, None]
-    row = np.repeat(np.arange(len(points)), 4)
-    return csr_matrix((weight.ravel().astype(np.float32), (row, column.ravel())), shape=(len(points), NODES**2))
+    entries = 4 * np.count_nonzero(factor)
+    begin, column = np.zeros(len(points) + 1, np.int32), np.zeros(entries, np.int32)
+    weight = np.zeros(entries, np.float32)
+    from_nodes(points, ends, factor, NODES, begin, column, weight)
+    return csr_matrix((weight, column, begin), shape=(len(points), NODES**2 * len(ends)))
 
 
 def among_nodes(nodes: Floats, points: Floats) -> Floats:

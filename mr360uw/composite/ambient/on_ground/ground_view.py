@@ -45,11 +45,19 @@ class Ground:
 
     def covers(self, transfer: Transfer) -> bool:
         """Return whether a site of a mesh lies below the ground, or nearly."""
+        if self._far_below(transfer):
+            return False
         above = (transfer.lattice.position - transfer.mesh.center_m) @ self.rotation[1]
         return bool(above.min() < _LIFT * transfer.mesh.radius_m - self.height_m)
 
+    def _far_below(self, transfer: Transfer) -> bool:
+        """Return whether no site of a mesh, all of which lie hardly outside its ball, can be near the ground."""
+        return self.height_m > 1.01 * transfer.mesh.radius_m
+
     def lifted(self, transfer: Transfer, position: Floats) -> Floats:
         """Return positions (n, 3) of a mesh, those below the ground just above it."""
+        if self._far_below(transfer):
+            return position
         up, least = self.rotation[1], _LIFT * transfer.mesh.radius_m - self.height_m
         below = np.maximum(least - (position - transfer.mesh.center_m) @ up, 0.0)
         return np.asarray(position + below[:, None] * up)

@@ -183,6 +183,22 @@ def _slopes(
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _bound(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
+    """Return where a place lies along both sides of a plan from its middle, and a bound on what is blocked there."""
+    a, b = (x - frame[0]) * frame[2] + (z - frame[1]) * frame[3], (z - frame[1]) * frame[2] - (x - frame[0]) * frame[3]
+    beside = max(abs(a) - frame[4], 0.0) ** 2 + max(abs(b) - frame[5], 0.0) ** 2
+    return a, b, most_blocked(a * a + b * b, beside, frame[4] * frame[4] + frame[5] * frame[5], highest - y)
+
+
+@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+def may_block(point: Any, origin: Any, frame: Any, highest: Any, found: Any) -> None:
+    """Set `found` (n,) to whether a body is not passed over at places (n, 3); highest: its greatest height."""
+    for k in range(len(point)):
+        x, y, z = point[k, 0] - origin[0], point[k, 1] - origin[1], point[k, 2] - origin[2]
+        found[k] = _bound(x, y, z, frame, highest)[2] >= _UNSEEN
+
+
 @_compiled  # type: ignore[untyped-decorator, unused-ignore]
 def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
@@ -201,14 +217,12 @@ def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begin
     radius_squared = wide_squared + (highest - lowest) ** 2 / 4.0
     found = np.zeros((2, 2))
     for k in range(len(point)):
-        x, y, z = point[k, 0] - origin[0] - frame[0], point[k, 1] - origin[1], point[k, 2] - origin[2] - frame[1]
-        a, b = x * ux + z * uz, z * ux - x * uz
+        y = point[k, 1] - origin[1]
+        a, b, bound = _bound(point[k, 0] - origin[0], y, point[k, 2] - origin[2], frame, highest)
         begins[k, 2] = 0.0
-        squared = a * a + b * b
-        beside = max(abs(a) - hu, 0.0) ** 2 + max(abs(b) - hv, 0.0) ** 2
-        if most_blocked(squared, beside, wide_squared, highest - y) < _UNSEEN:
+        if bound < _UNSEEN:
             continue
-        apart = squared / radius_squared
+        apart = (a * a + b * b) / radius_squared
         fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
         first, width, far, near, outside = _width_at(outline, a, b, tiny)
         count, coarse = (_FROM_OUTSIDE if outside else AZIMUTHS) // fewer, min(fewer, 2)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
-from mr360uw.composite.ambient.on_ground.height_sweep import AZIMUTHS, sweep
+from mr360uw.composite.ambient.on_ground.height_sweep import AZIMUTHS, may_block, sweep
 from mr360uw.types import Floats
 
 Swept = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -38,6 +38,13 @@ class Standing:
         for field, origin, begins, blocked in zip(self.fields, self.origin, *swept, strict=True):
             sweep_field(field, places, origin, begins, blocked)
         return swept
+
+    def seen_from(self, points: Floats) -> NDArray[np.bool_]:
+        """Return which bodies may block light at places (n, 3) from the same point as their origins, (m, n)."""
+        seen = np.zeros((len(self.fields), len(points)), np.bool_)
+        for row, field, origin in zip(seen, self.fields, self.origin, strict=True):
+            may_block(points, origin, field.frame, field.highest_m, row)
+        return seen
 
     def plans(self) -> Floats:
         """Return what `patch_kernel.survey` takes of the bodies, (m, 8)."""

@@ -1,4 +1,4 @@
-// Values of ambient light at a place of a body, three texels of a list for each knot. Held to composite/ambient/lattice.py
+// Values of ambient light at a place of a body, three texels of a list for each knot. Held to composite/ambient/knot_kernel.py
 // and composite/ambient/knot_values.py.
 struct Among {
     vec3 ratio;  // of irradiance
@@ -10,7 +10,7 @@ int knot_row(int steps, int i) {
     return i * (2 * steps + 3 - i) >> 1;
 }
 
-// three knots and their weights; twin: lattice.py
+// three knots and their weights; twin: knot_kernel.py
 ivec3 knots_at(vec4 places, vec3 weights, out vec3 shares) {
     int steps = int(places.w);
     weights = max(weights, 0.0);

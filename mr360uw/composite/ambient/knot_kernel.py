@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Knots of a lattice about places on its triangles; lattice.py says how they are numbered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+from mr360uw.rays import triple
+
+_inlined = numba.njit(error_model="numpy", inline="always")
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _row(steps: Any, i: Any) -> Any:
+    return i * (2 * steps + 3 - i) // 2
+
+
+@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
+    """Return three knots and their shares at barycentric weights of a triangle with a place (4,).
+
+    Twin: ambient.glsl.
+    """
+    steps = place[3]
+    w0, w1, w2 = max(w0, 0.0), max(w1, 0.0), max(w2, 0.0)
+    total = max(w0 + w1 + w2, 1e-12)
+    x, y = w1 / total * steps, w2 / total * steps
+    i = min(int(x), steps - 1)
+    j = min(int(y), steps - 1 - i)
+    u, v = x - i, y - j
+    upper = u + v > 1.0 and i + j < steps - 1
+    row, below = _row(steps, i), _row(steps, i + 1)
+    first, second, third = (
+        place[0] + (below + j + 1 if upper else row + j),
+        place[0] + below + j,
+        place[0] + row + j + 1,
+    )
+    if steps == 1:
+        first, second, third = place[0], place[1], place[2]
+    rest = u + v - 1.0 if upper else 1.0 - u - v
+    return first, second, third, rest, 1.0 - v if upper else u, 1.0 - u if upper else v
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def find_three(places: Any, weights: Any, knots: Any, shares: Any) -> None:
+    """Set knots (n, 3) and shares (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4)."""
+    for n in range(len(places)):
+        a, b, c, u, v, w = _three(places[n], weights[n, 0], weights[n, 1], weights[n, 2])
+        knots[n, 0], knots[n, 1], knots[n, 2] = a, b, c
+        shares[n, 0], shares[n, 1], shares[n, 2] = u, v, w
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def find_nearest_knots(
+    triangles: Any, met: Any, origin: Any, direction: Any, places: Any, numbers: Any,
+    knot: Any, distance: Any, behind: Any,
+) -> None:  # fmt: skip
+    """Set the nearest knot and the distance of rays (n,) that meet triangles of a scene (T, 3, 3), and if they meet
+    the back. met: (n,) triangles in the scene; numbers: (T,) those in `places`.
+    """
+    a, b, c = origin[0].copy(), origin[0].copy(), origin[0].copy()
+    for n in range(len(met)):
+        d = direction[n]
+        for k in range(3):
+            a[k] = triangles[met[n], 0, k] - origin[n, k]
+            b[k] = triangles[met[n], 1, k] - origin[n, k]
+            c[k] = triangles[met[n], 2, k] - origin[n, k]
+        u, v, w = triple(d, b, c), triple(d, c, a), triple(d, a, b)
+        total = u + v + w  # the normal times the ray, too
+        behind[n] = total > 0.0
+        total = total if abs(total) >= 1e-300 else 1e-300
+        distance[n] = triple(a, b, c) / total
+        first, second, third, x, y, z = _three(places[numbers[met[n]]], u / total, v / total, w / total)
+        knot[n] = first if x >= y and x >= z else second if y >= z else third

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What bodies that move keep, and the loops that replace arrays where little can be kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
+from mr360uw.composite.ambient.lattice import knots_at, make_lattice
+from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
+from mr360uw.composite.gl.shadow_atlas import LightFrame
+from mr360uw.composite.motion import object_motion
+from mr360uw.composite.sample_kernel import find_clear, read_groups
+from mr360uw.composite.settings import KeySettings, ObjectSettings
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.rays import RayScene, barycentric
+from mr360uw.sphere import basis
+from tests.composite import tolerances as tol
+from tests.composite.scenes import box, placed, sphere
+
+
+def moved(body: PlacedObject, way: tuple[float, float, float]) -> PlacedObject:
+    step = np.eye(4)
+    step[:3, 3] = way
+    return replace(body, world_from_object=step @ body.world_from_object)
+
+
+def test_bodies_that_move_without_turning_keep_their_slot_of_the_sun() -> None:
+    """Alone and as a group; the slot's extents move along, and turning or another distance within a group does not."""
+    axes = basis(np.array([0.3, 0.9, -0.2]))
+    ball, card = placed(sphere(8), (0.4, -0.6, -4.2), (-60, 4, 0)), placed(box(), (-1.6, -1.6, -3.2), (70, -5, 0))
+    for bodies in ((ball,), (ball, card)):
+        frame, way = LightFrame(bodies, axes), (0.7, 0.1, -0.3)
+        after = LightFrame(tuple(moved(body, way) for body in bodies), axes)
+        assert after.key == frame.key
+        shift = after.placed(after.extents()) - frame.placed(frame.extents())
+        x, y, z = axes @ np.array(way)
+        np.testing.assert_allclose(shift, [x, y, 0.0, 0.0, z, z], atol=tol.FLOAT64)
+    corners = card.triangles.reshape(-1, 3) @ axes.T
+    alone = LightFrame((card,), axes)
+    np.testing.assert_allclose(
+        alone.placed(alone.extents())[4:], [corners[:, 2].min(), corners[:, 2].max()], atol=tol.FLOAT64
+    )
+    turned = placed(box(), (-1.6, -1.6, -3.2), (71, -5, 0))
+    assert LightFrame((turned,), axes).key != alone.key
+    assert LightFrame((ball, moved(card, (0.1, 0, 0))), axes).key != LightFrame((ball, card), axes).key
+
+
+def test_between_equal_keys_turn_and_scale_are_theirs_to_the_last_bit() -> None:
+    keys = tuple(
+        KeySettings(time_s=t, position_m=(t, 0, -2), rotation_deg=(23, 7, -11 if t < 2.5 else 40), scale=0.4)
+        for t in (0.0, 1.0, 2.0, 3.0)
+    )
+    motion = object_motion(ObjectSettings(mesh=Path("a.glb"), key=keys, interpolation="smooth"))
+    linear = [motion.at(t)[:3, :3] for t in (-1.0, 0.0, 0.3, 1.0, 1.77, 2.0)]
+    assert all(np.array_equal(one, linear[0]) for one in linear)
+    assert not np.array_equal(motion.at(2.5)[:3, :3], linear[0])
+    assert np.array_equal(motion.at(3.5), motion.at(3.0))
+
+
+def test_groups_are_read_as_they_are_packed(rng: np.random.Generator) -> None:
+    samples, bits, words = 41, 22, 2
+    member = rng.uniform(size=(30, 8, samples)) < 0.3
+    number = rng.integers(1, 1 << 20, (30, 8)) * (rng.uniform(size=(30, 8)) < 0.4)
+    padded = np.pad(member, ((0, 0), (0, 0), (0, words * bits - samples))).reshape(30, 8, words, bits)
+    shown = np.concatenate([number[..., None], padded @ (1 << np.arange(bits))], axis=-1).astype(np.float32)
+    there = np.flatnonzero(number.any(axis=1))
+    groups = np.count_nonzero(number)
+    pixel, triangle, first = np.empty(groups, np.int64), np.empty(groups, np.int64), np.empty(len(there), np.int64)
+    found, covered = np.empty((groups, samples), np.bool_), np.empty((len(there), samples), np.bool_)
+    weight = np.empty(groups)
+    read_groups(shown, bits, pixel, triangle, found, weight, first, covered)
+    want_pixel, group = np.nonzero(number)
+    np.testing.assert_array_equal(pixel, want_pixel)
+    np.testing.assert_array_equal(triangle, number[want_pixel, group] - 1)
+    np.testing.assert_array_equal(found, member[want_pixel, group])
+    np.testing.assert_allclose(weight, found.mean(axis=1))
+    np.testing.assert_array_equal(pixel[first], there)
+    np.testing.assert_array_equal(covered, (member & (number > 0)[..., None]).any(axis=1)[there])
+
+
+def test_clear_samples_have_the_fewest_covered_ones_around_them(rng: np.random.Generator) -> None:
+    free, apart = rng.uniform(size=(40, 13)) < 0.6, rng.uniform(size=(13, 13)) < 0.3
+    near = apart | apart.T
+    clear = np.empty_like(free)
+    find_clear(free, near, clear)
+    around = np.where(free, ~free @ near.astype(np.float64), np.inf)
+    np.testing.assert_array_equal(clear, free & (around == around.min(axis=1, keepdims=True)))
+
+
+def test_nodes_give_sums_that_are_bilinear_in_their_places(rng: np.random.Generator) -> None:
+    """Values that are linear over the ground are met exactly; beyond the nodes those of the edge hold."""
+    side, ends = 16, np.array([[[-2.0, 0.0, -1.0], [3.0, 0.0, 4.0]], [[0.0, 0.0, 0.0], [1.5, 0.0, 1.5]]])
+    points = rng.uniform(-4.0, 5.0, (60, 3))
+    factor = rng.uniform(size=(2, 60)) * (rng.uniform(size=(2, 60)) < 0.7)
+    entries = 4 * np.count_nonzero(factor)
+    begin, column, weight = np.zeros(61, np.int32), np.zeros(entries, np.int32), np.zeros(entries, np.float32)
+    from_nodes(points, ends, factor, side, begin, column, weight)
+    grids = [np.meshgrid(*(np.linspace(low[k], high[k], side) for k in (0, 2)), indexing="ij") for low, high in ends]
+    values = np.concatenate([(2.0 * x - 3.0 * z).ravel() for x, z in grids])
+    row = np.repeat(np.arange(60), np.diff(begin))
+    found = np.bincount(row, weight * values[column], 60)
+    inside = np.clip(points, ends[:, :1], ends[:, 1:])
+    want = np.sum(factor * (2.0 * inside[..., 0] - 3.0 * inside[..., 2]), axis=0)
+    # the last node itself is out of reach by a thousandth of a step, whose value differs by 1.7; weights are float32
+    np.testing.assert_allclose(found, want, atol=5e-3)
+
+
+def test_rays_find_the_knot_with_the_largest_share(rng: np.random.Generator) -> None:
+    mesh = box()
+    scene, lattice = RayScene(mesh.positions), make_lattice(mesh)
+    met = rng.integers(0, len(mesh.positions), 200)
+    place = np.einsum("nc,nck->nk", rng.dirichlet([1.0, 1.0, 1.0], 200), mesh.positions[met])
+    origin = rng.uniform(-3.0, 3.0, (200, 3))
+    ray = (place - origin) / np.linalg.norm(place - origin, axis=-1, keepdims=True)
+    knot, distance, behind = np.empty(200, np.int64), np.empty(200), np.empty(200, np.bool_)
+    find_nearest_knots(
+        scene.triangles, met, origin, ray, lattice.places, np.arange(len(mesh.positions)), knot, distance, behind
+    )
+    weights, want = barycentric(scene.triangles[met] - origin[:, None], ray)
+    knots, shares = knots_at(lattice.places[met], weights)
+    np.testing.assert_array_equal(knot, knots[np.arange(200), shares.argmax(axis=1)])
+    np.testing.assert_allclose(distance, want)
+    np.testing.assert_array_equal(behind, np.sum(scene.normals[met] * ray, axis=-1) > 0.0)
