@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import benching, dives, rendering, tools, tuning
+from mr360uw.cli import benching, camera_paths, dives, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -37,7 +37,7 @@ for _command in (
     tools.analyse,
     tools.caustics,
     tools.match,
-    tools.track,
+    camera_paths.track,
     tools.schema,
     tools.info,
     benching.bench,

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.held_out import WIDTH
 
 _DISTANCE_M = 5.0
 """Distance [m] of an object whose slip is told."""
@@ -45,7 +46,14 @@ def report_lines(track: CameraTrack) -> list[str]:
             f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} points; "
             f"features over {100.0 * track.coverage:.0f} % of the sphere"
         )
+    if track.held_out_px is not None:
+        lines.append(
+            f"held out  points from every other key frame are {track.held_out_px:.2f} px off in the others "
+            f"(worst key frame {track.held_out_worst_px:.2f}), in a panorama {WIDTH} wide"
+        )
     lines += [f"up        {track.up}", f"scale     {track.scale}"]
+    if track.depth_m is not None:
+        lines.append(f"depth     [camera] depth_m = {track.depth_m:.2f}")
     if track.floor is not None:
         floor = track.floor
         lines.append(
