@@ -135,6 +135,9 @@ def composite_video(
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         loaded.check(span[1])
+        if not video.is_still:
+            rate = float(video.frame_rate)
+            loaded.surroundings.camera.check_times(span[0] / rate, (span[1] - 1) / rate, rate)
         renderer, fallback = make_backend(backend)
         crew = make_crew(workers, cluster, len(parts))
         inputs = input_fingerprints(loaded)

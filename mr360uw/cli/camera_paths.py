@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 def track(
     video: Annotated[Path | None, typer.Argument(help="360 clip", show_default=False)] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="track.csv or .json; both are written")] = Path("track.csv"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="track.csv or .json; both are written. .chan for Nuke, .py for Blender")
+    ] = Path("track.csv"),
     height: Annotated[float | None, typer.Option(help="of the camera over the floor at time 0, in metres")] = None,
     length: Annotated[
         str | None, typer.Option(help="X,Y:X,Y=METRES: metres between what two pixels of the first frame show")
@@ -30,15 +32,32 @@ def track(
         float | None, typer.Option("--depth-offset", help="the log's time at the clip's start [s]; default: found")
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked")] = None,
+    solved: Annotated[
+        Path | None, typer.Option("--from", help="path of another program, or track.csv, in place of solving")
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="frames a second of a file that counts frames")] = None,
+    scale: Annotated[float, typer.Option(help="metres per unit of the file")] = 1.0,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is."""
+    """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is.
+
+    With --from, convert the path that another program has solved.
+    """
     from mr360uw.track.camera_track import check_outputs
     from mr360uw.track.scale import DepthLog, Length, Measure
 
+    if solved is not None:
+        if any(given is not None for given in (height, length, depth_log, mask)):
+            raise ParameterError(
+                "--from - takes its scale from --scale (got a measure or a mask for solving) - leave them out"
+            )
+        _convert(solved, video, out, fps, scale, overwrite=overwrite)
+        return
     if video is None:
-        raise ParameterError("VIDEO - is missing - name a 360 clip")
+        raise ParameterError("VIDEO - is missing - name a 360 clip, or give --from")
+    if fps is not None or scale != 1.0:
+        raise ParameterError("--fps, --scale - are for --from alone - leave them out")
     if depth_offset is not None and depth_log is None:
         raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
     measure = Measure(
@@ -48,6 +67,26 @@ def track(
     )
     check_outputs(out, overwrite=overwrite)
     _solve(video, out, measure, mask, None if eye is None else eye.value, overwrite=overwrite)
+
+
+def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
+    """Write the path in another program's file as a track, or for another program."""
+    from mr360uw.track.camera_files.exchange import EXPORTS, export, read_solved_path
+    from mr360uw.track.camera_files.solved_path import track_of
+    from mr360uw.track.path_words import report_lines
+    from mr360uw.video import open_video
+
+    if video is not None:
+        with open_video(video) as clip:
+            fps = float(clip.frame_rate)
+    path = read_solved_path(solved)
+    track = track_of(path, str(solved), fps, scale)
+    if out.suffix.lower() in EXPORTS:
+        written: tuple[Path, ...] = (export(track, out, fps or path.frame_rate, overwrite=overwrite),)
+    else:
+        written = track.save(out, overwrite=overwrite)
+    typer.echo(f"{path.format}: {len(track.time_s)} cameras")
+    typer.echo("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
 
 
 def _solve(

@@ -109,16 +109,23 @@ def check_outputs(out: str | Path, *, overwrite: bool) -> tuple[Path, Path]:
     """Return the paths of the table and of the JSON for the name of either; raise where they cannot be written."""
     out = Path(out)
     if out.suffix.lower() not in SUFFIXES:
-        raise ParameterError(f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json")
-    if not out.absolute().parent.is_dir():
-        raise ParameterError(f"{out} - its folder is missing - make it first, or name another")
+        raise ParameterError(
+            f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json (with --from: .chan, .py)"
+        )
     paths = out.with_suffix(".csv"), out.with_suffix(".json")
     for path in paths:
-        if path.is_dir():
-            raise ParameterError(f"{path} - is a folder - name a file")
-        if path.exists() and not overwrite:
-            raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
+        check_new(path, overwrite=overwrite)
     return paths
+
+
+def check_new(path: Path, *, overwrite: bool) -> None:
+    """Raise `ParameterError` or `OutputExistsError` where a file cannot be written."""
+    if not path.absolute().parent.is_dir():
+        raise ParameterError(f"{path} - its folder is missing - make it first, or name another")
+    if path.is_dir():
+        raise ParameterError(f"{path} - is a folder - name a file")
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
 
 
 def shot_path(out: Path, number: int) -> Path:

@@ -39,12 +39,18 @@ def verdict(track: CameraTrack) -> str:
 
 def report_lines(track: CameraTrack) -> list[str]:
     """Return the printed report: what the camera does, the verdict, up, scale, floor."""
-    lines = [f"the camera {_KINDS[track.kind]}", verdict(track)]
+    lines = [f"the camera {_KINDS[track.kind]}"]
+    if np.isfinite(track.residual_px).any():
+        lines.append(verdict(track))
     if track.kind == "moving":
         length = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
         lines.append(
-            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} points; "
-            f"features over {100.0 * track.coverage:.0f} % of the sphere"
+            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s"
+            + (
+                f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
+                if len(track.points)
+                else ""
+            )
         )
     if track.held_out_px is not None:
         lines.append(

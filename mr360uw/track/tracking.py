@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.progress import Progress
-from mr360uw.runs.fingerprint import input_file
+from mr360uw.reading.kept_reads import stamp
 from mr360uw.track.between import solve_between
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
@@ -135,7 +135,7 @@ def _folder(video: str | Path, mask: str | Path | None, eye: str | None, keep: s
             yield Path(made)
         return
     folder, files = Path(keep), [Path(video)] + ([] if mask is None else [Path(mask)])
-    of = json.dumps([_KEPT, eye, *(input_file(path).digest for path in files)])
+    of = json.dumps([_KEPT, eye, *(stamp(path) for path in files)])
     note = folder / "input.json"
     if not (note.is_file() and note.read_text("utf-8") == of):
         if folder.exists() and any(folder.iterdir()) and not note.is_file():

@@ -58,8 +58,8 @@ def solution(rng: np.random.Generator, slip_px: float) -> Solution:
 def test_held_out_error_is_how_far_frames_slip(rng: np.random.Generator) -> None:
     assert np.nanmax(held_out_error_px(solution(rng, 0.0))) < 1e-6  # rounding
     error = held_out_error_px(solution(rng, 2.0))
-    # a turn about +y moves directions by the cosine of their latitude, whose median over the sphere is 0.87; that of 200
-    # random points is known to 2.4 %, three times that
+    # a turn about +y moves directions by the cosine of their latitude, whose median over the sphere is 0.87; that of
+    # 200 random points is known to 2.4 %, three times that
     np.testing.assert_allclose(error[1::2], 0.87 * 2.0, rtol=0.08)
     assert np.all(error[::2] > 1.0)  # their points are from the turned frames, and shift to fit these
 
