@@ -67,13 +67,8 @@ def track_camera(
     """
     if height_m is not None:
         measure = Measure(height_m=height_m)
-    shots = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress)
-    if len(shots) > 1:
-        cuts = ", ".join(str(shot.start) for shot in shots[1:])
-        raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or use track_shots")
-    found = shots[0].track
-    if found is None:
-        raise ParameterError(shots[0].problem)
+    found = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress, whole=True)[0].track
+    assert found is not None  # of a clip without cuts the problem is raised
     return found
 
 
@@ -85,10 +80,11 @@ def track_shots(
     eye: Literal["left", "right"] | None = None,
     keep: str | Path | None = None,
     progress: Progress | None = None,
+    whole: bool = False,
 ) -> list[Shot]:
     """Return the shots of a 360 clip, each tracked in a world of its own; arguments and errors of `track_camera`.
 
-    A shot that cannot be tracked says why; of a clip without cuts that is raised.
+    A shot that cannot be tracked says why; of a clip without cuts that is raised. whole: refuse a clip with cuts.
     """
     load_colmap()
     measure = Measure() if measure is None else measure
@@ -98,6 +94,9 @@ def track_shots(
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
         (folder / "keys").mkdir(exist_ok=True)
         reading = read_key_frames(clip, folder / "keys", steps)
+        if whole and reading.cuts:
+            cuts = ", ".join(map(str, reading.cuts))
+            raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
         gravity = _gravity_up(Path(video), float(clip.frame_rate), np.array(reading.times_s))
         shots = []
         for start, stop in reading.shots:
