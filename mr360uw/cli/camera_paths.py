@@ -105,8 +105,12 @@ def _solve(
     from mr360uw.track.tracking import track_shots
 
     keep = out.with_name(f"{out.stem}.track-work")
-    with terminal_progress() as progress:
-        shots = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress)
+    try:
+        with terminal_progress() as progress:
+            shots = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress)
+    except ParameterError:  # the clip cannot be tracked; a run that was interrupted leaves the folder, and goes on
+        shutil.rmtree(keep, ignore_errors=True)
+        raise
     outs = [out if len(shots) == 1 else shot_path(out, number) for number in range(1, len(shots) + 1)]
     for path in outs:
         check_outputs(path, overwrite=overwrite)

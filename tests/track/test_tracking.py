@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -97,6 +99,28 @@ def test_clips_that_cannot_be_tracked(tmp_path: Path, name: str) -> None:
     record(tmp_path / "clip.mp4", iter(images), Fraction(24), seed=1)
     with pytest.raises(ParameterError, match=words):
         uw.track_camera(tmp_path / "clip.mp4")
+
+
+def test_the_command_refuses_and_leaves_nothing(tmp_path: Path, run: Callable[..., tuple[int, str, str]]) -> None:
+    pytest.importorskip("pycolmap")
+    record(tmp_path / "clip.mp4", iter(CLIPS["one colour"][0]), Fraction(24), seed=1)
+    clip, out = tmp_path / "clip.mp4", tmp_path / "track.csv"
+    for arguments, words in {
+        (): "is of one colour",
+        ("--depth-offset", "3"): "without --depth-log",
+        ("--height", "2", "--length", "1,1:2,2=3"): "given twice",
+        ("--length", "1,1=3"): "--length - must be two pixels",
+        ("--fps", "24"): "for --from alone",
+    }.items():
+        code, _, errors = run("track", clip, "-o", out, *arguments)
+        assert (code, words in errors, errors.count("error:")) == (2, True, 1), errors
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+
+
+def test_a_path_of_another_program_has_no_verdict() -> None:
+    track = replace(made(), residual_px=np.full(10, np.nan), points=np.zeros((0, 3)))
+    assert not any("doubtful" in line for line in report_lines(track))
+    assert any(line.startswith("path ") for line in report_lines(track))
 
 
 def test_other_mistakes(tmp_path: Path) -> None:
