@@ -42,9 +42,9 @@ class CameraTrack:
     residual_deg (n,): median distance between observed and predicted features of a frame, in pixels of a frame of
     `width` columns and degrees; NaN where a frame was interpolated. key_frames (k,): frames that COLMAP or the matches
     solved. points (m, 3) [m], point_error_px (m,): scene points and their mean reprojection errors. coverage: share of
-    the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from. held_out_px,
-    held_out_worst_px: median and largest error of key frames of `held_out`, in pixels of a panorama 2048 wide. depth_m:
-    of the first camera, of a depth log.
+    the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from. slip_px,
+    worst_slip_px: median and largest slip of the ground over key frames, held_out_px: median error of single features,
+    as `held_out` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
     """
 
     kind: Kind
@@ -61,8 +61,9 @@ class CameraTrack:
     floor: Floor | None
     up: str
     scale: str
+    slip_px: float | None = None
+    worst_slip_px: float | None = None
     held_out_px: float | None = None
-    held_out_worst_px: float | None = None
     depth_m: float | None = None
 
     @property
@@ -84,8 +85,8 @@ class CameraTrack:
         """Return everything as JSON; residuals of interpolated frames are null."""
         return json.dumps({
             "format": "mr360uw camera track 1", "kind": self.kind, "up": self.up, "scale": self.scale,
-            "coverage": round(self.coverage, 4), "width": self.width, "held_out_px": self.held_out_px,
-            "held_out_worst_px": self.held_out_worst_px, "depth_m": self.depth_m,
+            "coverage": round(self.coverage, 4), "width": self.width, "slip_px": self.slip_px,
+            "worst_slip_px": self.worst_slip_px, "held_out_px": self.held_out_px, "depth_m": self.depth_m,
             "key_frames": self.key_frames.tolist(),
             "floor": None if self.floor is None else asdict(self.floor),
             "time_s": self.time_s.tolist(), "position_m": self.position.tolist(),

@@ -14,7 +14,7 @@ from mr360uw.sphere import direction_from_frame
 from mr360uw.track.bearings import average_rotations, classify
 from mr360uw.track.camera_track import Kind
 from mr360uw.track.colmap import Features, match_features
-from mr360uw.track.held_out import held_out_error_px
+from mr360uw.track.held_out import HeldOut, held_out_errors
 from mr360uw.track.key_frames import KeyFrames
 from mr360uw.track.resection import Landmarks
 from mr360uw.track.steps import Steps
@@ -33,7 +33,7 @@ _LEAST_MATCHED = 0.5
 class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
-    points (m, 3), error_px (m,): of the scene. held_out_px (k,): errors of `held_out`, NaN where there is none.
+    points (m, 3), error_px (m,): of the scene. held_out: of a camera that moves.
     """
 
     kind: Kind
@@ -45,7 +45,7 @@ class KeyPoses:
     landmarks: tuple[Landmarks, ...]
     points: Floats
     error_px: Floats
-    held_out_px: Floats
+    held_out: HeldOut | None
 
 
 def solve_key_frames(
@@ -98,7 +98,7 @@ def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses
     return KeyPoses(
         "moving", keys.index[kept], tuple(keys.paths[k] for k in kept), scene.position[kept], scene.rotation[kept],
         scene.residual_px[kept], tuple(landmarks), scene.points, scene.error_px,
-        held_out_error_px(scene)[kept],
+        held_out_errors(scene),
     )  # fmt: skip
 
 
@@ -121,5 +121,5 @@ def _resting(kind: Kind, keys: KeyFrames, features: Features) -> KeyPoses:
     medians = np.array([np.median(r) if r else np.nan for r in residual])
     return KeyPoses(
         kind, keys.index, keys.paths, np.zeros((count, 3)), rotation, medians, tuple(landmarks), np.zeros((0, 3)),
-        np.zeros(0), np.full(count, np.nan),
+        np.zeros(0), None,
     )  # fmt: skip

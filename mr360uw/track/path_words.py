@@ -53,9 +53,12 @@ def report_lines(track: CameraTrack) -> list[str]:
             )
         )
     if track.held_out_px is not None:
+        ground = ""
+        if track.slip_px is not None:
+            ground = f"the ground slips by {track.slip_px:.2f} px (worst key frame {track.worst_slip_px:.2f}), "
         lines.append(
-            f"held out  points from every other key frame are {track.held_out_px:.2f} px off in the others "
-            f"(worst key frame {track.held_out_worst_px:.2f}), in a panorama {WIDTH} wide"
+            f"held out  {ground}single features by {track.held_out_px:.2f} px, in key frames that did not place them; "
+            f"px of a panorama {WIDTH} wide"
         )
     lines += [f"up        {track.up}", f"scale     {track.scale}"]
     if track.depth_m is not None:

@@ -28,11 +28,16 @@ def thumbnail(grey: NDArray[np.uint8]) -> Floats:
 
 
 def find_picture_cuts(thumbnails: Floats) -> tuple[int, ...]:
-    """Return the first frames after cuts, of thumbnails (n, 16, 32). A flash in one frame is none."""
+    """Return the first frames after cuts, of thumbnails (n, 16, 32).
+
+    A flash in one frame is none. Where most frames differ by half as much as a cut, as noise does, there are none.
+    """
     if len(thumbnails) < 3:
         return ()
     change = np.abs(np.diff(thumbnails, axis=0)).mean(axis=(1, 2))
     limit = min(max(_LEAST_CHANGE, _OVER_USUAL * float(np.median(change))), _CERTAIN_CHANGE)
+    if float(np.median(change)) > 0.5 * limit:
+        return ()
     cuts: list[int] = []
     for k in (np.flatnonzero(change > limit) + 1).tolist():
         stays = np.abs(thumbnails[min(k + 1, len(thumbnails) - 1)] - thumbnails[k - 1]).mean() > limit

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -177,15 +177,20 @@ def _in_world(
 ) -> CameraTrack:
     """Return the track of all frames in the world's axes."""
     position, rotation, residual, observed = frames
-    held_out = poses.held_out_px
+    slip, feature = (None, None) if poses.held_out is None else (poses.held_out.slip_px, poses.held_out.feature_px)
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip
     coverage = len(np.unique(np.clip(cell[0], 0, 11) * 6 + np.clip(cell[1], 0, 5))) / 72.0
-    known = held_out[np.isfinite(held_out)]
     return CameraTrack(
         poses.kind, keys.time_s, world.place(position), world.rotation @ rotation, residual,
         residual * 360.0 / keys.width, poses.index, world.place(poses.points), poses.error_px, coverage, keys.width,
-        world.floor, world.up, world.scale_from, float(np.median(known)) if len(known) else None,
-        float(known.max()) if len(known) else None, world.depth_m,
+        world.floor, world.up, world.scale_from, _known(np.median, slip), _known(np.max, slip),
+        _known(np.median, feature), world.depth_m,
     )  # fmt: skip
+
+
+def _known(middle: Callable[[Floats], float], values: Floats | None) -> float | None:
+    """Return the median or largest of the values that are known, None if none is."""
+    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return float(middle(known)) if len(known) else None

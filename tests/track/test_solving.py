@@ -69,7 +69,8 @@ def test_shots_are_solved_and_go_on_where_they_stopped(tmp_path: Path, rng: np.r
     assert track.floor.support > 0.9
     # a twentieth of a pixel in both halves of the frames, of a panorama 5.3 times as wide: 0.4; three times that
     assert track.held_out_px is not None
-    assert track.held_out_px < 1.2
+    assert track.slip_px is not None
+    assert track.slip_px < track.held_out_px < 1.2
 
     features = keep / "shot00000000" / "features.db"
     features.unlink()  # would be made again for new matches
