@@ -32,6 +32,9 @@ def track(
         float | None, typer.Option("--depth-offset", help="the log's time at the clip's start [s]; default: found")
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked")] = None,
+    mask_only: Annotated[
+        bool, typer.Option("--mask-only", help="leave out nothing else: also track what moves along with the camera")
+    ] = False,
     solved: Annotated[
         Path | None, typer.Option("--from", help="path of another program, or track.csv, in place of solving")
     ] = None,
@@ -66,7 +69,7 @@ def track(
         depth_log=None if depth_log is None else DepthLog(depth_log, depth_offset),
     )
     check_outputs(out, overwrite=overwrite)
-    _solve(video, out, measure, mask, None if eye is None else eye.value, overwrite=overwrite)
+    _solve(video, out, measure, mask, None if eye is None else eye.value, mask_only=mask_only, overwrite=overwrite)
 
 
 def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
@@ -96,6 +99,7 @@ def _solve(
     mask: Path | None,
     eye: Literal["left", "right"] | None,
     *,
+    mask_only: bool,
     overwrite: bool,
 ) -> None:
     """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
@@ -107,7 +111,9 @@ def _solve(
     keep = out.with_name(f"{out.stem}.track-work")
     try:
         with terminal_progress() as progress:
-            shots = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress)
+            shots = track_shots(
+                video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress
+            )
     except ParameterError:  # the clip cannot be tracked; a run that was interrupted leaves the folder, and goes on
         shutil.rmtree(keep, ignore_errors=True)
         raise

@@ -77,11 +77,12 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
 
 
 def match_features(
-    paths: tuple[Path, ...], mask: Path, width: int, height: int, folder: Path, steps: Steps
+    paths: tuple[Path, ...], mask: Path, width: int, height: int, folder: Path, steps: Steps, *, riding: bool = False
 ) -> Features:
     """Find and match features of key frames; go on with what a run before left in the folder.
 
-    mask: picture that is black where features are left out. folder: for COLMAP's databases.
+    mask: picture that is black where features are left out. folder: for COLMAP's databases. riding: keep features that
+    move along with the camera.
     """
     found, verified = folder / "features.db", folder / DATABASE
     pairs = pairs_to_match(len(paths))
@@ -92,7 +93,7 @@ def match_features(
             _match(pycolmap, paths, pairs, found, steps)
             part = folder / "verified.part.db"
             shutil.copyfile(found, part)
-            _keep_verified(pycolmap, paths, pairs, part, width, height)
+            _keep_verified(pycolmap, paths, pairs, part, width, height, riding=riding)
             part.replace(verified)
         with pycolmap.Database.open(verified) as stored:
             pixel, matched = _read_matches(stored, paths, pairs)
@@ -139,13 +140,14 @@ def _list_pairs(listed: Path, paths: tuple[Path, ...], pairs: list[tuple[int, in
 
 
 def _keep_verified(
-    pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]], database: Path, width: int, height: int
-) -> None:
-    """Leave out matches of what moves along with the camera, and fit the geometry of two views to the others."""
+    pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]], database: Path, width: int, height: int, *,
+    riding: bool,
+) -> None:  # fmt: skip
+    """Leave out matches of what moves along with the camera, unless `riding`; fit two views' geometry to the others."""
     with pycolmap.Database.open(database) as stored:
         pixel, matched = _read_matches(stored, paths, pairs)
         directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
-        kept = without_riding(directions, matched, 2.0 * np.pi / width)
+        kept = matched if riding else without_riding(directions, matched, 2.0 * np.pi / width)
         _write_matches(stored, paths, kept)
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed, options.ransac.max_error, options.detect_watermark = SEED, 2.0, False

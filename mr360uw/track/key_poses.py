@@ -49,29 +49,32 @@ class KeyPoses:
 
 
 def solve_key_frames(
-    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps
+    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
 ) -> KeyPoses:
     """Return the poses of a shot's key frames.
 
-    where: names the shot in messages. left_out (H, W): where nothing is tracked. folder: for files, some of which a run
+    where: names the shot in messages. left_out (H, W): where nothing is tracked. mask_only: track
+    what moves along with the camera too. folder: for files, some of which a run
     before may have left there. Raises `ParameterError` where pictures do not tell a path.
     """
-    features = _matched(where, keys, left_out, folder, steps)
+    features = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
     kind = classify(features.matches, 2.0 * np.pi / keys.width)
     return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, features)
 
 
-def _matched(where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps) -> Features:
+def _matched(
+    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
+) -> Features:
     """Return the matched features of key frames; raise `ParameterError` where too few match."""
     import cv2
 
-    mask = keys.fixed.copy() if keys.fixed.size else np.zeros((keys.height, keys.width), bool)
+    mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
     if left_out is not None:
         size = (keys.width, keys.height)
         mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
     path = folder / "mask.png"
     cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
-    found = match_features(keys.paths, path, keys.width, keys.height, folder, steps)
+    found = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
     matched = {i for pair in found.matches for i in pair}
     if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
         raise ParameterError(

@@ -52,6 +52,7 @@ def track_camera(
     measure: Measure | None = None,
     mask: str | Path | None = None,
     eye: Literal["left", "right"] | None = None,
+    mask_only: bool = False,
     keep: str | Path | None = None,
     progress: Progress | None = None,
 ) -> CameraTrack:
@@ -59,15 +60,17 @@ def track_camera(
 
     height_m: of the camera over the floor at time 0; sets the scale, which pictures alone do not tell. measure: another
     measure of the scale. mask: picture of the clip's size, black where nothing is tracked; what stands still in a
-    picture that moves is left out anyway. eye: of a stereo plate. keep: folder for key frames and matches, from which a
-    run that was stopped goes on. progress: is called with (steps done, all of them).
+    picture that moves is left out anyway, unless mask_only. eye: of a stereo plate. keep: folder for key frames and
+    matches, from which a run that was stopped goes on. progress: is called with (steps done, all of them).
 
     Raises `Mr360uwError` without pycolmap, `VideoError`, and `ParameterError` for clips that cannot be tracked, and for
     such with cuts: see `track_shots`.
     """
     if height_m is not None:
         measure = Measure(height_m=height_m)
-    found = track_shots(video, measure=measure, mask=mask, eye=eye, keep=keep, progress=progress, whole=True)[0].track
+    found = track_shots(
+        video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress, whole=True
+    )[0].track
     assert found is not None  # of a clip without cuts the problem is raised
     return found
 
@@ -78,6 +81,7 @@ def track_shots(
     measure: Measure | None = None,
     mask: str | Path | None = None,
     eye: Literal["left", "right"] | None = None,
+    mask_only: bool = False,
     keep: str | Path | None = None,
     progress: Progress | None = None,
     whole: bool = False,
@@ -88,7 +92,7 @@ def track_shots(
     """
     load_colmap()
     measure = Measure() if measure is None else measure
-    with open_video(video, eye=eye) as clip, _folder(video, mask, eye, keep) as folder:
+    with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
         measure = replace(measure, frame_width=clip.width)
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
@@ -106,7 +110,9 @@ def track_shots(
                 own = folder / f"shot{start:08d}"
                 own.mkdir(exist_ok=True)
                 level = None if gravity is None else gravity[start:stop]
-                shots.append(Shot(start, stop, _solved(where, clip, keys, left_out, own, steps, level, measure)))
+                shots.append(
+                    Shot(start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure))
+                )
             except ParameterError as error:
                 if len(reading.shots) == 1:
                     raise
@@ -115,11 +121,11 @@ def track_shots(
 
 
 def _solved(
-    where: str, clip: VideoReader, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps,
-    gravity: Floats | None, measure: Measure,
+    where: str, clip: VideoReader, keys: KeyFrames, masking: tuple[NDArray[np.bool_] | None, bool], folder: Path,
+    steps: Steps, gravity: Floats | None, measure: Measure,
 ) -> CameraTrack:  # fmt: skip
     """Return the track of a shot."""
-    poses = solve_key_frames(where, keys, left_out, folder, steps)
+    poses = solve_key_frames(where, keys, masking[0], folder, steps, mask_only=masking[1])
     frames = solve_between(clip, keys, poses, steps)
     window = window_up(poses.paths, poses.rotation) if gravity is None else None
     world = world_of(*frames[:2], poses.points, gravity, window, measure, keys.time_s)
@@ -127,14 +133,16 @@ def _solved(
 
 
 @contextmanager
-def _folder(video: str | Path, mask: str | Path | None, eye: str | None, keep: str | Path | None) -> Iterator[Path]:
+def _folder(
+    video: str | Path, mask: str | Path | None, settings: tuple[str | None, bool], keep: str | Path | None
+) -> Iterator[Path]:
     """Yield the folder of key frames and matches: a temporary one, or one that is kept and emptied for other input."""
     if keep is None:
         with tempfile.TemporaryDirectory(prefix="mr360uw-track-") as made:
             yield Path(made)
         return
     folder, files = Path(keep), [Path(video)] + ([] if mask is None else [Path(mask)])
-    of = json.dumps([_KEPT, eye, *(stamp(path) for path in files)])
+    of = json.dumps([_KEPT, settings, *(stamp(path) for path in files)])
     note = folder / "input.json"
     if not (note.is_file() and note.read_text("utf-8") == of):
         if folder.exists() and any(folder.iterdir()) and not note.is_file():
