@@ -14,6 +14,8 @@ _GOOD_PX, _USABLE_PX = 0.6, 1.2
 """Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
 _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
+_FAR = 50.0
+"""Largest extent of a path over the median distance of its points; a wrong pose reaches thousands."""
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
 
 
@@ -31,6 +33,10 @@ def verdict(track: CameraTrack) -> str:
         word = "usable"
     if residual <= _GOOD_PX and share >= _GOOD_SHARE:
         word = "good"
+    if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
+        np.linalg.norm(track.points - track.position[0], axis=1)
+    ):
+        word = "doubtful"  # a path that leaves its own points behind
     return (
         f"{word}: objects stay in place to {100.0 * slip_m(track):.1f} cm at {_DISTANCE_M:g} m; "
         f"{np.count_nonzero(solved)} of {len(solved)} frames solved; residual {residual:.2f} px"

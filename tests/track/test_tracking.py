@@ -56,6 +56,8 @@ def test_the_report_says_how_good_it_is() -> None:
     # 0.3 px of 1280 are 0.084 degrees, at 5 m 7.4 mm
     assert verdict(made()) == ("good: objects stay in place to 0.7 cm at 5 m; 10 of 10 frames solved; residual 0.30 px")
     assert verdict(made(0.9)).startswith("usable")
+    lost = made()
+    assert verdict(replace(lost, position=1e4 * lost.position)).startswith("doubtful")
     assert verdict(made(interpolated=6)).startswith("doubtful: objects stay in place to 0.7 cm at 5 m; 4 of 10")
     assert any("[receiver] height_m = -1.98" in line for line in report_lines(made()))
 
