@@ -134,7 +134,7 @@ def composite_video(
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite)
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
-        loaded.check(span[1])
+        _check_lengths(loaded, video, span)
         renderer, fallback = make_backend(backend, scene.plate.eyes)
         crew = make_crew(workers, cluster, len(parts))
         inputs = input_fingerprints(loaded)
@@ -161,6 +161,14 @@ def composite_video(
         workers=1 if crew is None else crew.count,
         inputs=inputs,
     )
+
+
+def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:
+    """Raise `VideoError` or `ParameterError` where a matte, a distance map or the camera's track lacks frames."""
+    loaded.check(span[1])
+    if not video.is_still:
+        rate = float(video.frame_rate)
+        loaded.surroundings.camera.check_times(span[0] / rate, (span[1] - 1) / rate, rate)
 
 
 def _report(out: Path, frames: int, loaded: Loaded, renderer: Backend, times: RunTimes) -> Report:

@@ -49,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
         "__version__",
         *PHYSICS,
     },
-    "track": {"video", "ibl", "progress"},
+    "track": {"video", "ibl", "medium", "composite", "progress"},
     "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",

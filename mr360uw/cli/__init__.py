@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import benching, dives, rendering, tools, tuning
+from mr360uw.cli import benching, camera_paths, dives, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -36,8 +36,8 @@ for _command in (
     tools.analyse,
     tools.caustics,
     tools.match,
-    tools.track,
-    tools.floor,
+    camera_paths.track,
+    camera_paths.floor,
     tools.schema,
     tools.info,
     benching.bench,

@@ -94,44 +94,6 @@ def match(
     typer.echo("\n".join(lines))
 
 
-def track(
-    video: Annotated[Path, typer.Argument(help="360 clip")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="track.csv, or track.json; both are written")],
-    height: Annotated[float | None, typer.Option(help="of the camera over the floor at time 0, in metres")] = None,
-    mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked")] = None,
-    eye: EyeOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is."""
-    from mr360uw.progress import terminal_progress
-    from mr360uw.track.camera_track import check_outputs
-    from mr360uw.track.path_words import report_lines
-    from mr360uw.track.tracking import track_camera
-
-    check_outputs(out, overwrite=overwrite)
-    with terminal_progress() as progress:
-        solved = track_camera(
-            video, height_m=height, mask=mask, eye=None if eye is None else eye.value, progress=progress
-        )
-    written = solved.save(out, overwrite=overwrite)
-    typer.echo("\n".join([*report_lines(solved), "wrote " + "\n      ".join(str(path) for path in written)]))
-
-
-def floor(
-    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply")],
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
-    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
-    from mr360uw.track.floor_words import floor_lines
-
-    check_mesh_output(out, overwrite=overwrite)
-    found = floor_from_track(track)
-    written = found.save(out, overwrite=overwrite)
-    typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
-
-
 def schema(
     markdown: Annotated[bool, typer.Option("--markdown", help="print tables for people instead")] = False,
     aerial: Annotated[bool, typer.Option("--aerial", help="of the scenes of `mr360uw aerial`")] = False,

@@ -30,6 +30,8 @@ from mr360uw.types import Floats
 
 _TO_NOSE: dict[Front, float] = {"-z": 0.0, "+z": 180.0, "+x": -90.0, "-x": 90.0}
 """Yaw [deg] that turns the front of a mesh to where noses are, -z."""
+_QUATERNION_LENGTH = 0.01
+"""Largest deviation of a quaternion's length from 1: files with three digits pass, exchanged columns do not."""
 
 
 def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
@@ -142,11 +144,23 @@ def read_camera_track(path: str | Path) -> Motion:
     if missing:
         raise ParameterError(f"{path} - columns are missing (got no {', '.join(missing)}) - give {', '.join(names)}")
     columns = np.stack([table[name] for name in names], axis=-1)
-    if not np.all(np.isfinite(columns)) or not np.all(np.linalg.norm(columns[:, 4:], axis=-1) > 0.0):
-        raise ParameterError(f"{path} - has entries that are no numbers, or quaternions of zero - correct the rows")
+    if not np.all(np.isfinite(columns)):
+        raise ParameterError(f"{path} - has entries that are no numbers - correct the rows")
+    check_unit_quaternions(columns[:, 4:], str(path))
     _require_ascending(columns[:, 0], f"{path} time_s")
     rotation = Rotation.from_quat(columns[:, 4:]).as_matrix()
     return Motion(columns[:, 0], columns[:, 1:4], rotation, np.ones(len(columns)), "linear")
+
+
+def check_unit_quaternions(quaternion: Floats, where: str) -> None:
+    """Raise `ParameterError` unless quaternions (n, 4) have the length 1."""
+    length = np.linalg.norm(quaternion, axis=-1)
+    wrong = np.flatnonzero(~(np.abs(length - 1.0) < _QUATERNION_LENGTH))
+    if len(wrong):
+        raise ParameterError(
+            f"{where} - quaternions must have the length 1 (got {length[wrong[0]]:.4g} in row {wrong[0] + 1}) - check "
+            "that the columns are in their places, or export it again"
+        )
 
 
 def _require_ascending(times: Floats, where: str) -> None:

@@ -104,6 +104,21 @@ class CameraPath:
         position = np.array([0.0, self.depth_m - self._keyed_depth(time_s), 0.0])
         return position, np.eye(3) if self.tilt is None else self.tilt.at(time_s)
 
+    def check_times(self, first_s: float, last_s: float, frame_rate: float) -> None:
+        """Raise `ParameterError` where a track of more than one row does not cover the frames of a clip.
+
+        first_s, last_s: times of the first and last frame. A track may lack a frame at either end.
+        """
+        if self.track is None or len(self.track.time_s) == 1:
+            return
+        start, stop, slack = float(self.track.time_s[0]), float(self.track.time_s[-1]), 1.5 / frame_rate
+        if first_s < start - slack or last_s > stop + slack:
+            raise ParameterError(
+                f"camera.track - is known from {start:.2f} to {stop:.2f} s only (got frames from {first_s:.2f} to "
+                f"{last_s:.2f} s) - track the whole clip, or give --frames "
+                f"{max(round(start * frame_rate), 0)}:{round(stop * frame_rate) + 1}"
+            )
+
     def depth_at(self, time_s: float) -> float:
         """Return the depth [m] of the camera below the mean surface at `time_s`."""
         return self.depth_m - float(self.at(time_s)[0][1])

@@ -42,7 +42,9 @@ class CameraTrack:
     residual_deg (n,): median distance between observed and predicted features of a frame, in pixels of a frame of
     `width` columns and degrees; NaN where a frame was interpolated. key_frames (k,): frames that COLMAP or the matches
     solved. points (m, 3) [m], point_error_px (m,): scene points and their mean reprojection errors. coverage: share of
-    the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from.
+    the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from. slip_px,
+    worst_slip_px: median and largest slip of the ground over key frames, held_out_px: median error of single features,
+    as `held_out` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
     """
 
     kind: Kind
@@ -59,6 +61,10 @@ class CameraTrack:
     floor: Floor | None
     up: str
     scale: str
+    slip_px: float | None = None
+    worst_slip_px: float | None = None
+    held_out_px: float | None = None
+    depth_m: float | None = None
 
     @property
     def quaternion(self) -> Floats:
@@ -79,7 +85,9 @@ class CameraTrack:
         """Return everything as JSON; residuals of interpolated frames are null."""
         return json.dumps({
             "format": "mr360uw camera track 1", "kind": self.kind, "up": self.up, "scale": self.scale,
-            "coverage": round(self.coverage, 4), "width": self.width, "key_frames": self.key_frames.tolist(),
+            "coverage": round(self.coverage, 4), "width": self.width, "slip_px": self.slip_px,
+            "worst_slip_px": self.worst_slip_px, "held_out_px": self.held_out_px, "depth_m": self.depth_m,
+            "key_frames": self.key_frames.tolist(),
             "floor": None if self.floor is None else asdict(self.floor),
             "time_s": self.time_s.tolist(), "position_m": self.position.tolist(),
             "quaternion_xyzw": self.quaternion.tolist(), "residual_px": _nullable(self.residual_px),
@@ -102,16 +110,28 @@ def check_outputs(out: str | Path, *, overwrite: bool) -> tuple[Path, Path]:
     """Return the paths of the table and of the JSON for the name of either; raise where they cannot be written."""
     out = Path(out)
     if out.suffix.lower() not in SUFFIXES:
-        raise ParameterError(f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json")
-    if not out.absolute().parent.is_dir():
-        raise ParameterError(f"{out} - its folder is missing - make it first, or name another")
+        raise ParameterError(
+            f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json (with --from: .chan, .py)"
+        )
     paths = out.with_suffix(".csv"), out.with_suffix(".json")
     for path in paths:
-        if path.is_dir():
-            raise ParameterError(f"{path} - is a folder - name a file")
-        if path.exists() and not overwrite:
-            raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
+        check_new(path, overwrite=overwrite)
     return paths
+
+
+def check_new(path: Path, *, overwrite: bool) -> None:
+    """Raise `ParameterError` or `OutputExistsError` where a file cannot be written."""
+    if not path.absolute().parent.is_dir():
+        raise ParameterError(f"{path} - its folder is missing - make it first, or name another")
+    if path.is_dir():
+        raise ParameterError(f"{path} - is a folder - name a file")
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
+
+
+def shot_path(out: Path, number: int) -> Path:
+    """Return the name of the track of a shot, counted from 1, of a clip with cuts."""
+    return out.with_name(f"{out.stem}.shot{number}{out.suffix}")
 
 
 def _nullable(values: Floats) -> list[float | None]:

@@ -1,28 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features, matches and structure from motion of key frames, by COLMAP (Schoenberger & Frahm 2016).
+"""Features of key frames and their matches, by COLMAP (Schoenberger & Frahm 2016).
 
-COLMAP's camera axes are right, down, forward; ours are right, up, back. Its panoramic camera model is the mapping of
+Its panoramic camera model is the mapping of
 `mr360uw.sphere`. Seeds are fixed and everything runs on one thread, so that a solve can be repeated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import shutil
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.bearings import MINIMUM_MATCHES, Matches
+from mr360uw.track.riding import Indices, without_riding
+from mr360uw.track.steps import FEATURES, PAIR, Steps
 from mr360uw.types import Floats
 
-_AXES = np.diag([1.0, -1.0, -1.0])
-"""From COLMAP's camera axes to ours, and back."""
 _FEATURES = 6000
 """Most features of a frame; the largest are kept. Half: a third faster, rotations drift twice as much."""
 _UPSAMPLED = -1
@@ -31,9 +31,11 @@ _RATIO = 0.9
 """Largest distance of the best match over that of the second. Sand is alike everywhere: 0.8 loses a third of it."""
 _LOOP_FRAMES = 10
 """Evenly spaced key frames that are all matched with each other, so that a path that comes back closes."""
-_LEAST_ANGLE_DEG = (8.0, 3.0, 1.0)
-"""Least angle between the rays to the points of the first two frames; smaller ones are tried where larger fail."""
-_SEED = 1
+SEED = 1
+DATABASE = "matches.db"
+"""File of a folder with the matches that agree with two views' geometry."""
+_CHUNK = 16
+"""Pictures, or pairs of them, after which a run that is stopped goes on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,25 +44,6 @@ class Features:
 
     pixel: tuple[Floats, ...]
     matches: Matches
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    """A solved scene in arbitrary axes and scale.
-
-    position (k, 3) and rotation (k, 3, 3) of key frames, camera axes to world; `solved` (k,): which were found.
-    residual_px (k,): median reprojection errors. pixel, point: observed pixels (n, 2) and numbers of their points (n,),
-    for each frame. points (m, 3), error_px (m,): mean reprojection error of each.
-    """
-
-    position: Floats
-    rotation: Floats
-    solved: NDArray[np.bool_]
-    residual_px: Floats
-    pixel: tuple[Floats, ...]
-    point: tuple[NDArray[np.int64], ...]
-    points: Floats
-    error_px: Floats
 
 
 def load_colmap() -> Any:
@@ -78,7 +61,7 @@ def quiet_colmap() -> Iterator[Any]:
     pycolmap = load_colmap()
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
-    pycolmap.set_random_seed(_SEED)
+    pycolmap.set_random_seed(SEED)
     try:
         yield pycolmap
     finally:
@@ -94,101 +77,120 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
 
 
 def match_features(
-    paths: tuple[Path, ...], mask: Path, width: int, height: int, database: Path, tell: Iterator[None]
+    paths: tuple[Path, ...], mask: Path, width: int, height: int, folder: Path, steps: Steps, *, riding: bool = False
 ) -> Features:
-    """Find and match features of key frames.
+    """Find and match features of key frames; go on with what a run before left in the folder.
 
-    mask: picture that is black where features are left out. database: file that COLMAP makes. tell: is advanced after
-    each frame.
+    mask: picture that is black where features are left out. folder: for COLMAP's databases. riding: keep features that
+    move along with the camera.
     """
+    found, verified = folder / "features.db", folder / DATABASE
+    pairs = pairs_to_match(len(paths))
+    steps.expect(FEATURES * len(paths) + PAIR * len(pairs))
     with quiet_colmap() as pycolmap:
-        reading = pycolmap.ImageReaderOptions()
-        reading.camera_model, reading.camera_params = "EQUIRECTANGULAR", f"{width},{height}"
-        reading.camera_mask_path = mask
-        extraction = pycolmap.FeatureExtractionOptions()
-        extraction.sift.max_num_features, extraction.sift.first_octave = _FEATURES, _UPSAMPLED
-        extraction.num_threads = 1
+        if not verified.exists():
+            _extract(pycolmap, paths, mask, (width, height), found, steps)
+            _match(pycolmap, paths, pairs, found, steps)
+            part = folder / "verified.part.db"
+            shutil.copyfile(found, part)
+            _keep_verified(pycolmap, paths, pairs, part, width, height, riding=riding)
+            part.replace(verified)
+        with pycolmap.Database.open(verified) as stored:
+            pixel, matched = _read_matches(stored, paths, pairs)
+            directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
+            return Features(pixel, _verified(stored, paths, matched, directions))
+
+
+def _extract(
+    pycolmap: Any, paths: tuple[Path, ...], mask: Path, size: tuple[int, int], database: Path, steps: Steps
+) -> None:
+    """Find the features of pictures that a database has not yet."""
+    reading = pycolmap.ImageReaderOptions()
+    reading.camera_model, reading.camera_params = "EQUIRECTANGULAR", f"{size[0]},{size[1]}"
+    reading.camera_mask_path = mask
+    options = pycolmap.FeatureExtractionOptions()
+    options.sift.max_num_features, options.sift.first_octave = _FEATURES, _UPSAMPLED
+    options.num_threads = 1
+    for at in range(0, len(paths), _CHUNK):
+        names = [path.name for path in paths[at : at + _CHUNK]]
+        if at:  # all pictures are of one camera, which the first made
+            with pycolmap.Database.open(database) as stored:
+                reading.existing_camera_id = stored.read_all_cameras()[0].camera_id
         pycolmap.extract_features(
-            database, paths[0].parent, [path.name for path in paths], pycolmap.CameraMode.SINGLE, reading, extraction,
-            pycolmap.Device.cpu,
-        )  # fmt: skip
-        pairs = pairs_to_match(len(paths))
-        listed = database.with_suffix(".pairs.txt")
-        listed.write_text("".join(f"{paths[i].name} {paths[j].name}\n" for i, j in pairs), "utf-8")
-        pairing, verification = pycolmap.ImportedPairingOptions(), pycolmap.TwoViewGeometryOptions()
-        matching = pycolmap.FeatureMatchingOptions()
-        matching.sift.max_ratio, matching.num_threads = _RATIO, 1
-        pairing.match_list_path = listed
-        verification.ransac.random_seed, verification.ransac.max_error = _SEED, 2.0
-        verification.detect_watermark = False
-        pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
-        for _ in paths:
-            next(tell)
-        with pycolmap.Database.open(database) as read:
-            number = {image.name: image.image_id for image in read.read_all_images()}
-            ids = [number[path.name] for path in paths]
-            pixel = tuple(np.asarray(read.read_keypoints(image)[:, :2], np.float64) for image in ids)
-            directions = [direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel]
-            matches = {}
-            for i, j in pairs:
-                found = np.asarray(read.read_two_view_geometry(ids[i], ids[j]).inlier_matches)
-                if len(found) < MINIMUM_MATCHES:
-                    found = np.asarray(read.read_matches(ids[i], ids[j]))
-                if len(found) >= MINIMUM_MATCHES:
-                    matches[i, j] = directions[i][found[:, 0]], directions[j][found[:, 1]]
-    return Features(pixel, matches)
+            database, paths[0].parent, names, pycolmap.CameraMode.SINGLE, reading, options, pycolmap.Device.cpu
+        )
+        steps.done(FEATURES * len(names))
 
 
-def solve_structure(
-    paths: tuple[Path, ...], database: Path, folder: Path, advance: Callable[[], None]
-) -> Solution | None:
-    """Return the largest scene that COLMAP maps from matched key frames; None where it finds none.
-
-    folder: for its files. advance: is called after each frame that is added.
-    """
-    with quiet_colmap() as pycolmap:
-        for angle in _LEAST_ANGLE_DEG:
-            options = pycolmap.IncrementalPipelineOptions()
-            options.multiple_models, options.extract_colors, options.min_model_size = False, False, 3
-            options.num_threads, options.random_seed = 1, _SEED
-            options.ba_refine_focal_length = options.ba_refine_extra_params = False
-            options.mapper.init_min_tri_angle, options.mapper.init_min_num_inliers = angle, 50
-            options.mapper.filter_max_reproj_error, options.mapper.abs_pose_max_error = 2.0, 6.0
-            if angle < _LEAST_ANGLE_DEG[0]:
-                options.triangulation.min_angle = options.mapper.filter_min_tri_angle = 0.5
-            found = pycolmap.incremental_mapping(
-                database, paths[0].parent, folder, options, next_image_callback=advance
-            )
-            if found:
-                best = max(found.values(), key=lambda scene: scene.num_reg_images())
-                return _solution(best, [path.name for path in paths])
-    return None
+def _match(pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]], database: Path, steps: Steps) -> None:
+    """Match the features of pairs of pictures that are not matched yet."""
+    pairing, options = pycolmap.ImportedPairingOptions(), pycolmap.FeatureMatchingOptions()
+    options.sift.max_ratio, options.num_threads = _RATIO, 1
+    options.skip_geometric_verification = True
+    pairing.match_list_path = database.with_suffix(".pairs.txt")
+    for at in range(0, len(pairs), _CHUNK):
+        some = pairs[at : at + _CHUNK]
+        _list_pairs(pairing.match_list_path, paths, some)
+        pycolmap.match_image_pairs(database, options, pairing, device=pycolmap.Device.cpu)
+        steps.done(PAIR * len(some))
 
 
-def _solution(scene: Any, names: list[str]) -> Solution:
-    """Return a COLMAP reconstruction as arrays in our camera axes."""
-    ids = sorted(scene.points3D)
-    row = {point: index for index, point in enumerate(ids)}
-    points = np.array([scene.points3D[i].xyz for i in ids]).reshape(-1, 3)
-    error = np.array([scene.points3D[i].error for i in ids])
-    count = len(names)
-    position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
-    solved, residual = np.zeros(count, bool), np.full(count, np.nan)
-    pixels: list[Floats] = [np.zeros((0, 2))] * count
-    numbers: list[NDArray[np.int64]] = [np.zeros(0, np.int64)] * count
-    for image in scene.images.values():
-        if not image.has_pose:
-            continue
-        k = names.index(image.name)
-        observed = image.get_observation_points2D()
-        position[k] = image.projection_center()
-        rotation[k] = image.cam_from_world().rotation.matrix().T @ _AXES
-        pixels[k] = np.array([p.xy for p in observed]).reshape(-1, 2)
-        numbers[k] = np.array([row[p.point3D_id] for p in observed], np.int64)
-        solved[k] = True
-        camera = scene.cameras[image.camera_id]
-        seen = direction_from_frame(pixels[k][:, 0], pixels[k][:, 1], camera.width, camera.height)
-        to_point = (points[numbers[k]] - position[k]) @ rotation[k]
-        chord = np.linalg.norm(seen - to_point / np.linalg.norm(to_point, axis=1, keepdims=True), axis=1)
-        residual[k] = float(np.median(chord)) * camera.width / (2.0 * np.pi) if len(chord) else np.nan
-    return Solution(position, rotation, solved, residual, tuple(pixels), tuple(numbers), points, error)
+def _list_pairs(listed: Path, paths: tuple[Path, ...], pairs: list[tuple[int, int]]) -> None:
+    listed.write_text("".join(f"{paths[i].name} {paths[j].name}\n" for i, j in pairs), "utf-8")
+
+
+def _keep_verified(
+    pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]], database: Path, width: int, height: int, *,
+    riding: bool,
+) -> None:  # fmt: skip
+    """Leave out matches of what moves along with the camera, unless `riding`; fit two views' geometry to the others."""
+    with pycolmap.Database.open(database) as stored:
+        pixel, matched = _read_matches(stored, paths, pairs)
+        directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
+        kept = matched if riding else without_riding(directions, matched, 2.0 * np.pi / width)
+        _write_matches(stored, paths, kept)
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed, options.ransac.max_error, options.detect_watermark = SEED, 2.0, False
+    listed = database.with_suffix(".pairs.txt")
+    _list_pairs(listed, paths, list(kept))
+    pycolmap.verify_matches(database, listed, options)
+
+
+def _numbers(stored: Any, paths: tuple[Path, ...]) -> list[int]:
+    """Return COLMAP's numbers of pictures."""
+    number = {image.name: image.image_id for image in stored.read_all_images()}
+    return [number[path.name] for path in paths]
+
+
+def _read_matches(
+    stored: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]]
+) -> tuple[tuple[Floats, ...], dict[tuple[int, int], Indices]]:
+    """Return the pixels (n, 2) of each picture's features, and the matched features (m, 2) of pairs of pictures."""
+    ids = _numbers(stored, paths)
+    pixel = tuple(np.asarray(stored.read_keypoints(k), np.float64).reshape(-1, 6)[:, :2] for k in ids)
+    found = {(i, j): np.asarray(stored.read_matches(ids[i], ids[j]), np.uint32).reshape(-1, 2) for i, j in pairs}
+    return pixel, {pair: indices for pair, indices in found.items() if len(indices)}
+
+
+def _write_matches(stored: Any, paths: tuple[Path, ...], matches: dict[tuple[int, int], Indices]) -> None:
+    """Replace the matches of a database."""
+    ids = _numbers(stored, paths)
+    stored.clear_matches()
+    stored.clear_two_view_geometries()
+    for (i, j), indices in matches.items():
+        stored.write_matches(ids[i], ids[j], indices)
+
+
+def _verified(
+    stored: Any, paths: tuple[Path, ...], matches: dict[tuple[int, int], Indices], directions: tuple[Floats, ...]
+) -> Matches:
+    """Return the matches that agree with two views' geometry, or all of a pair without such a geometry."""
+    ids, agreed = _numbers(stored, paths), {}
+    for (i, j), indices in matches.items():
+        found = indices
+        if stored.exists_two_view_geometry(ids[i], ids[j]):
+            inliers = np.asarray(stored.read_two_view_geometry(ids[i], ids[j]).inlier_matches).reshape(-1, 2)
+            found = inliers if len(inliers) >= MINIMUM_MATCHES else indices
+        if len(found) >= MINIMUM_MATCHES:
+            agreed[i, j] = directions[i][found[:, 0]], directions[j][found[:, 1]]
+    return agreed

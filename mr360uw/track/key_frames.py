@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grey pictures of a clip, key frames chosen by motion, and pixels that stand still while the rest moves.
+"""Grey pictures of a clip, and its shots with key frames chosen by motion.
 
 Grey values are the clip's luma codes, reduced to `WIDTH` columns at most: wider pictures take longer and gain little,
 since a code's noise and the codec's blocks limit where a feature is.
@@ -7,15 +7,20 @@ since a code's noise and the codec's blocks limit where a feature is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import itertools
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.files import write_whole
 from mr360uw.sphere import direction_from_frame
+from mr360uw.track.fixed_pixels import fixed_pixels
+from mr360uw.track.picture_cuts import find_picture_cuts, thumbnail
+from mr360uw.track.steps import Steps
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -37,30 +42,40 @@ _LEAST_CONTRAST = 1.5
 """Least standard deviation [codes] of a picture; below, it is of one colour."""
 _LEAST_CORNERS = 25
 """Fewest corners of a picture with enough texture."""
-_STILL_CODES = 3.0
-"""Standard deviation over time [codes] up to which a pixel stands still: twice a codec's noise."""
-_TEXTURED_CODES = 4.0
-"""Least standard deviation [codes] around a pixel whose standing still means anything."""
-_STILL_OF_TEXTURE = 0.35
-"""Largest standard deviation over time over that around it of a pixel that stands still."""
-_LARGEST_STILL = 0.5
-"""Share of textured pixels that stand still above which nothing is left out: then the whole scene does."""
-_LEAST_KEYS_OF_MASK = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyFrames:
-    """Key frames of a clip: their numbers (k,) and files in a folder, the times of all frames, and the fixed pixels.
+    """Key frames of a shot: their numbers in it (k,) and files, the times of all its frames, and the fixed pixels.
 
-    fixed (H, W): True where the picture stands still while the rest moves.
+    first: number of the shot's first frame in the clip. fixed (H, W): True where the picture stands still while the
+    rest moves.
     """
 
+    first: int
     index: NDArray[np.int64]
     paths: tuple[Path, ...]
     time_s: Floats
     width: int
     height: int
     fixed: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """First reading of a clip: numbers of key frames, times [s] of all frames, first frames after cuts, size [px]."""
+
+    keys: list[int]
+    times_s: list[float]
+    cuts: list[int]
+    width: int
+    height: int
+
+    @property
+    def shots(self) -> list[tuple[int, int]]:
+        """First frame of each shot, and the frame after its last."""
+        edges = [0, *self.cuts, len(self.times_s)]
+        return list(itertools.pairwise(edges))
 
 
 def grey_picture(frame: VideoFrame) -> Grey:
@@ -110,73 +125,78 @@ class _Motion:
         return bool(np.percentile(np.linalg.norm(a - b, axis=1), 75) > _KEY_TURN)
 
 
-def read_key_frames(video: VideoReader, folder: Path, tell: Iterator[None]) -> KeyFrames:
-    """Choose key frames of a clip and write them as PNG into a folder.
+def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
+    """Choose key frames of a clip and write them as PNG into a folder, unless a run before did; find its cuts.
 
-    tell: is advanced after every frame. Raises `ParameterError` for stills, clips that are too short, pictures of one
+    Raises `ParameterError` for stills, clips that are too short, pictures of one
     colour and such without texture.
     """
-    import cv2
-
     if video.is_still:
         raise ParameterError(f"{video.path} - is one picture, whose camera has no path - give a video")
     count = video.frame_count or 0
     if count < LEAST_FRAMES:
         raise ParameterError(f"{video.path} - is too short (got {count} frames) - give at least {LEAST_FRAMES}")
+    stored = folder / "keys.json"
+    if stored.is_file():
+        return Reading(**json.loads(stored.read_text("utf-8")))
+    reading = _read(video, count, folder, steps)
+    write_whole(stored, json.dumps(asdict(reading)))
+    return reading
+
+
+def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading:
+    import cv2
+
     every = set(np.linspace(0, count - 1, min(count, _LEAST_KEYS)).astype(int).tolist())
-    keys, paths, times, motion, fixed = [], [], [], None, None
+    keys, times, thumbnails, motion = [], [], [], None
     contrast, corners = 0.0, 0
     for frame in video.frames():
         grey = grey_picture(frame)
-        height, width = grey.shape
-        scale = min(1.0, _FLOW_WIDTH / width)
-        small = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-        times.append(frame.time_s)
+        small = _small(grey)
+        times.append(float(frame.time_s))
+        thumbnails.append(thumbnail(small))
         if motion is None or frame.index in every or motion.is_key(small):
             motion = _Motion(small)
             contrast, corners = max(contrast, float(small.std())), max(corners, len(motion.start))
-            keys.append(frame.index)
-            paths.append(folder / f"{frame.index:08d}.png")
-            cv2.imwrite(str(paths[-1]), grey)
-            fixed = _FixedPixels(small.shape) if fixed is None else fixed
-            fixed.add(small)
-        next(tell)
+            keys.append(int(frame.index))
+            cv2.imwrite(str(key_path(folder, frame.index)), grey)
+        steps.done()
     if contrast < _LEAST_CONTRAST:
         raise ParameterError(f"{video.path} - is of one colour - give a clip that shows the floor, a wall or a reef")
-    if corners < _LEAST_CORNERS or fixed is None:
+    if corners < _LEAST_CORNERS:
         raise ParameterError(
             f"{video.path} - has no texture to follow (got {corners} corners) - give a clip that shows the floor"
         )
-    mask = cv2.resize(fixed.mask().astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
-    return KeyFrames(np.array(keys), tuple(paths), np.array(times), width, height, mask)
+    height, width = grey.shape
+    return Reading(keys, times, list(find_picture_cuts(np.array(thumbnails))), width, height)
 
 
-class _FixedPixels:
-    """Mean and variance over time of every pixel of small pictures."""
+def _small(grey: Grey) -> Grey:
+    import cv2
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._count, self._sum, self._squares = 0, np.zeros(shape), np.zeros(shape)
+    scale = min(1.0, _FLOW_WIDTH / grey.shape[1])
+    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
-    def add(self, small: Grey) -> None:
-        self._count += 1
-        self._sum += small
-        self._squares += np.square(small, dtype=np.float64)
 
-    def mask(self) -> NDArray[np.bool_]:
-        """Return where the picture stands still (H, W); nowhere if most of it does, or there are too few pictures."""
-        import cv2
+def key_path(folder: Path, index: int) -> Path:
+    """Return the file of a key frame."""
+    return folder / f"{index:08d}.png"
 
-        nothing = np.zeros(self._sum.shape, bool)
-        if self._count < _LEAST_KEYS_OF_MASK:
-            return nothing
-        mean = self._sum / self._count
-        temporal = np.sqrt(np.maximum(self._squares / self._count - mean**2, 0.0))
-        size = (9, 9)
-        around = np.sqrt(np.maximum(cv2.blur(mean**2, size) - cv2.blur(mean, size) ** 2, 0.0))
-        textured = np.maximum(around, temporal) > _TEXTURED_CODES
-        still = textured & (temporal < _STILL_CODES) & (temporal < _STILL_OF_TEXTURE * around)
-        if np.count_nonzero(still) > _LARGEST_STILL * np.count_nonzero(textured):
-            return nothing
-        closed = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        closed = cv2.morphologyEx(closed, cv2.MORPH_CLOSE, np.ones((15, 15), np.uint8))
-        return np.asarray(cv2.dilate(closed, np.ones((7, 7), np.uint8))).astype(bool)
+
+def key_frames_of_shot(reading: Reading, folder: Path, start: int, stop: int, where: str) -> KeyFrames:
+    """Return the key frames of the frames start <= index < stop; raise `ParameterError`, as of `where`, if too few."""
+    import cv2
+
+    if stop - start < LEAST_FRAMES:
+        raise ParameterError(f"{where} - is too short (got {stop - start} frames) - give at least {LEAST_FRAMES}")
+
+    index = np.array([k for k in reading.keys if start <= k < stop], np.int64)
+    if len(index) < 2:
+        raise ParameterError(f"{where} - is too short (got {len(index)} key frames) - give it as a clip of its own")
+    paths = tuple(key_path(folder, k) for k in index.tolist())
+    fixed = fixed_pixels(_small(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)) for path in paths)
+    size = (reading.width, reading.height)
+    if fixed.size:
+        fixed = cv2.resize(fixed.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
+    times = np.array(reading.times_s[start:stop])
+    return KeyFrames(start, index - start, paths, times, reading.width, reading.height, fixed)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.held_out import WIDTH
 
 _DISTANCE_M = 5.0
 """Distance [m] of an object whose slip is told."""
@@ -13,6 +14,8 @@ _GOOD_PX, _USABLE_PX = 0.6, 1.2
 """Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
 _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
+_FAR = 50.0
+"""Largest extent of a path over the median distance of its points; a wrong pose reaches thousands."""
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
 
 
@@ -30,6 +33,10 @@ def verdict(track: CameraTrack) -> str:
         word = "usable"
     if residual <= _GOOD_PX and share >= _GOOD_SHARE:
         word = "good"
+    if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
+        np.linalg.norm(track.points - track.position[0], axis=1)
+    ):
+        word = "doubtful"  # a path that leaves its own points behind
     return (
         f"{word}: objects stay in place to {100.0 * slip_m(track):.1f} cm at {_DISTANCE_M:g} m; "
         f"{np.count_nonzero(solved)} of {len(solved)} frames solved; residual {residual:.2f} px"
@@ -38,14 +45,30 @@ def verdict(track: CameraTrack) -> str:
 
 def report_lines(track: CameraTrack) -> list[str]:
     """Return the printed report: what the camera does, the verdict, up, scale, floor."""
-    lines = [f"the camera {_KINDS[track.kind]}", verdict(track)]
+    lines = [f"the camera {_KINDS[track.kind]}"]
+    if np.isfinite(track.residual_px).any():
+        lines.append(verdict(track))
     if track.kind == "moving":
         length = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
         lines.append(
-            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s; {len(track.points)} points; "
-            f"features over {100.0 * track.coverage:.0f} % of the sphere"
+            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s"
+            + (
+                f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
+                if len(track.points)
+                else ""
+            )
+        )
+    if track.held_out_px is not None:
+        ground = ""
+        if track.slip_px is not None:
+            ground = f"the ground slips by {track.slip_px:.2f} px (worst key frame {track.worst_slip_px:.2f}), "
+        lines.append(
+            f"held out  {ground}single features by {track.held_out_px:.2f} px, in key frames that did not place them; "
+            f"px of a panorama {WIDTH} wide"
         )
     lines += [f"up        {track.up}", f"scale     {track.scale}"]
+    if track.depth_m is not None:
+        lines.append(f"depth     [camera] depth_m = {track.depth_m:.2f}")
     if track.floor is not None:
         floor = track.floor
         lines.append(

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks the camera of a clip: reads it twice, solves key frames, then the frames between."""
+"""Tracks the camera of a clip shot by shot: reads it twice, solves key frames, then the frames between."""
 
 from __future__ import annotations
 
+import json
+import shutil
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,88 +16,141 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError, VideoError
+from mr360uw.files import write_whole
 from mr360uw.progress import Progress
-from mr360uw.sphere import direction_from_frame
-from mr360uw.track.bearings import average_rotations, classify
-from mr360uw.track.camera_track import CameraTrack, Kind
-from mr360uw.track.colmap import Features, load_colmap, match_features, solve_structure
-from mr360uw.track.key_frames import KeyFrames, grey_picture, read_key_frames
-from mr360uw.track.resection import Landmarks, Pose, follow, resect
+from mr360uw.reading.kept_reads import stamp
+from mr360uw.track.between import solve_between
+from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.colmap import load_colmap
+from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
+from mr360uw.track.key_poses import KeyPoses, solve_key_frames
+from mr360uw.track.scale import Measure
+from mr360uw.track.steps import BETWEEN, Steps
+from mr360uw.track.window_up import window_up
 from mr360uw.track.world_axes import World, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 
-_LANDMARKS = 600
-"""Most features that are followed from a key frame; more take longer and change the pose by less than 0.001 degree."""
-_LEAST_SOLVED = 0.5
-"""Least share of key frames that must be solved."""
-_LEAST_MATCHED = 0.5
-"""Least share of key frames that must be matched with another."""
+_KEPT = "key frames and matches 2"
+"""Names what a kept folder holds; another number where that changes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeyPoses:
-    """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
+class Shot:
+    """Frames start <= index < stop of a clip, their track, or why there is none."""
 
-    points (m, 3), error_px (m,): of the scene.
-    """
-
-    index: NDArray[np.int64]
-    paths: tuple[Path, ...]
-    position: Floats
-    rotation: Floats
-    residual_px: Floats
-    landmarks: tuple[Landmarks, ...]
-    points: Floats
-    error_px: Floats
+    start: int
+    stop: int
+    track: CameraTrack | None
+    problem: str = ""
 
 
 def track_camera(
     video: str | Path,
     *,
     height_m: float | None = None,
+    measure: Measure | None = None,
     mask: str | Path | None = None,
     eye: Literal["left", "right"] | None = None,
+    mask_only: bool = False,
+    keep: str | Path | None = None,
     progress: Progress | None = None,
 ) -> CameraTrack:
-    """Return the path of the camera of a 360 clip, solved from its pictures.
+    """Return the path of the camera of a 360 clip without cuts, solved from its pictures.
 
-    height_m: of the camera over the floor at time 0; sets the scale, which pictures alone do not tell. mask: picture of
-    the clip's size, black where nothing is tracked; what stands still in a picture that moves is left out anyway. eye:
-    of a stereo plate. progress: is called with (steps done, all of them), about three for a frame.
+    height_m: of the camera over the floor at time 0; sets the scale, which pictures alone do not tell. measure: another
+    measure of the scale. mask: picture of the clip's size, black where nothing is tracked; what stands still in a
+    picture that moves is left out anyway, unless mask_only. eye: of a stereo plate. keep: folder for key frames and
+    matches, from which a run that was stopped goes on. progress: is called with (steps done, all of them).
 
-    Raises `Mr360uwError` without pycolmap, `VideoError`, and `ParameterError` for clips that cannot be tracked.
+    Raises `Mr360uwError` without pycolmap, `VideoError`, and `ParameterError` for clips that cannot be tracked, and for
+    such with cuts: see `track_shots`.
+    """
+    if height_m is not None:
+        measure = Measure(height_m=height_m)
+    found = track_shots(
+        video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress, whole=True
+    )[0].track
+    assert found is not None  # of a clip without cuts the problem is raised
+    return found
+
+
+def track_shots(
+    video: str | Path,
+    *,
+    measure: Measure | None = None,
+    mask: str | Path | None = None,
+    eye: Literal["left", "right"] | None = None,
+    mask_only: bool = False,
+    keep: str | Path | None = None,
+    progress: Progress | None = None,
+    whole: bool = False,
+) -> list[Shot]:
+    """Return the shots of a 360 clip, each tracked in a world of its own; arguments and errors of `track_camera`.
+
+    A shot that cannot be tracked says why; of a clip without cuts that is raised. whole: refuse a clip with cuts.
     """
     load_colmap()
-    if height_m is not None and not (np.isfinite(height_m) and height_m > 0.0):
-        raise ParameterError(f"--height - must be more than 0 (got {height_m}) - give metres over the floor")
-    with open_video(video, eye=eye) as clip, tempfile.TemporaryDirectory(prefix="mr360uw-track-") as folder:
+    measure = Measure() if measure is None else measure
+    with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
-        tell = _steps(progress, 2 * (clip.frame_count or 0))
-        keys = read_key_frames(clip, _new(Path(folder) / "keys"), tell)
-        matched = _matched(keys, left_out, Path(folder), tell)
-        step = 2.0 * np.pi / keys.width
-        kind = classify(matched.matches, step)
-        solve = _moving if kind == "moving" else _turning
-        poses = solve(kind, keys, matched, Path(folder), tell)
-        frames = _between(clip, keys, poses, kind, tell)
-    gravity = _gravity_up(Path(video), float(clip.frame_rate), keys.time_s)
-    return _in_world(kind, keys, poses, frames, world_of(*frames[:2], poses.points, gravity, height_m))
+        measure = replace(measure, frame_width=clip.width)
+        steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
+        (folder / "keys").mkdir(exist_ok=True)
+        reading = read_key_frames(clip, folder / "keys", steps)
+        if whole and reading.cuts:
+            cuts = ", ".join(map(str, reading.cuts))
+            raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
+        gravity = _gravity_up(Path(video), float(clip.frame_rate), np.array(reading.times_s))
+        shots = []
+        for start, stop in reading.shots:
+            where = f"{video}" if len(reading.shots) == 1 else f"{video} frames {start}:{stop}"
+            try:
+                keys = key_frames_of_shot(reading, folder / "keys", start, stop, where)
+                own = folder / f"shot{start:08d}"
+                own.mkdir(exist_ok=True)
+                level = None if gravity is None else gravity[start:stop]
+                shots.append(
+                    Shot(start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure))
+                )
+            except ParameterError as error:
+                if len(reading.shots) == 1:
+                    raise
+                shots.append(Shot(start, stop, None, str(error)))
+    return shots
 
 
-def _new(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
+def _solved(
+    where: str, clip: VideoReader, keys: KeyFrames, masking: tuple[NDArray[np.bool_] | None, bool], folder: Path,
+    steps: Steps, gravity: Floats | None, measure: Measure,
+) -> CameraTrack:  # fmt: skip
+    """Return the track of a shot."""
+    poses = solve_key_frames(where, keys, masking[0], folder, steps, mask_only=masking[1])
+    frames = solve_between(clip, keys, poses, steps)
+    window = window_up(poses.paths, poses.rotation) if gravity is None else None
+    world = world_of(*frames[:2], poses.points, gravity, window, measure, keys.time_s)
+    return _in_world(keys, poses, frames, world)
 
 
-def _steps(progress: Progress | None, total: int) -> Iterator[None]:
-    """Yield without end; each time `progress` is told of one more step, of `total` at least."""
-    done = 0
-    while True:
-        done += 1
-        if progress is not None:
-            progress(done, max(total, done))
-        yield
+@contextmanager
+def _folder(
+    video: str | Path, mask: str | Path | None, settings: tuple[str | None, bool], keep: str | Path | None
+) -> Iterator[Path]:
+    """Yield the folder of key frames and matches: a temporary one, or one that is kept and emptied for other input."""
+    if keep is None:
+        with tempfile.TemporaryDirectory(prefix="mr360uw-track-") as made:
+            yield Path(made)
+        return
+    folder, files = Path(keep), [Path(video)] + ([] if mask is None else [Path(mask)])
+    of = json.dumps([_KEPT, settings, *(stamp(path) for path in files)])
+    note = folder / "input.json"
+    if not (note.is_file() and note.read_text("utf-8") == of):
+        if folder.exists() and any(folder.iterdir()) and not note.is_file():
+            raise ParameterError(f"{folder} - holds other files - name a folder of its own")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        write_whole(note, of)
+    yield folder
 
 
 def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
@@ -112,116 +168,6 @@ def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
     return np.asarray(light < half)
 
 
-def _matched(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, tell: Iterator[None]) -> Features:
-    """Return the matched features of key frames; raise `ParameterError` where too few match."""
-    import cv2
-
-    mask = keys.fixed.copy()
-    if left_out is not None:
-        size = (keys.width, keys.height)
-        mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
-    path = folder / "mask.png"
-    cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
-    found = match_features(keys.paths, path, keys.width, keys.height, folder / "matches.db", tell)
-    matched = {i for pair in found.matches for i in pair}
-    if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
-        raise ParameterError(
-            f"clip - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
-            "clip that shows more of the floor or a reef, or a smaller mask"
-        )
-    return found
-
-
-def _moving(kind: Kind, keys: KeyFrames, features: Features, folder: Path, tell: Iterator[None]) -> KeyPoses:
-    """Return the key frames of a camera that moves, by structure from motion."""
-    del kind, features
-    scene = solve_structure(keys.paths, folder / "matches.db", _new(folder / "scene"), lambda: next(tell))
-    if scene is None or np.mean(scene.solved) < _LEAST_SOLVED:
-        count = 0 if scene is None else int(np.count_nonzero(scene.solved))
-        raise ParameterError(
-            f"clip - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
-            "scene changes, mask what moves with the camera, or give a clip with more texture"
-        )
-    kept = np.flatnonzero(scene.solved)
-    landmarks = []
-    for k in kept:
-        order = np.argsort(scene.error_px[scene.point[k]], kind="stable")[:_LANDMARKS]
-        landmarks.append(Landmarks(scene.pixel[k][order], scene.points[scene.point[k][order]], far=False))
-    return KeyPoses(
-        keys.index[kept], tuple(keys.paths[k] for k in kept), scene.position[kept], scene.rotation[kept],
-        scene.residual_px[kept], tuple(landmarks), scene.points, scene.error_px,
-    )  # fmt: skip
-
-
-def _turning(kind: Kind, keys: KeyFrames, features: Features, folder: Path, tell: Iterator[None]) -> KeyPoses:
-    """Return the key frames of a camera that stands still or turns on the spot, by rotations alone."""
-    del folder, tell
-    count, pixel_rad = len(keys.index), 2.0 * np.pi / keys.width
-    rotation: Floats = np.repeat(np.eye(3)[None], count, axis=0)
-    if kind == "turning":
-        rotation = average_rotations(count, features.matches, pixel_rad)
-    residual: list[list[float]] = [[] for _ in range(count)]
-    for (i, j), (a, b) in features.matches.items():
-        chord = np.linalg.norm(a @ rotation[i].T - b @ rotation[j].T, axis=1)
-        for k in (i, j):
-            residual[k].append(float(np.median(chord)) / pixel_rad)
-    landmarks = []
-    for k in range(count):
-        every = features.pixel[k][:: max(1, len(features.pixel[k]) // _LANDMARKS)]
-        directions = direction_from_frame(every[:, 0], every[:, 1], keys.width, keys.height)
-        landmarks.append(Landmarks(every, directions @ rotation[k].T, far=True))
-    medians = np.array([np.median(r) if r else np.nan for r in residual])
-    return KeyPoses(
-        keys.index, keys.paths, np.zeros((count, 3)), rotation, medians, tuple(landmarks), np.zeros((0, 3)), np.zeros(0)
-    )
-
-
-def _between(
-    clip: VideoReader, keys: KeyFrames, poses: KeyPoses, kind: Kind, tell: Iterator[None]
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return positions, rotations and residuals [px] of all frames, and the directions that were observed."""
-    import cv2
-
-    position, rotation = _interpolated(keys.time_s, poses)
-    residual = np.full(len(keys.time_s), np.nan)
-    residual[poses.index] = poses.residual_px
-    observed = [
-        direction_from_frame(marks.pixel[:, 0], marks.pixel[:, 1], keys.width, keys.height) for marks in poses.landmarks
-    ]
-    pixel_rad = 2.0 * np.pi / keys.width
-    solved = set(poses.index.tolist())
-    held: tuple[int, NDArray[np.uint8]] | None = None
-    for frame in clip.frames():
-        next(tell)
-        n = frame.index
-        if kind == "still":
-            continue
-        nearest = int(np.argmin(np.abs(poses.index - n)))
-        if n in solved or abs(int(poses.index[nearest]) - n) > float(clip.frame_rate):
-            continue
-        if held is None or held[0] != nearest:
-            held = nearest, np.asarray(cv2.imread(str(poses.paths[nearest]), cv2.IMREAD_GRAYSCALE), np.uint8)
-        marks, seen = follow(held[1], grey_picture(frame), poses.landmarks[nearest], position[n], rotation[n])
-        pose: Pose | None = resect(marks, seen, position[n], rotation[n], pixel_rad)
-        if pose is not None:
-            position[n], rotation[n] = pose.position, pose.rotation
-            residual[n] = pose.residual_rad / pixel_rad
-    if kind == "still":
-        residual = np.interp(np.arange(len(residual)), poses.index, np.nan_to_num(poses.residual_px))
-    return position, rotation, residual, np.concatenate(observed)
-
-
-def _interpolated(time_s: Floats, poses: KeyPoses) -> tuple[Floats, Floats]:
-    """Return positions by a monotone cubic and rotations by slerp at all times, at rest beyond the solved keys."""
-    from scipy.interpolate import PchipInterpolator
-    from scipy.spatial.transform import Rotation, Slerp
-
-    at = time_s[poses.index]
-    clamped = np.clip(time_s, at[0], at[-1])
-    position = np.asarray(PchipInterpolator(at, poses.position)(clamped))
-    return position, np.asarray(Slerp(at, Rotation.from_matrix(poses.rotation))(clamped).as_matrix())
-
-
 def _gravity_up(video: Path, frame_rate: float, time_s: Floats) -> Floats | None:
     """Return up in the camera's axes (n, 3) of a GoPro's gravity, or None where the clip has no such track."""
     from mr360uw.ibl.level.tilt import level_from_gpmf
@@ -235,16 +181,24 @@ def _gravity_up(video: Path, frame_rate: float, time_s: Floats) -> Floats | None
 
 
 def _in_world(
-    kind: Kind, keys: KeyFrames, poses: KeyPoses, frames: tuple[Floats, Floats, Floats, Floats], world: World
+    keys: KeyFrames, poses: KeyPoses, frames: tuple[Floats, Floats, Floats, Floats], world: World
 ) -> CameraTrack:
     """Return the track of all frames in the world's axes."""
     position, rotation, residual, observed = frames
+    slip, feature = (None, None) if poses.held_out is None else (poses.held_out.slip_px, poses.held_out.feature_px)
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip
     coverage = len(np.unique(np.clip(cell[0], 0, 11) * 6 + np.clip(cell[1], 0, 5))) / 72.0
     return CameraTrack(
-        kind, keys.time_s, world.place(position), world.rotation @ rotation, residual, residual * 360.0 / keys.width,
-        poses.index, world.place(poses.points), poses.error_px, coverage, keys.width, world.floor, world.up,
-        world.scale_from,
+        poses.kind, keys.time_s, world.place(position), world.rotation @ rotation, residual,
+        residual * 360.0 / keys.width, poses.index, world.place(poses.points), poses.error_px, coverage, keys.width,
+        world.floor, world.up, world.scale_from, _known(np.median, slip), _known(np.max, slip),
+        _known(np.median, feature), world.depth_m,
     )  # fmt: skip
+
+
+def _known(middle: Callable[[Floats], float], values: Floats | None) -> float | None:
+    """Return the median or largest of the values that are known, None if none is."""
+    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return float(middle(known)) if len(known) else None

@@ -9,6 +9,7 @@ import numpy as np
 
 from mr360uw.sphere import unit
 from mr360uw.track.camera_track import Floor
+from mr360uw.track.scale import Measure, looks_of, scale_from_depths, scale_from_length
 from mr360uw.types import Floats
 
 GUESSED_HEIGHT_M, GUESSED_DISTANCE_M = 2.0, 5.0
@@ -26,6 +27,8 @@ _LEVEL_SUPPORT, _LEVEL_SLOPE = 0.5, np.radians(15.0)
 """Least support and largest slope against the frames' own up of a floor that is taken for level."""
 _LEVELLED = np.radians(1.0)
 """Largest rms angle of the frames' own up about its mean of a clip that is levelled by the camera."""
+_WINDOW_OFF = np.radians(3.0)
+"""Angle of Snell's window from the frames' own up above which it is believed: twice the error of its edge."""
 _SEED = 1
 
 
@@ -83,7 +86,10 @@ def fit_floor(points: Floats, camera: Floats, up: Floats) -> Plane | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Similarity from a solved scene to the world: x -> scale rotation (x - origin); sentences on up and scale."""
+    """Similarity from a solved scene to the world: x -> scale rotation (x - origin); sentences on up and scale.
+
+    depth_m: of the first camera, of a depth log.
+    """
 
     origin: Floats
     rotation: Floats
@@ -91,6 +97,7 @@ class World:
     up: str
     scale_from: str
     floor: Floor | None
+    depth_m: float | None = None
 
     def place(self, points: Floats) -> Floats:
         """Return points (n, 3) of the solved scene in the world [m]."""
@@ -110,42 +117,73 @@ def rotation_to_world(up: Floats, first: Floats) -> Floats:
 
 
 def world_of(
-    position: Floats, rotation: Floats, points: Floats, gravity_up: Floats | None, height_m: float | None
+    position: Floats,
+    rotation: Floats,
+    points: Floats,
+    gravity_up: Floats | None,
+    window: Floats | None = None,
+    measure: Measure | None = None,
+    time_s: Floats | None = None,
 ) -> World:
     """Return where a solved scene is in the world.
 
-    position (n, 3), rotation (n, 3, 3): cameras, the first at time 0. points (m, 3). gravity_up (n, 3): up in each
-    camera's axes, of the clip's metadata, if there is. Else up is the frames' own on average; but of clips that roll
-    and pitch, the normal of a floor that is nearly level for the frames. height_m: of the first camera over the floor,
-    which sets the scale; else a guess does.
+    position (n, 3), rotation (n, 3, 3), time_s (n,): cameras, the first at the shot's start. points (m, 3). gravity_up
+    (n, 3): up in each camera's axes, of the clip's metadata, if there is. window (3,): up by Snell's window. Up is
+    gravity's, or else the frames' own on average; where the window is more than three degrees off, the window's; else,
+    of clips that roll and pitch, the normal of a floor that is nearly level for the frames. measure: of the scale;
+    without one it is a guess.
     """
+    measure = Measure() if measure is None else measure
     own = rotation[:, :, 1] if gravity_up is None else np.einsum("nij,nj->ni", rotation, gravity_up)
     up: Floats = unit(np.mean(own, axis=0))
     words = "the frames' own up on average" if gravity_up is None else "the clip's gravity"
     plane = fit_floor(points, position[0], up) if len(points) else None
     rolls = float(np.sqrt(np.mean(np.sum(np.square(own - up), axis=1)))) > _LEVELLED
-    if gravity_up is None and rolls and plane is not None and plane.support >= _LEVEL_SUPPORT:
-        slope = float(np.arccos(np.clip(plane.normal @ up, -1.0, 1.0)))
+    if gravity_up is None and window is not None and _angle(window, up) > _WINDOW_OFF:
+        words = f"the window of light overhead, {np.degrees(_angle(window, up)):.1f} degrees off the frames' own up"
+        up = window
+    elif gravity_up is None and rolls and plane is not None and plane.support >= _LEVEL_SUPPORT:
+        slope = _angle(plane.normal, up)
         if slope <= _LEVEL_SLOPE:
             up, words = plane.normal, f"the floor's normal, {np.degrees(slope):.1f} degrees off the frames' own up"
     turned = rotation_to_world(up, rotation[0])
-    if plane is None:
-        return _without_floor(position[0], turned, points, words, height_m)
-    # along up from the first camera to the plane
-    height = (float(plane.normal @ position[0]) - plane.offset) / float(plane.normal @ up)
-    wanted = GUESSED_HEIGHT_M if height_m is None else height_m
-    tilt = np.degrees(np.arccos(np.clip(plane.normal @ up, -1.0, 1.0)))
-    floor = Floor(-wanted, float(tilt), plane.support, plane.points)
-    sentence = f"the camera is {wanted:g} m over the floor at time 0, "
-    sentence += "as given" if height_m is not None else "a guess: give --height"
-    return World(position[0], turned, wanted / height, words, sentence, floor)
+    height = None  # along up from the first camera to the plane
+    if plane is not None:
+        height = (float(plane.normal @ position[0]) - plane.offset) / float(plane.normal @ up)
+    scale, sentence, depth = _scale(position, rotation, points, up, height, measure, time_s)
+    floor = None
+    if plane is not None and height is not None:
+        floor = Floor(-scale * height, float(np.degrees(_angle(plane.normal, up))), plane.support, plane.points)
+    return World(position[0], turned, scale, words, sentence, floor, depth)
 
 
-def _without_floor(origin: Floats, turned: Floats, points: Floats, up: str, height_m: float | None) -> World:
-    """Return the world of a scene without a floor: the scale is a guess."""
+def _angle(a: Floats, b: Floats) -> float:
+    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))
+
+
+def _scale(
+    position: Floats, rotation: Floats, points: Floats, up: Floats, height: float | None, measure: Measure,
+    time_s: Floats | None,
+) -> tuple[float, str, float | None]:  # fmt: skip
+    """Return metres per unit of the scene, a sentence on where that is from, and the camera's depth [m] if known.
+
+    height: of the first camera over the floor in the scene, None without a floor.
+    """
     if not len(points):
-        return World(origin, turned, 1.0, up, "none is needed: the camera stays where it is", None)
-    distance = float(np.median(np.linalg.norm(points - origin, axis=1)))
+        return 1.0, "none is needed: the camera stays where it is", None
+    if measure.length is not None:
+        looks = looks_of(measure.length, measure.frame_width, rotation[0])
+        scale = scale_from_length(points, position[0], looks, measure.length.metres)
+        return scale, f"the two pixels of --length are {measure.length.metres:g} m apart, as given", None
+    if measure.depth_log is not None and time_s is not None:
+        scale, depth, start = scale_from_depths(measure.depth_log, time_s, (position - position[0]) @ up)
+        found = "as given" if measure.depth_log.offset_s is not None else "as found"
+        return scale, f"the depth log; the shot starts at {start:.2f} s of it, {found}", depth
+    if height is not None:
+        wanted = GUESSED_HEIGHT_M if measure.height_m is None else measure.height_m
+        given = "as given" if measure.height_m is not None else "a guess: give --height, --length or --depth-log"
+        return wanted / height, f"the camera is {wanted:g} m over the floor at the first frame, {given}", None
+    distance = float(np.median(np.linalg.norm(points - position[0], axis=1)))
     words = f"half of the points are nearer than {GUESSED_DISTANCE_M:g} m, a guess"
-    words += ": no floor was found for --height" if height_m is not None else ": no floor was found"
-    return World(origin, turned, GUESSED_DISTANCE_M / distance, up, words, None)
+    words += ": no floor was found for --height" if measure.height_m is not None else ": give --length or --depth-log"
+    return GUESSED_DISTANCE_M / distance, words, None

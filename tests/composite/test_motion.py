@@ -77,5 +77,8 @@ def test_camera_track(tmp_path: Path) -> None:
     path.write_text("time_s,x,y\n0,1,2\n")
     with pytest.raises(ParameterError, match="columns are missing"):
         read_camera_track(path)
+    path.write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n2,4,0,0,0,1,0,1\n")
+    with pytest.raises(ParameterError, match=r"length 1 \(got 1.414 in row 2\)"):
+        read_camera_track(path)
     with pytest.raises(ParameterError, match="no such file"):
         read_camera_track(tmp_path / "none.csv")

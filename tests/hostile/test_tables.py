@@ -23,6 +23,7 @@ TRACKS = {
     "back in time": b"time_s,x,y,z,qx,qy,qz,qw\n1,0,0,0,0,0,0,1\n0,0,0,0,0,0,0,1\n",
     "at one time": b"time_s,x,y,z,qx,qy,qz,qw\n1,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n",
     "no turn": b"time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,0\n",
+    "half turn": b"time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,0.5\n",
     "nan": b"time_s,x,y,z,qx,qy,qz,qw\nnan,0,0,0,0,0,0,1\n",
     "infinite": b"time_s,x,y,z,qx,qy,qz,qw\n0,inf,0,0,0,0,0,1\n",
     "a column less": b"time_s,x,y,z,qx,qy,qz\n0,0,0,0,0,0,0\n",

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.errors import ParameterError
 from mr360uw.sample.recording import record
 from mr360uw.sphere import directions, yaw_matrix
+from mr360uw.track.scale import Measure
+from mr360uw.track.tracking import track_shots
 
 WIDTH, FRAMES, FLOOR_M, LID_M = 384, 8, -2.0, 3.0
 
@@ -37,11 +40,24 @@ def between_planes(rng: np.random.Generator) -> tuple[list[np.ndarray], np.ndarr
     return pictures, position, rotation
 
 
-def test_a_path_is_solved(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_shots_are_solved_and_go_on_where_they_stopped(tmp_path: Path, rng: np.random.Generator) -> None:
     pytest.importorskip("pycolmap")
     pictures, position, rotation = between_planes(rng)
-    record(tmp_path / "clip.mp4", iter(pictures), Fraction(24), seed=1)
-    track = uw.track_camera(tmp_path / "clip.mp4", height_m=-FLOOR_M)
+    other = [np.broadcast_to(np.linspace(1.0, 0.0, WIDTH)[None, :, None], pictures[0].shape)] * 3
+    record(tmp_path / "clip.mp4", iter(pictures + other), Fraction(24), seed=1)
+    keep, told = tmp_path / "work", []
+    measure = Measure(height_m=-FLOOR_M)
+
+    def tell(done: int, total: int | None) -> None:
+        told.append((done, total))
+
+    shots = track_shots(tmp_path / "clip.mp4", measure=measure, keep=keep, progress=tell)
+    assert [(shot.start, shot.stop) for shot in shots] == [(0, FRAMES), (FRAMES, FRAMES + 3)]
+    assert shots[1].track is None
+    assert "frames 8:11 - is too short" in shots[1].problem
+    assert all(done <= (total or 0) for done, total in told)
+    track = shots[0].track
+    assert track is not None
     assert track.kind == "moving"
     assert np.isfinite(track.residual_px).all()
     # a pixel is 0.94 degrees, features are good to a twentieth: 0.05 degrees; 0.2 leave room for drift over the frames
@@ -51,3 +67,27 @@ def test_a_path_is_solved(tmp_path: Path, rng: np.random.Generator) -> None:
     assert np.linalg.norm(track.position - position, axis=1).max() < 0.02
     assert track.floor is not None
     assert track.floor.support > 0.9
+    # a twentieth of a pixel in both halves of the frames, of a panorama 5.3 times as wide: 0.4; three times that
+    assert track.held_out_px is not None
+    assert track.slip_px is not None
+    assert track.slip_px < track.held_out_px < 1.2
+
+    features = keep / "shot00000000" / "features.db"
+    features.unlink()  # would be made again for new matches
+    again = track_shots(tmp_path / "clip.mp4", measure=measure, keep=keep)[0].track
+    assert again is not None
+    assert not features.exists()
+    np.testing.assert_array_equal(again.position, track.position)
+    np.testing.assert_array_equal(again.rotation, track.rotation)
+    with pytest.raises(ParameterError, match="new shots at frames 8"):
+        uw.track_camera(tmp_path / "clip.mp4", measure=measure, keep=keep)
+
+
+def test_a_folder_of_other_files_is_left_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "diary.txt").write_text("mine", "utf-8")
+    record(tmp_path / "clip.mp4", iter(np.zeros((4, 64, 128, 3))), Fraction(24), seed=1)
+    with pytest.raises(ParameterError, match="holds other files"):
+        track_shots(tmp_path / "clip.mp4", keep=tmp_path / "work")
+    assert (tmp_path / "work" / "diary.txt").read_text("utf-8") == "mine"

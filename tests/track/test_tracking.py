@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from mr360uw.errors import Mr360uwError, OutputExistsError, ParameterError
 from mr360uw.sample.recording import record
 from mr360uw.track.camera_track import CameraTrack, Floor
 from mr360uw.track.colmap import pairs_to_match
-from mr360uw.track.key_frames import _FixedPixels
+from mr360uw.track.fixed_pixels import FixedPixels
 from mr360uw.track.path_words import report_lines, verdict
 
 
@@ -54,6 +56,8 @@ def test_the_report_says_how_good_it_is() -> None:
     # 0.3 px of 1280 are 0.084 degrees, at 5 m 7.4 mm
     assert verdict(made()) == ("good: objects stay in place to 0.7 cm at 5 m; 10 of 10 frames solved; residual 0.30 px")
     assert verdict(made(0.9)).startswith("usable")
+    lost = made()
+    assert verdict(replace(lost, position=1e4 * lost.position)).startswith("doubtful")
     assert verdict(made(interpolated=6)).startswith("doubtful: objects stay in place to 0.7 cm at 5 m; 4 of 10")
     assert any("[receiver] height_m = -1.98" in line for line in report_lines(made()))
 
@@ -66,7 +70,7 @@ def test_all_neighbours_and_some_far_frames_are_matched() -> None:
 
 
 def test_what_stands_still_in_a_moving_picture_is_left_out(rng: np.random.Generator) -> None:
-    fixed, moving = _FixedPixels((96, 192)), rng.integers(0, 255, (96, 400)).astype(np.uint8)
+    fixed, moving = FixedPixels((96, 192)), rng.integers(0, 255, (96, 400)).astype(np.uint8)
     rig = rng.integers(0, 255, (20, 192)).astype(np.uint8)
     for k in range(10):
         picture = moving[:, 8 * k : 8 * k + 192].copy()
@@ -97,6 +101,28 @@ def test_clips_that_cannot_be_tracked(tmp_path: Path, name: str) -> None:
     record(tmp_path / "clip.mp4", iter(images), Fraction(24), seed=1)
     with pytest.raises(ParameterError, match=words):
         uw.track_camera(tmp_path / "clip.mp4")
+
+
+def test_the_command_refuses_and_leaves_nothing(tmp_path: Path, run: Callable[..., tuple[int, str, str]]) -> None:
+    pytest.importorskip("pycolmap")
+    record(tmp_path / "clip.mp4", iter(CLIPS["one colour"][0]), Fraction(24), seed=1)
+    clip, out = tmp_path / "clip.mp4", tmp_path / "track.csv"
+    for arguments, words in {
+        (): "is of one colour",
+        ("--depth-offset", "3"): "without --depth-log",
+        ("--height", "2", "--length", "1,1:2,2=3"): "given twice",
+        ("--length", "1,1=3"): "--length - must be two pixels",
+        ("--fps", "24"): "for --from alone",
+    }.items():
+        code, _, errors = run("track", clip, "-o", out, *arguments)
+        assert (code, words in errors, errors.count("error:")) == (2, True, 1), errors
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+
+
+def test_a_path_of_another_program_has_no_verdict() -> None:
+    track = replace(made(), residual_px=np.full(10, np.nan), points=np.zeros((0, 3)))
+    assert not any("doubtful" in line for line in report_lines(track))
+    assert any(line.startswith("path ") for line in report_lines(track))
 
 
 def test_other_mistakes(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mr360uw.track.scale import Measure
 from mr360uw.track.world_axes import fit_floor, world_of
 
 TILTED = Rotation.from_euler("zyx", [35.0, 50.0, -20.0], degrees=True).as_matrix()
@@ -26,7 +27,7 @@ def scene(rng: np.random.Generator, roll_deg: float = 0.0) -> tuple[np.ndarray, 
 @pytest.mark.parametrize("roll_deg", [0.0, 6.0])
 def test_a_scene_is_put_upright_at_its_scale(rng: np.random.Generator, roll_deg: float) -> None:
     position, rotation, points = scene(rng, roll_deg)
-    world = world_of(position, rotation, points, None, 3.0)
+    world = world_of(position, rotation, points, None, measure=Measure(height_m=3.0))
     placed = world.place(position)
     # ripples of 2 cm over 400 points 12 m wide tilt the fitted plane by 0.01 degree and lift it by 1 mm; ten times that
     np.testing.assert_allclose(np.linalg.norm(placed[-1]), 1.6, atol=0.01)
@@ -36,7 +37,7 @@ def test_a_scene_is_put_upright_at_its_scale(rng: np.random.Generator, roll_deg:
     assert abs(forward[0]) < 1e-9
     assert forward[2] < 0.0
     assert world.floor is not None
-    assert world.floor.height_m == -3.0
+    assert world.floor.height_m == pytest.approx(-3.0)
     assert world.floor.support > 0.8
     assert ("floor's normal" in world.up) == (roll_deg > 0.0)
     assert "as given" in world.scale_from
@@ -45,7 +46,7 @@ def test_a_scene_is_put_upright_at_its_scale(rng: np.random.Generator, roll_deg:
 def test_gravity_goes_before_the_floor(rng: np.random.Generator) -> None:
     position, rotation, points = scene(rng)
     up = np.tile([np.sin(0.05), np.cos(0.05), 0.0], (9, 1))
-    world = world_of(position, rotation, points, up, 3.0)
+    world = world_of(position, rotation, points, up, measure=Measure(height_m=3.0))
     np.testing.assert_allclose(world.rotation @ rotation[0] @ up[0], [0.0, 1.0, 0.0], atol=1e-12)
     assert world.floor is not None
     assert world.floor.tilt_deg == pytest.approx(np.degrees(0.05), abs=0.1)  # as above
@@ -55,6 +56,6 @@ def test_scattered_points_are_no_floor(rng: np.random.Generator) -> None:
     position, rotation, _ = scene(rng)
     points = rng.normal(size=(400, 3)) + position[0]
     assert fit_floor(points, position[0], rotation[0][:, 1]) is None
-    world = world_of(position, rotation, points, None, 3.0)
+    world = world_of(position, rotation, points, None, measure=Measure(height_m=3.0))
     assert world.floor is None
     assert "no floor was found" in world.scale_from

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command that solves, reads and writes paths of cameras."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from mr360uw.cli.options import EyeOption, OverwriteOption
+from mr360uw.errors import ParameterError
+
+if TYPE_CHECKING:
+    from mr360uw.track.scale import Measure
+
+
+def track(
+    video: Annotated[Path | None, typer.Argument(help="360 clip", show_default=False)] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="track.csv or .json; both are written. .chan for Nuke, .py for Blender")
+    ] = Path("track.csv"),
+    height: Annotated[float | None, typer.Option(help="of the camera over the floor at time 0, in metres")] = None,
+    length: Annotated[
+        str | None, typer.Option(help="X,Y:X,Y=METRES: metres between what two pixels of the first frame show")
+    ] = None,
+    depth_log: Annotated[
+        Path | None, typer.Option("--depth-log", help="CSV of a dive computer with time_s and depth_m")
+    ] = None,
+    depth_offset: Annotated[
+        float | None, typer.Option("--depth-offset", help="the log's time at the clip's start [s]; default: found")
+    ] = None,
+    mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked")] = None,
+    mask_only: Annotated[
+        bool, typer.Option("--mask-only", help="leave out nothing else: also track what moves along with the camera")
+    ] = False,
+    solved: Annotated[
+        Path | None, typer.Option("--from", help="path of another program, or track.csv, in place of solving")
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="frames a second of a file that counts frames")] = None,
+    scale: Annotated[float, typer.Option(help="metres per unit of the file")] = 1.0,
+    eye: EyeOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is.
+
+    With --from, convert the path that another program has solved.
+    """
+    from mr360uw.track.camera_track import check_outputs
+    from mr360uw.track.scale import DepthLog, Length, Measure
+
+    if solved is not None:
+        if any(given is not None for given in (height, length, depth_log, mask)):
+            raise ParameterError(
+                "--from - takes its scale from --scale (got a measure or a mask for solving) - leave them out"
+            )
+        _convert(solved, video, out, fps, scale, overwrite=overwrite)
+        return
+    if video is None:
+        raise ParameterError("VIDEO - is missing - name a 360 clip, or give --from")
+    if fps is not None or scale != 1.0:
+        raise ParameterError("--fps, --scale - are for --from alone - leave them out")
+    if depth_offset is not None and depth_log is None:
+        raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
+    measure = Measure(
+        height_m=height,
+        length=None if length is None else Length.parse(length),
+        depth_log=None if depth_log is None else DepthLog(depth_log, depth_offset),
+    )
+    check_outputs(out, overwrite=overwrite)
+    _solve(video, out, measure, mask, None if eye is None else eye.value, mask_only=mask_only, overwrite=overwrite)
+
+
+def floor(
+    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply")],
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
+    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
+    from mr360uw.track.floor_words import floor_lines
+
+    check_mesh_output(out, overwrite=overwrite)
+    found = floor_from_track(track)
+    written = found.save(out, overwrite=overwrite)
+    typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
+
+
+def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
+    """Write the path in another program's file as a track, or for another program."""
+    from mr360uw.track.camera_files.exchange import EXPORTS, export, read_solved_path
+    from mr360uw.track.camera_files.solved_path import track_of
+    from mr360uw.track.path_words import report_lines
+    from mr360uw.video import open_video
+
+    if video is not None:
+        with open_video(video) as clip:
+            fps = float(clip.frame_rate)
+    path = read_solved_path(solved)
+    track = track_of(path, str(solved), fps, scale)
+    if out.suffix.lower() in EXPORTS:
+        written: tuple[Path, ...] = (export(track, out, fps or path.frame_rate, overwrite=overwrite),)
+    else:
+        written = track.save(out, overwrite=overwrite)
+    typer.echo(f"{path.format}: {len(track.time_s)} cameras")
+    typer.echo("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
+
+
+def _solve(
+    video: Path,
+    out: Path,
+    measure: Measure,
+    mask: Path | None,
+    eye: Literal["left", "right"] | None,
+    *,
+    mask_only: bool,
+    overwrite: bool,
+) -> None:
+    """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
+    from mr360uw.progress import terminal_progress
+    from mr360uw.track.camera_track import check_outputs, shot_path
+    from mr360uw.track.path_words import report_lines
+    from mr360uw.track.tracking import track_shots
+
+    keep = out.with_name(f"{out.stem}.track-work")
+    try:
+        with terminal_progress() as progress:
+            shots = track_shots(
+                video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress
+            )
+    except ParameterError:  # the clip cannot be tracked; a run that was interrupted leaves the folder, and goes on
+        shutil.rmtree(keep, ignore_errors=True)
+        raise
+    outs = [out if len(shots) == 1 else shot_path(out, number) for number in range(1, len(shots) + 1)]
+    for path in outs:
+        check_outputs(path, overwrite=overwrite)
+    for number, (path, shot) in enumerate(zip(outs, shots, strict=True), 1):
+        if len(shots) > 1:
+            typer.echo(f"shot {number}: frames {shot.start}:{shot.stop}, in a world of its own")
+        if shot.track is None:
+            typer.echo(f"not tracked: {shot.problem}")
+            continue
+        written = shot.track.save(path, overwrite=overwrite)
+        typer.echo("\n".join([*report_lines(shot.track), "wrote " + "\n      ".join(str(name) for name in written)]))
+    shutil.rmtree(keep, ignore_errors=True)
+    if all(shot.track is None for shot in shots):
+        raise ParameterError(f"{video} - none of its {len(shots)} shots can be tracked - see above")

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Paths of cameras in the files of other programs."""

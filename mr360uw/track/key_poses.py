@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses of the key frames of a shot: matches, then structure from motion, or rotations alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.errors import ParameterError
+from mr360uw.sphere import direction_from_frame
+from mr360uw.track.bearings import average_rotations, classify
+from mr360uw.track.camera_track import Kind
+from mr360uw.track.colmap import Features, match_features
+from mr360uw.track.held_out import HeldOut, held_out_errors
+from mr360uw.track.key_frames import KeyFrames
+from mr360uw.track.resection import Landmarks
+from mr360uw.track.steps import Steps
+from mr360uw.track.structure import solve_structure
+from mr360uw.types import Floats
+
+_LANDMARKS = 600
+"""Most features that are followed from a key frame; more take longer and change the pose by less than 0.001 degree."""
+_LEAST_SOLVED = 0.5
+"""Least share of key frames that must be solved."""
+_LEAST_MATCHED = 0.5
+"""Least share of key frames that must be matched with another."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyPoses:
+    """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
+
+    points (m, 3), error_px (m,): of the scene. held_out: of a camera that moves.
+    """
+
+    kind: Kind
+    index: NDArray[np.int64]
+    paths: tuple[Path, ...]
+    position: Floats
+    rotation: Floats
+    residual_px: Floats
+    landmarks: tuple[Landmarks, ...]
+    points: Floats
+    error_px: Floats
+    held_out: HeldOut | None
+
+
+def solve_key_frames(
+    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
+) -> KeyPoses:
+    """Return the poses of a shot's key frames.
+
+    where: names the shot in messages. left_out (H, W): where nothing is tracked. mask_only: track
+    what moves along with the camera too. folder: for files, some of which a run
+    before may have left there. Raises `ParameterError` where pictures do not tell a path.
+    """
+    features = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
+    kind = classify(features.matches, 2.0 * np.pi / keys.width)
+    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, features)
+
+
+def _matched(
+    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
+) -> Features:
+    """Return the matched features of key frames; raise `ParameterError` where too few match."""
+    import cv2
+
+    mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
+    if left_out is not None:
+        size = (keys.width, keys.height)
+        mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
+    path = folder / "mask.png"
+    cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
+    found = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
+    matched = {i for pair in found.matches for i in pair}
+    if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
+        raise ParameterError(
+            f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
+            "clip that shows more of the floor or a reef, or a smaller mask"
+        )
+    return found
+
+
+def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
+    """Return the key frames of a camera that moves, by structure from motion."""
+    scene = solve_structure(keys.paths, folder, steps)
+    if scene is None or np.mean(scene.solved) < _LEAST_SOLVED:
+        count = 0 if scene is None else int(np.count_nonzero(scene.solved))
+        raise ParameterError(
+            f"{where} - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
+            "scene changes, mask what moves with the camera, or give a clip with more texture"
+        )
+    kept = np.flatnonzero(scene.solved)
+    landmarks = []
+    for k in kept:
+        order = np.argsort(scene.error_px[scene.point[k]], kind="stable")[:_LANDMARKS]
+        landmarks.append(Landmarks(scene.pixel[k][order], scene.points[scene.point[k][order]], far=False))
+    return KeyPoses(
+        "moving", keys.index[kept], tuple(keys.paths[k] for k in kept), scene.position[kept], scene.rotation[kept],
+        scene.residual_px[kept], tuple(landmarks), scene.points, scene.error_px,
+        held_out_errors(scene),
+    )  # fmt: skip
+
+
+def _resting(kind: Kind, keys: KeyFrames, features: Features) -> KeyPoses:
+    """Return the key frames of a camera that stands still or turns on the spot, by rotations alone."""
+    count, pixel_rad = len(keys.index), 2.0 * np.pi / keys.width
+    rotation: Floats = np.repeat(np.eye(3)[None], count, axis=0)
+    if kind == "turning":
+        rotation = average_rotations(count, features.matches, pixel_rad)
+    residual: list[list[float]] = [[] for _ in range(count)]
+    for (i, j), (a, b) in features.matches.items():
+        chord = np.linalg.norm(a @ rotation[i].T - b @ rotation[j].T, axis=1)
+        for k in (i, j):
+            residual[k].append(float(np.median(chord)) / pixel_rad)
+    landmarks = []
+    for k in range(count):
+        every = features.pixel[k][:: max(1, len(features.pixel[k]) // _LANDMARKS)]
+        directions = direction_from_frame(every[:, 0], every[:, 1], keys.width, keys.height)
+        landmarks.append(Landmarks(every, directions @ rotation[k].T, far=True))
+    medians = np.array([np.median(r) if r else np.nan for r in residual])
+    return KeyPoses(
+        kind, keys.index, keys.paths, np.zeros((count, 3)), rotation, medians, tuple(landmarks), np.zeros((0, 3)),
+        np.zeros(0), None,
+    )  # fmt: skip
