@@ -78,8 +78,8 @@ def floor(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
-    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
-    from mr360uw.track.floor_words import floor_lines
+    from mr360uw.track.floor.floor_mesh import check_mesh_output, floor_from_track
+    from mr360uw.track.floor.floor_words import floor_lines
 
     check_mesh_output(out, overwrite=overwrite)
     found = floor_from_track(track)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mr360uw.track.floor_mesh import FloorMesh
+from mr360uw.track.floor.floor_mesh import FloorMesh
 
 _LEVEL_DEG = 1.0
 """Tilt [degrees] below which a flat floor may be taken for level: 5 cm over 3 m."""

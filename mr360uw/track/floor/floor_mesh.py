@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.floor_points import FloorPoints, floor_points
-from mr360uw.track.scattered_heights import HeightField, fit_height_field
+from mr360uw.track.floor.floor_points import FloorPoints, floor_points
+from mr360uw.track.floor.scattered_heights import HeightField, fit_height_field
 from mr360uw.track.world_axes import fit_floor
 from mr360uw.types import Floats
 
