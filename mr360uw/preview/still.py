@@ -89,8 +89,8 @@ def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
     """Return a view into a frame, in the frame's own codes."""
     light, spec = look(picture.image_linear, view), picture.spec
     if spec.bits == 32:
-        return replace(picture, yuv=None, native=None, rgb=light, wrap=False, right=None)
+        return replace(picture, yuv=None, native=None, rgb=light, wrap=False, right=None, clipped=())
     bits = 8 if spec.bits == 8 else 16
     codes = codes_from_linear(light, spec.transfer, f"uint{bits}", picture.index)
     own = replace(spec, matrix="bt709", bits=bits, primaries=None)
-    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None)
+    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None, clipped=())

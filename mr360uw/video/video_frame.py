@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, in_plate_primaries, in_rec709
+from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 
@@ -33,7 +33,8 @@ class VideoFrame:
     uint8 or uint16, or linear float32, else None. native: the decoder's frame that owns exactly these planes, if any.
     wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
     ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
-    left eye this is, the right one at the same instant.
+    left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
+    some is brighter than the codes can say.
     """
 
     index: int
@@ -48,6 +49,7 @@ class VideoFrame:
     wrap: bool = True
     damage: Literal["none", "concealed", "held"] = "none"
     right: VideoFrame | None = None
+    clipped: tuple[tuple[Rectangle, NDArray[np.float32]], ...] = ()
 
     @classmethod
     def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:
@@ -72,6 +74,23 @@ class VideoFrame:
         """The picture as linear Rec.709, (H, W, 3) float32, not clipped."""
         height, width = self.shape
         return self.linear(Rectangle(0, 0, width, height))
+
+    @property
+    def light(self) -> NDArray[np.float32]:
+        """The picture as linear Rec.709 (H, W, 3), with what a composite has above the brightest code."""
+        if not self.clipped:
+            return self.image_linear
+        image = self.image_linear.copy()
+        for rectangle, linear in self.clipped:
+            column, row, width, height = rectangle
+            part = image[row : row + height, column : column + width]
+            np.copyto(part, linear, where=np.any(linear > self._brightest, axis=-1, keepdims=True))
+        return image
+
+    @property
+    def _brightest(self) -> float:
+        """Linear light of the brightest code that is written."""
+        return float(decode_signal(np.ones(()), self.spec))
 
     def linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
         """Return a part of the picture as linear Rec.709, (h, w, 3) float32, not clipped."""
@@ -129,15 +148,18 @@ class VideoFrame:
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
         grain = self.grain if amount > 0.0 else NO_GRAIN
+        brightest, clipped = self._brightest, []
         for tile in layer.tiles:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
                 linear = blend(self.linear(rectangle), tile)
+                if linear.max() > brightest:
+                    clipped.append((rectangle, np.asarray(linear, np.float32)))
                 lay_over_planes(
                     self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
                 )
-        return replace(self, yuv=_read_only(planes), native=native)
+        return replace(self, yuv=_read_only(planes), native=native, clipped=tuple(clipped))
 
     def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
@@ -146,6 +168,7 @@ class VideoFrame:
 
         assert self.rgb is not None
         codes = self.rgb.copy()
+        brightest, clipped = self._brightest if codes.dtype.kind == "u" else np.inf, []
         for tile in layer.tiles:
             changed = changed_pixels(tile)
             if changed.any():
@@ -153,10 +176,12 @@ class VideoFrame:
                 linear = blend(self.linear(rectangle), tile)
                 if amount > 0.0:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+                if linear.max() > brightest:
+                    clipped.append((rectangle, np.asarray(linear, np.float32)))
                 linear = in_plate_primaries(linear, self.spec)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
-        return replace(self, rgb=codes)
+        return replace(self, rgb=codes, clipped=tuple(clipped))
 
 
 def _read_only(image: YuvImage) -> YuvImage:

@@ -12,13 +12,14 @@ import trimesh
 from trimesh.visual.material import PBRMaterial
 
 import mr360uw as uw
-from mr360uw.color import encode
-from mr360uw.scene.model import scene_from_dict
-from mr360uw.video import open_video
+from mr360uw.color import decode, encode
+from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.video import open_video, read_picture
+from mr360uw.video.exr import read_rgb
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.transcoding import transcode
 from tests.video.clips import write_clip
-from tests.video.tolerances import VIDEO_LOSSY_MEAN
+from tests.video.tolerances import VIDEO_CODE_LIGHT, VIDEO_LOSSY_MEAN
 
 _PQ, _HLG, _BT2020 = 16, 18, 9
 _DISPLAY = "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,50)"
@@ -67,15 +68,14 @@ def test_tags_and_metadata_are_kept(tmp_path: Path, codec: str) -> None:
         assert other.hdr.display.white == pytest.approx((0.3127, 0.3290), abs=1e-4)
 
 
-def test_an_object_above_white_goes_into_a_pq_clip(tmp_path: Path) -> None:
-    """A lamp at ten times white: PQ has codes for it, where an sRGB plate would end at white."""
-    plate, made = hdr_clip(tmp_path / "plate.mp4"), tmp_path / "made.mp4"
+def lamp_scene(folder: Path, plate: Path) -> Scene:
+    """A lamp at ten times white in the middle of a plate."""
     lamp = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
     lamp.visual = trimesh.visual.TextureVisuals(
         material=PBRMaterial(emissiveFactor=[1.0, 1.0, 1.0], baseColorFactor=[0.0, 0.0, 0.0, 1.0])
     )
-    lamp.export(tmp_path / "lamp.glb")
-    scene = scene_from_dict(
+    lamp.export(folder / "lamp.glb")
+    return scene_from_dict(
         {
             "plate": {"path": str(plate)},
             "camera": {"depth_m": 3.0},
@@ -83,9 +83,14 @@ def test_an_object_above_white_goes_into_a_pq_clip(tmp_path: Path) -> None:
             "output": {"codec": "h265", "quality": 4},
             "object": [{"mesh": "lamp.glb", "position_m": [0.0, 0.0, -1.5], "emission_scale": 10.0}],
         },
-        tmp_path,
+        folder,
     )
-    uw.composite_video(scene, made, frames=(0, 1))
+
+
+def test_an_object_above_white_goes_into_a_pq_clip(tmp_path: Path) -> None:
+    """PQ has codes for its light, where an sRGB plate would end at white."""
+    plate, made = hdr_clip(tmp_path / "plate.mp4"), tmp_path / "made.mp4"
+    uw.composite_video(lamp_scene(tmp_path, plate), made, frames=(0, 1))
     assert tags_of(made) == (_BT2020, _BT2020, _PQ)
     with open_video(made) as video:
         picture = next(iter(video.frames(0, 1))).image_linear
@@ -97,3 +102,16 @@ def test_an_object_above_white_goes_into_a_pq_clip(tmp_path: Path) -> None:
         np.testing.assert_allclose(
             away.mean(), next(iter(video.frames(0, 1))).image_linear[:, :20].mean(), rtol=VIDEO_LOSSY_MEAN
         )
+
+
+def test_exr_of_an_ordinary_clip_keeps_light_above_white(tmp_path: Path) -> None:
+    """Where objects are: what the codes of the plate could not hold is in the file, and nothing else differs."""
+    plate = write_clip(tmp_path / "plate.mp4", 1)
+    scene = lamp_scene(tmp_path, plate)
+    for name in ("made.exr", "made.png"):
+        uw.composite_video(scene, tmp_path / name, frames=(0, 1))
+    light, codes = read_rgb(tmp_path / "made.exr"), decode(read_picture(tmp_path / "made.png") / 255.0, "srgb")
+    assert light[28:36, 60:68].mean() > 5.0
+    bright = np.any(light > 1.0, axis=-1)
+    np.testing.assert_allclose(np.maximum(light[~bright], 0.0), codes[~bright], atol=VIDEO_CODE_LIGHT)
+    assert np.mean(bright[:, :40]) < 0.01

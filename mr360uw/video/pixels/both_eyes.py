@@ -29,10 +29,13 @@ def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
         both.flags.writeable = False
         return both
 
+    down, across = (frame.shape[0], 0) if axis == 0 else (0, frame.shape[1])
+    beside = tuple((r._replace(row=r.row + down, column=r.column + across), light) for r, light in right.clipped)
+    clipped = frame.clipped + beside
     if frame.yuv is None or right.yuv is None:
         assert frame.rgb is not None
         assert right.rgb is not None
-        return replace(frame, rgb=joined(frame.rgb, right.rgb), native=None, wrap=False, right=None)
+        return replace(frame, rgb=joined(frame.rgb, right.rgb), native=None, wrap=False, right=None, clipped=clipped)
     a, b = frame.yuv, right.yuv
     planes = YuvImage(joined(a.y, b.y), joined(a.u, b.u), joined(a.v, b.v), a.spec)
-    return replace(frame, yuv=planes, native=None, wrap=False, right=None)
+    return replace(frame, yuv=planes, native=None, wrap=False, right=None, clipped=clipped)

@@ -27,9 +27,9 @@ _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
 class ImageWriter(VideoWriter):
     """One picture, or a sequence numbered by the frames' index; each appears complete or not at all.
 
-    EXR: linear Rec.709 with the `envmap` attribute, in single precision for plates of floats, which then keep every
-    bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked as panoramas (XMP),
-    except pictures of two eyes, for which there is no mark.
+    EXR: linear Rec.709, objects not clipped, with the `envmap` attribute, in single precision for plates of floats,
+    which then keep every bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked
+    as panoramas (XMP), except pictures of two eyes, for which there is no mark.
     folder: of incomplete pictures, on the same disk; default: that of `path`.
     """
 
@@ -69,7 +69,7 @@ def write_picture(path: Path, frame: VideoFrame, folder: Path | None = None) -> 
     """
     if path.suffix.lower() == ".exr":
         depth = np.float32 if frame.spec.bits == 32 else np.float16
-        write_exr(path, frame.image_linear.astype(depth, copy=False), latlong=frame.wrap, folder=folder)
+        write_exr(path, frame.light.astype(depth, copy=False), latlong=frame.wrap, folder=folder)
         return
     try:
         with whole_file(path, folder=folder) as part:
@@ -84,7 +84,7 @@ def _encoded(path: Path, frame: VideoFrame) -> bytes:
     import cv2
 
     pixels = (
-        frame.image_linear
+        frame.light
         if path.suffix.lower() in FLOAT_SUFFIXES
         else picture_codes(frame, path.suffix.lower() in _DEEP_SUFFIXES)
     )
