@@ -114,4 +114,6 @@ def test_exr_of_an_ordinary_clip_keeps_light_above_white(tmp_path: Path) -> None
     assert light[28:36, 60:68].mean() > 5.0
     bright = np.any(light > 1.0, axis=-1)
     np.testing.assert_allclose(np.maximum(light[~bright], 0.0), codes[~bright], atol=VIDEO_CODE_LIGHT)
-    assert np.mean(bright[:, :40]) < 0.01
+    with open_video(plate) as video:
+        own = next(iter(video.frames(0, 1))).image_linear
+    np.testing.assert_allclose(light[:, :20], own[:, :20], rtol=2e-3, atol=1e-4)  # EXR in half precision
