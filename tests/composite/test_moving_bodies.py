@@ -13,8 +13,8 @@ from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
+from mr360uw.composite.object_settings import KeySettings, ObjectSettings
 from mr360uw.composite.sample_kernel import find_clear, read_groups
-from mr360uw.composite.settings import KeySettings, ObjectSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.color import TRANSFERS, decode, encode
+from mr360uw.color import DisplayTransfer, decode, encode
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import OPERATORS, LightSettings
 from mr360uw.ibl.yuv import block_size, lit_frame, plate_of_yuv
@@ -61,7 +63,7 @@ def test_enhancement_spreads_from_the_clipped_area_up_to_edges() -> None:
     assert gains[60, 200] == pytest.approx(1.0, abs=ENERGY_FLOAT32)
 
 
-@pytest.mark.parametrize("transfer", TRANSFERS)
+@pytest.mark.parametrize("transfer", get_args(DisplayTransfer))
 def test_the_polynomial_follows_the_curve(transfer: str) -> None:
     slope, *c = decode_polynomial(transfer).astype(np.float64)
     x = np.linspace(0.0, 1.1, 500)
@@ -120,5 +122,5 @@ def test_the_gpu_reduces_to_the_same_map(operator: str, size: tuple[int, int]) -
 
 def test_code_values_survive_encode_and_decode() -> None:
     code = np.linspace(0, 1, 256)
-    for transfer in TRANSFERS:
+    for transfer in get_args(DisplayTransfer):
         np.testing.assert_allclose(encode(decode(code, transfer), transfer), code, atol=FLOAT64)

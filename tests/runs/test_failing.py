@@ -215,7 +215,7 @@ def test_odd_names_of_the_sample_dive_s_clip(tmp_path: Path, name: str) -> None:
 def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
     whole: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def without_gl(name: str) -> tuple[Backend, str]:
+    def without_gl(name: str, _eyes: int) -> tuple[Backend, str]:
         if name == "gl":
             raise GlError("no display")
         return make_backend("reference")

@@ -44,10 +44,10 @@ _DEEPEST = 16
 """Most times that a square is quartered."""
 _FINEST = 0.5
 """Least distance of samples, in pixels across the frame."""
-_FAINT, _FAINT_APART = 0.03, 4.0
+_FAINT, _FAINT_APART, _FAINT_RAD = 0.03, 4.0, 0.0131
 """Steps of the blocked fraction below the first number, half of which is a code value where ambient light is half of
-all, are not followed to samples nearer than so many pixels. Sweeps make such steps where rays begin to meet a thin part
-of a body: squares along them were four fifths of all.
+all, are not followed to samples nearer than so many pixels, nor nearer than 0.75 degrees where pixels are wider. Sweeps
+make such steps where rays begin to meet a thin part of a body: squares along them were four fifths of all.
 """
 _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 """Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
@@ -171,7 +171,7 @@ class _Builder:
         sample[there] = self._sampled(square[there], depth)
         value = self._value[sample[there]]
         missed = np.abs(value - predicted[there]).max(axis=(1, 2), initial=0.0)
-        few = 0.25 * size < _FAINT_APART * self._pixel_rad * seen_m[there]
+        few = 0.25 * size < min(_FAINT_APART * self._pixel_rad, _FAINT_RAD) * seen_m[there]
         jump = missed > np.where(few, _FAINT, _PREDICTED * TOLERANCE)
         kind[there] = np.where(jump, JUMP_PATCH, SMOOTH_PATCH)
         wanted = (jump | (size > coarsest[there])) & (0.25 * size >= _FINEST * self._pixel_rad * seen_m[there])
