@@ -54,7 +54,7 @@ def test_between_equal_keys_turn_and_scale_are_theirs_to_the_last_bit() -> None:
         KeySettings(time_s=t, position_m=(t, 0, -2), rotation_deg=(23, 7, -11 if t < 2.5 else 40), scale=0.4)
         for t in (0.0, 1.0, 2.0, 3.0)
     )
-    motion = object_motion(ObjectSettings(mesh=Path("a.glb"), key=keys, interpolation="smooth"))
+    motion = object_motion(ObjectSettings(mesh=Path("a.glb"), key=keys, interpolation="smooth"), box())
     linear = [motion.at(t)[:3, :3] for t in (-1.0, 0.0, 0.3, 1.0, 1.77, 2.0)]
     assert all(np.array_equal(one, linear[0]) for one in linear)
     assert not np.array_equal(motion.at(2.5)[:3, :3], linear[0])
