@@ -22,6 +22,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
 from mr360uw.render.shots import instants, layer_key, shafts_of, shot_at, with_caustics, with_snow
+from mr360uw.render.stages.match_stage import asked_look, with_look
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
@@ -94,7 +95,9 @@ def frame_stages(
     layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
     yield  # from here on any thread, beside the next frame
 
-    of_picture = plate, tuple(layers), grain
+    look = asked_look(now, facts.look, plate, layer, kept)
+    of_picture = plate, tuple(layers), grain, look
+    layer = kept.get("match", of_picture, partial(with_look, layer, look, plate))
     picture = kept.get("picture", of_picture, lambda: finite("composite", index, plate.over(layer, over_tile, grain)))
     return Frame(picture, plate, layer, light, water, None if shot is None else shot.caustics, found)
 
