@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun_series import SunSeries
@@ -25,6 +26,7 @@ from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import calm_series
+from mr360uw.render.stages.match_stage import clip_look
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
@@ -52,7 +54,8 @@ class ClipFacts:
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
     frame by frame. calm: the ground without its caustics, or None if it is found frame by frame. notes: doubts about
-    them. first: frame that the track and the gain begin with.
+    them. first: frame that the track and the gain begin with. look: of the plate, or None if it is measured frame by
+    frame.
     """
 
     sun: SunTrack | FixedSun | None = None
@@ -60,6 +63,7 @@ class ClipFacts:
     calm: CalmPlate | None = None
     notes: tuple[str, ...] = ()
     first: int = 0
+    look: PlateGrade | None = None
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
@@ -92,7 +96,8 @@ def clip_facts(
     plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     keyed = loaded.surroundings_at if loaded.scene.keys else None
-    return first_pass(loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, **wanted)
+    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, **wanted)
+    return replace(facts, look=clip_look(loaded, video))
 
 
 def first_pass(

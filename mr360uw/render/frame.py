@@ -12,6 +12,7 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
+from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
@@ -24,6 +25,7 @@ from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
 from mr360uw.render.shots import instants, layer_key, seen_by, shafts_of, shot_at, with_caustics, with_snow
 from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
+from mr360uw.render.stages.match_stage import asked_look, with_look
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
@@ -97,9 +99,11 @@ def frame_stages(
                 layers.append(_layer(then, backend, shot, instant_s, shutter_s / len(moments), index, variables, kept))
     yield  # from here on any thread, beside the next frame
 
-    frames = [
-        _composited(eye.plate, layers, light, water, grain, kept) for eye, layers in zip(eyes, drawn, strict=True)
-    ]
+    frames = []
+    for eye, layers in zip(eyes, drawn, strict=True):
+        layer = mean_layer([one.layer for one in layers]) if layers else Layer(loaded.height, loaded.width, ())
+        look = asked_look(now, facts.look, plate, layer, kept)  # of the left eye for both
+        frames.append(_composited(eye.plate, layers, layer, look, light, water, grain, kept))
     return frames[0] if len(frames) == 1 else both_eyes(*frames)
 
 
@@ -140,16 +144,16 @@ def _pattern(loaded: Loaded, facts: ClipFacts, eye: Eye, kept: Cache) -> PlatePa
 def _composited(
     plate: VideoFrame,
     drawn: list[Drawn],
+    layer: Layer,
+    look: PlateGrade,
     light: FrameLight | None,
     water: MediumTable | None,
     grain: float,
     kept: Cache,
 ) -> Frame:
-    """Return the frame of one eye from what it sees at every instant of the exposure."""
-    layers = tuple(one.layer for one in drawn)
-    height, width = plate.shape
-    layer = mean_layer(list(layers)) if layers else Layer(height, width, ())
-    of_picture = plate, layers, grain
+    """Return the frame of one eye from what it sees at every instant of the exposure; layer: the mean of that."""
+    of_picture = plate, tuple(one.layer for one in drawn), grain, look
+    layer = kept.get("match", of_picture, partial(with_look, layer, look, plate))
     picture = kept.get(
         "picture", of_picture, lambda: finite("composite", plate.index, plate.over(layer, over_tile, grain))
     )

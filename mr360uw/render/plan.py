@@ -18,6 +18,7 @@ from mr360uw.render.stages.plan_stages import (
     Stage,
     beam_at_objects,
     gain_stage,
+    match_stage,
     occlusion_stage,
     shadow_stage,
     shafts_stage,
@@ -54,6 +55,7 @@ class Plan:
     layer: Stage
     surface: Stage
     snow: Stage
+    match: Stage
     grain: Stage
 
     @property
@@ -120,7 +122,7 @@ def make_plan(
             "no objects: the plate goes through untouched",
         ),
         surface=surface_stage(scene, objects, medium),
-        snow=snow,
+        snow=snow, match=match_stage(scene, visible),
         grain=stage(
             visible and scene.draw.grain > 0.0,
             f"objects get {100 * scene.draw.grain:.0f} % of the plate's grain",

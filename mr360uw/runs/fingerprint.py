@@ -18,7 +18,7 @@ from mr360uw.scene.overrides import dotted
 _BLOCK = 1 << 20
 _BLOCKS = 16
 """Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
-_FIRST_PASS = ("plate", "camera", "water", "light", "receiver", "sea", "caustics")
+_FIRST_PASS = ("plate", "camera", "water", "light", "receiver", "sea", "caustics", "match")
 """Tables of a scene that the first pass depends on."""
 _JOINED = ("sound", "faststart", "threads")
 """Settings of the output that act when segments are joined, or on speed alone."""

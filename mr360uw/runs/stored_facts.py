@@ -10,12 +10,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.files import whole_file
 from mr360uw.ibl import SunTrack
 from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
-_SUN = "sun_"
+_SUN, _LOOK = "sun_", "look_"
 
 
 def save_facts(facts: ClipFacts, path: Path) -> None:
@@ -29,6 +30,8 @@ def save_facts(facts: ClipFacts, path: Path) -> None:
         arrays["strength"] = facts.calm.strength
         if facts.calm.mean is not None:
             arrays["mean"] = facts.calm.mean
+    if facts.look is not None:
+        arrays |= {_LOOK + name: value for name, value in dataclasses.asdict(facts.look).items() if value is not None}
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -45,4 +48,12 @@ def load_facts(path: Path) -> ClipFacts | None:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    return ClipFacts(SunTrack(**of_sun) if of_sun else None, arrays.get("gain"), calm, notes, int(arrays["first"]))
+    of_look = {name.removeprefix(_LOOK): array.item() for name, array in arrays.items() if name.startswith(_LOOK)}
+    return ClipFacts(
+        SunTrack(**of_sun) if of_sun else None,
+        arrays.get("gain"),
+        calm,
+        notes,
+        int(arrays["first"]),
+        PlateGrade(**of_look) if of_look else None,
+    )

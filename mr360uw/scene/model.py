@@ -18,6 +18,7 @@ from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
+from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
@@ -136,6 +137,7 @@ class Scene(Parameters):
     shafts: ShaftSettings = parameter(ShaftSettings(), "light in the water, and bodies' shadows in it")
     snow: SnowSettings = parameter(SnowSettings(), "particles suspended in the water")
     surface: SurfaceSettings = parameter(SurfaceSettings(), "objects at the water's surface")
+    match: MatchSettings = parameter(MatchSettings(), "look of the plate that bodies are given")
     draw: DrawSettings = parameter(DrawSettings(), "how finely objects are drawn")
     output: EncodeSettings = parameter(
         EncodeSettings(), "how the result is encoded", fixed="a clip is encoded in one way"

@@ -152,3 +152,8 @@ SURFACE_FURNACE = 0.03
 """Radiance of 1: the split sum's albedo and the environment's 8-bit-like maps."""
 FLOATING = 0.02
 """Height of the plane through 13 x 13 points against that of 201 x 201, over the waves' height under the body."""
+
+BLUR_FOUND = 0.1
+"""Relative, of a blur found in a power spectrum: the share of a pixel's own blur is not known better."""
+MASK_AT_EDGE = 0.002
+"""Linear light: the mask takes its coverage from the blurred body, without what is fainter than 1e-4."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
@@ -97,8 +98,10 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
     later = track.since(3)
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
-    save_facts(ClipFacts(later, first=3), tmp_path / "facts.npz")
+    look = PlateGrade(1.2, columns=512)
+    save_facts(ClipFacts(later, first=3, look=look), tmp_path / "facts.npz")
     facts = load_facts(tmp_path / "facts.npz")
+    assert facts.look == look
     np.testing.assert_array_equal(facts.sun_at(5).irradiance, track.at(5).irradiance)
 
 

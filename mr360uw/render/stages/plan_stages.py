@@ -160,6 +160,16 @@ def gain_stage(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage
     )  # fmt: skip
 
 
+def match_stage(scene: Scene, visible: bool) -> Stage:
+    """Return whether bodies are given the plate's look."""
+    return stage(
+        visible and scene.match.changes,
+        "bodies as soft as the plate, where it shows that" if scene.match.measures
+        else "bodies as soft and as sharpened as set",
+        "nothing to cover" if not visible else "switched off",
+    )  # fmt: skip
+
+
 def beam_at_objects(objects: Facts, medium: MediumTable | None) -> float:
     """Return the largest fraction of the surface's vertical beam that reaches an object, any channel."""
     if medium is None or not objects:

@@ -44,8 +44,8 @@ INSTEAD = {
 
 _TITLES = {
     "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps", "output": "Output",
-    "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface",
-    "caustics": "Caustics", "shafts": "Light in the water", "snow": "Marine snow", "draw": "Drawing", "keys": "Keys",
+    "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface", "keys": "Keys",
+    "caustics": "Caustics", "shafts": "Light in the water", "snow": "Marine snow", "match": "Look", "draw": "Drawing",
 }  # fmt: skip
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
 _SPANS = {
