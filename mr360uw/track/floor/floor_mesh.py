@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
+from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.floor.floor_points import FloorPoints, floor_points
 from mr360uw.track.floor.scattered_heights import HeightField, fit_height_field
@@ -138,7 +139,8 @@ def floor_from_track(track: CameraTrack | str | Path) -> FloorMesh:
     )
     cell = max(_FINEST * seen.height_m, max(x[1] - x[0], z[1] - z[0]) / _MOST_NODES)
     relief = np.stack([seen.point[inside, 0], over[inside], seen.point[inside, 2]], axis=1)
-    field = fit_height_field(relief, seen.weight[inside], cell, _LEAST_SPREAD * seen.height_m)
+    with one_blas_thread():  # many small products
+        field = fit_height_field(relief, seen.weight[inside], cell, _LEAST_SPREAD * seen.height_m)
     flat = field.held_out >= _FLAT * field.held_out_flat
     x_m, z_m, height, confidence = _with_skirt(field, flat, seen.height_m)
     at_x, at_z = np.meshgrid(x_m, z_m)
