@@ -49,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
         "__version__",
         *PHYSICS,
     },
-    "track": {"video", "ibl", "medium", "composite", "progress"},
+    "track": {"video", "ibl", "medium", "composite", "progress", "threads"},
     "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",
