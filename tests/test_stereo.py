@@ -135,7 +135,8 @@ def test_mattes_hold_both_eyes(tmp_path: Path) -> None:
         ((64, 64), "camera.ipd_m=0.5", "must be"),
         ((64, 64), "camera.ipd_m=0.001", "must be"),
         ((64, 64), 'plate.layout="crossed"', "crossed"),
-        ((64, 64), "object.0.position_m=[0.0,4.0,-3.0]", "surface"),
+        ((64, 64), "object.0.position_m=[0.0,5.0,-3.0]", "surface"),
+        ((64, 64), 'surface.objects="all"', "surface"),
     ],
 )
 def test_plates_that_have_no_two_eyes(
@@ -149,6 +150,17 @@ def test_plates_that_have_no_two_eyes(
     code, _, err = run("check", tmp_path / "scene.toml", "--set", settings, "--backend", "reference")
     assert code == 2
     assert says in err
+
+
+def test_a_body_below_the_surface_is_drawn_without_its_mirror_image(whale: Path, tmp_path: Path, run: Run) -> None:
+    cv2.imwrite(str(tmp_path / "plate.png"), np.full((64, 64, 3), 90, np.uint8))
+    (tmp_path / "scene.toml").write_text(
+        f'plate = {{path = "plate.png", eye = "both"}}\n[water]\ntype = "IB"\n[[object]]\nmesh = "{whale}"\n'
+        "position_m = [0.0, 3.5, -3.0]\n"
+    )
+    code, out, _ = run("check", tmp_path / "scene.toml", "--backend", "reference")
+    assert code == 0
+    assert "its mirror image is not drawn for both eyes" in out
 
 
 def test_a_squeezed_panorama_is_lit_like_the_whole_one(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def check_eyes(scene: Scene, *, at_surface: bool) -> None:
         raise SceneError(
             "scene",
             [
-                "surface - bodies at the water's surface are drawn from one point, not for both eyes (got plate.eye = "
-                '"both") - set surface.objects = "none", or place the objects deeper'
+                "surface - bodies that the water's surface cuts or mirrors are drawn from one point, not for both eyes "
+                '(got plate.eye = "both") - place the objects deeper, or set surface.objects = "none"'
             ],
         )

@@ -97,6 +97,8 @@ def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> S
     near = f"an object comes within {max(depth_m, 0.0):.1f} m of the surface"
     if depth_m >= within:
         return Stage(False, f"no object comes within {within:g} m of the surface (least depth {depth_m:.1f} m)")
+    if scene.plate.eyes == 2 and settings.objects == "auto" and depth_m > 0.0:
+        return Stage(False, f"{near}; its mirror image is not drawn for both eyes")
     return stage(
         left > FAINTEST,
         f"{near}; the water leaves up to {100 * left:.0f} % of its mirror image",
