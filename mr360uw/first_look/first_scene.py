@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from mr360uw.first_look.proposal_words import found_lines, scene_lines
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.render.loaded import Loaded
-from mr360uw.scene.model import load_scene
+from mr360uw.scene.model import scene_from_dict
 
 PREVIEW_COLUMNS = 1024
 """Width [pixels] of previews, at most."""
@@ -59,12 +60,14 @@ def make_first_scene(
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
     chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
-    write_whole(path, scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files))
+    text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
+    scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
-        draft, width = live.coarse(load_scene(path)), min(PREVIEW_COLUMNS, plate.size[0])
+        draft, width = live.coarse(scene), min(PREVIEW_COLUMNS, plate.size[0])
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
+    write_whole(path, text)
     write_whole(preview, screen_picture(picture.image_linear, ".png"))
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
     lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]

@@ -53,9 +53,9 @@ def solve_key_frames(
 ) -> KeyPoses:
     """Return the poses of a shot's key frames.
 
-    where: names the shot in messages. left_out (H, W): where nothing is tracked. mask_only: track
-    what moves along with the camera too. folder: for files, some of which a run
-    before may have left there. Raises `ParameterError` where pictures do not tell a path.
+    where: names the shot in messages. left_out: (H, W), where nothing is tracked. mask_only: also track what moves with
+    the camera. folder: for files, some of which a run before may have left there. Raises `ParameterError` where the
+    pictures do not tell a path.
     """
     features = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
     kind = classify(features.matches, 2.0 * np.pi / keys.width)
