@@ -18,7 +18,7 @@ from mr360uw.runs.work_folder import WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader
-from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.writer import VideoWriter
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import luminance
-from mr360uw.first_look.panorama import Eye, eye_of
+from mr360uw.first_look.panorama import Eye, Reading, reading_of
 from mr360uw.first_look.water_or_air import WaterOrAir, water_or_air
 from mr360uw.ibl import environment
 from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
@@ -37,7 +37,7 @@ _FLOOR_LIGHT = 0.9
 class PlateLook:
     """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames.
 
-    still: one picture. size: (width, height) [pixels]. eye: of a stereo plate. tilt: of the camera, None where it
+    still: one picture. size: (width, height) [pixels]. tilt: of the camera, None where it
     cannot be told or is level. floor: whether something is seen below.
     """
 
@@ -45,7 +45,7 @@ class PlateLook:
     image: Floats
     still: bool
     size: tuple[int, int]
-    eye: Eye | None
+    reading: Reading
     medium: WaterOrAir
     dark: bool
     tilt: HorizonEstimate | None
@@ -54,8 +54,8 @@ class PlateLook:
 
 def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
     """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read."""
-    eye = eye_of(path, eye)
-    with open_video(path, eye=eye) as video:
+    reading = reading_of(path, eye)
+    with open_video(path, eye=reading.eye, projection=reading.projection) as video:
         frames = [_small(video, index) for index in _indices(video)]
         still, size = video.is_still, (video.width, video.height)
     image = np.median(frames, axis=0)
@@ -65,7 +65,7 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
         image = _levelled(image, tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
-    return PlateLook(path, image, still, size, eye, medium, dark, tilt, _has_floor(image, medium.underwater))
+    return PlateLook(path, image, still, size, reading, medium, dark, tilt, _has_floor(image, medium.underwater))
 
 
 def _indices(video: VideoReader) -> list[int]:

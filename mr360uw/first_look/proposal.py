@@ -165,7 +165,8 @@ def guess_water(plate: PlateLook, view: FreeView) -> WaterGuess:
     if plate.tilt is not None:
         roll, pitch = (float(np.degrees(angle)) for angle in (plate.tilt.roll_rad, plate.tilt.pitch_rad))
         camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
-    scene = Scene(plate=PlateSettings(path=plate.path, eye=plate.eye), camera=camera)
+    reading = plate.reading
+    scene = Scene(plate=PlateSettings(path=plate.path, eye=reading.eye, projection=reading.projection), camera=camera)
     unknown = WaterGuess(_WATER, 0.0, (), None, known=False)
     try:
         found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))

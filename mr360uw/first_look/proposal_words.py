@@ -14,6 +14,7 @@ from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.proposal import Proposal, sight_m
 from mr360uw.medium.fit.waterfit import CONFIDENT
 from mr360uw.scene.template import toml_value
+from mr360uw.video.read.projection import FISHEYE_FOV_DEG
 
 _SURE = 0.5
 """Confidence from which water or air is not called a guess."""
@@ -26,8 +27,12 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     width, height = plate.size
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
-    if plate.eye is not None:
-        lines[0] += f", its {plate.eye} eye"
+    if plate.reading.eye is not None:
+        lines[0] += f", its {plate.reading.eye} eye"
+    if plate.reading.projection != "auto":
+        lines[0] += f", from {plate.reading.projection}: it shows that"
+    if plate.reading.projection == "dual_fisheye":
+        lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
     guess = "" if plate.medium.confidence >= _SURE else "perhaps "
     where = f"under water: red is {plate.medium.red_far:.2f} of green or blue in the distance"
     if chosen.water is None:
@@ -96,8 +101,10 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
         ("[plate]", ""),
         (f"path = {toml_value(relative_to(plate.path, folder))}", ""),
     ]
-    if plate.eye is not None:
-        rows.append((f'eye = "{plate.eye}"', "of the two"))
+    if plate.reading.eye is not None:
+        rows.append((f'eye = "{plate.reading.eye}"', "of the two"))
+    if plate.reading.projection != "auto":
+        rows.append((f'projection = "{plate.reading.projection}"', "by what its first picture shows"))
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
     if chosen.floor_m is not None:

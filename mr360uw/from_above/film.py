@@ -23,7 +23,8 @@ from mr360uw.scene.inputs import keep_inputs
 from mr360uw.video import VideoFrame, create_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.read.images import is_pattern, matching_files, numbered
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.creating import check_target
 
 Write = Callable[[int, AerialPicture], None]

@@ -14,7 +14,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import write_picture
 
 

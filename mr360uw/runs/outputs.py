@@ -12,7 +12,8 @@ from mr360uw.runs.work_folder import WorkFolder
 from mr360uw.scene.inputs import keep_inputs
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.read.images import PICTURE_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.read.images import is_pattern, matching_files, numbered
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.segment import Segment
 
 

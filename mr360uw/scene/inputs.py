@@ -11,7 +11,7 @@ from mr360uw.parameters import Parameters
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.read.images import is_pattern, matching_files
-from mr360uw.video.read.picture_shape import shape_of_codes, way_out
+from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
 
@@ -33,11 +33,16 @@ def projection_notes(scene: Scene, video: VideoReader, index: int = 0) -> tuple[
     """
     if scene.plate.projection != "auto" or projection_of(scene.plate.path, "auto") != "equirectangular":
         return ()
-    frame = next(iter(video.frames(index, index + 1)))
-    codes = frame.yuv if frame.yuv is not None else frame.rgb
-    found = "" if codes is None else way_out(shape_of_codes(codes, frame.spec.bits))
+    found = way_out(shape_of_frame(video, index), video.path)
     leave = 'if that is wrong, set plate.projection = "equirectangular"'
     return (f"{video.path} - {found}; {leave}",) if found else ()
+
+
+def shape_of_frame(video: VideoReader, index: int = 0) -> Shape:
+    """Return what a frame of a plate looks like."""
+    frame = next(iter(video.frames(index, index + 1)))
+    codes = frame.yuv if frame.yuv is not None else frame.rgb
+    return "panorama" if codes is None else shape_of_codes(codes, frame.spec.bits)
 
 
 def keep_inputs(scene: Parameters, *outputs: Path) -> None:

@@ -20,6 +20,7 @@ from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from tests.first_look.plates import air, water
+from tests.video.other_projections import dual_fisheye, eac_row, write_tracks
 
 Run = Callable[..., tuple[int, str, str]]
 LONGEST = 40
@@ -146,3 +147,32 @@ def test_plates_of_one_colour_are_no_trouble(tmp_path: Path, run: Run, value: fl
     plate = picture(tmp_path / "flat.png", np.full((32, 64, 3), value, np.float32))
     code, _, err = run("new", plate, mesh(tmp_path / "thing.ply", 1.0), "--backend", "reference")
     assert (code, err) == (0, "")
+
+
+def faces() -> list[Floats]:
+    """Return the planes of six cube faces in two rows."""
+    return [np.concatenate(rows, axis=0) for rows in zip(eac_row(64, 0), eac_row(64, 1), strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("projection", "planes", "size"),
+    [("dual_fisheye", lambda: dual_fisheye(128, 200.0), (256, 128)), ("eac", faces, (256, 128))],
+)
+def test_a_clip_straight_from_the_camera_gets_its_projection(
+    tmp_path: Path, run: Run, projection: str, planes: Callable[[], list[Floats]], size: tuple[int, int]
+) -> None:
+    clip = write_tracks(tmp_path / "raw.mp4", [[planes()] * 2])
+    code, said, err = run("new", clip, mesh(tmp_path / "fish.ply", 0.4), "--backend", "reference")
+    assert (code, err) == (0, "")
+    assert f"from {projection}" in said
+    assert ("200 degrees each, guessed" in said) == (projection == "dual_fisheye")
+    assert load_scene(tmp_path / "raw.toml").plate.projection == projection
+    assert cv2.imread(str(tmp_path / "raw.preview.png")).shape == (size[1], size[0], 3)
+
+
+def test_a_still_straight_from_the_camera_is_refused_with_the_command_that_turns_it(tmp_path: Path, run: Run) -> None:
+    cv2.imwrite(str(tmp_path / "raw.png"), dual_fisheye(128, 200.0)[0])
+    code, _, err = run("new", tmp_path / "raw.png", mesh(tmp_path / "fish.ply", 0.4), "--backend", "reference")
+    assert code == 2
+    assert "ffmpeg -i raw.png -vf v360=dfisheye:e:ih_fov=200:iv_fov=200 out.png" in err
+    assert not (tmp_path / "raw.toml").exists()

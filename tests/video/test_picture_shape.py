@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video
 from mr360uw.video.read.picture_shape import Shape, picture_shape, way_out
-from tests.video.other_projections import dual_fisheye, eac_row, equirectangular, fisheye, world
+from tests.video.other_projections import dual_fisheye, eac_row, equirectangular, fisheye, world, write_tracks
 
 SIZE = 128
 
@@ -69,14 +71,14 @@ def test_a_picture_is_recognised(shape, picture) -> None:
     codes = np.rint(picture()).astype(np.uint8)
     assert picture_shape(codes) == shape
     assert picture_shape(codes.astype(np.uint16) * 4, 1020.0) == shape
-    assert bool(way_out(shape)) == (shape != "panorama")
+    assert bool(way_out(shape, Path("a.mp4"))) == bool(way_out(shape, Path("a.png"))) == (shape != "panorama")
 
 
 @pytest.mark.parametrize(
     ("picture", "message"),
     [
         (lambda: flat(256, 144), r"not a 360 degree panorama of 2:1 \(got 256x144\) - looks like the flat picture"),
-        (eac, r'not a 360.*shows six faces of a cube.*plate.projection = "eac"'),
+        (eac, r"not a 360.*shows six faces of a cube.*turn it by ffmpeg -i plate.png -vf v360=eac:e out.png"),
         (one_circle, "shows the circle of one lens.*insv"),
     ],
 )
@@ -87,12 +89,19 @@ def test_plates_of_another_size_are_refused_with_the_way_out(tmp_path, picture, 
         open_video(path)
 
 
+def test_a_clip_of_cube_faces_is_refused_with_the_setting(tmp_path) -> None:
+    rows = zip(eac_row(96, 0), eac_row(96, 1), strict=True)
+    clip = write_tracks(tmp_path / "plate.mp4", [[[np.concatenate(planes) for planes in rows]]])
+    with pytest.raises(VideoError, match=r'six faces of a cube.*plate.projection = "eac"'):
+        open_video(clip)
+
+
 def test_check_says_what_a_plate_of_two_to_one_shows(tmp_path, run) -> None:
     cv2.imwrite(str(tmp_path / "plate.png"), dual_fisheye(SIZE, 200.0)[0])
     (tmp_path / "scene.toml").write_text('[plate]\npath = "plate.png"\n[water]\ntype = "none"\n')
     code, out, _ = run("check", tmp_path / "scene.toml")
     assert code == 0
-    assert 'two fisheye circles side by side: set plate.projection = "dual_fisheye"' in out
+    assert "two fisheye circles side by side: turn it by ffmpeg -i plate.png -vf v360=dfisheye:e:ih_fov=200" in out
     code, out, _ = run("check", tmp_path / "scene.toml", "--set", 'plate.projection="equirectangular"')
     assert code == 0
     assert "fisheye circles" not in out

@@ -23,11 +23,8 @@ from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.reader import VideoReader, check_range
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
-
-INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
-FLOAT_SUFFIXES = (".exr", ".hdr")
-PICTURE_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
 
 _NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
 

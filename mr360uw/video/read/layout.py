@@ -86,7 +86,7 @@ def panorama_crops(
         )
     if stereo != "mono" and eye is None:
         if spherical is None and look() == "fisheye":
-            raise VideoError(f"{path} - {way_out('fisheye')}")
+            raise VideoError(f"{path} - {way_out('fisheye', path)}")
         raise VideoError(
             f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "
             'plate.eye = "left", "right" or "both" in a scene, --eye left on the command line, eye="left" in Python'
@@ -95,7 +95,7 @@ def panorama_crops(
     said = layout is not None or spherical is not None
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
         size = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
-        out = way_out(look()) or "export it as equirectangular 2:1, or tag it as the full sphere"
+        out = way_out(look(), path) or "export it as equirectangular 2:1, or tag it as the full sphere"
         raise VideoError(f"{path} - {size} - {out}")
     return crop, _eye_crop(path, width, height, stereo, "right") if eye == "both" else None, stereo
 

@@ -7,6 +7,7 @@ False alarms are worse than misses: each kind needs two signs that a panorama do
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from mr360uw.types import Floats, YuvImage
 from mr360uw.video.read.eac_rows import DOUBLED_STRIP
+from mr360uw.video.read.projection import Projection, turned_by_ffmpeg
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 
 Shape = Literal["panorama", "dual fisheye", "fisheye", "EAC", "EAC track", "flat"]
 """What a picture looks like; "panorama" where nothing speaks against it."""
@@ -38,11 +41,12 @@ _HALVES = 3.6
 other: geometric mean of the picture's left and right third. Flat pictures: up to 2.6."""
 
 
+SHOWN_PROJECTIONS: dict[Shape, Projection] = {"dual fisheye": "dual_fisheye", "EAC": "eac"}
+"""Projections that a picture shows and that clips are read from."""
 _EXPORT = "export it as equirectangular 2:1"
+_SHOWS: dict[Shape, str] = {"dual fisheye": "two fisheye circles side by side", "EAC": "six faces of a cube (EAC)"}
 _WAYS_OUT: dict[Shape, str] = {
-    "dual fisheye": f'shows two fisheye circles side by side: set plate.projection = "dual_fisheye", or {_EXPORT}',
     "fisheye": f"shows the circle of one lens: give the camera's .insv file with both, or {_EXPORT}",
-    "EAC": f'shows six faces of a cube (EAC): set plate.projection = "eac", or {_EXPORT}',
     "EAC track": (
         "shows three faces of a cube, one of the two tracks of a GoPro's .360 file: give that file itself, or "
         f"{_EXPORT} in GoPro Player"
@@ -86,9 +90,14 @@ def shape_of_codes(picture: YuvImage | NDArray[Any], bits: int) -> Shape:
     return picture_shape(green, float((1 << bits) - 1))
 
 
-def way_out(shape: Shape) -> str:
-    """Return what a picture that is no panorama shows and what to do, "" for panoramas."""
-    return _WAYS_OUT.get(shape, "")
+def way_out(shape: Shape, path: Path) -> str:
+    """Return what a file's picture that is no panorama shows and what to do, "" for panoramas."""
+    if shape not in SHOWN_PROJECTIONS:
+        return _WAYS_OUT.get(shape, "")
+    projection = SHOWN_PROJECTIONS[shape]
+    still = path.suffix.lower() in PICTURE_SUFFIXES
+    turn = f"turn it by {turned_by_ffmpeg(path, projection)}" if still else f'set plate.projection = "{projection}"'
+    return f"shows {_SHOWS[shape]}: {turn}, or {_EXPORT}"
 
 
 def _ends_differ(small: Floats) -> bool:

@@ -25,13 +25,11 @@ from mr360uw.video.clip import Clip
 from mr360uw.video.pixels.native import native_frame, plane_views
 from mr360uw.video.read.container import ContainerReader
 from mr360uw.video.read.eac_rows import joined_row
-from mr360uw.video.read.images import PICTURE_SUFFIXES
 from mr360uw.video.read.probe import track_sizes
-from mr360uw.video.read.projection import Projection
+from mr360uw.video.read.projection import FFMPEG_NAMES, Projection, turned_by_ffmpeg
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
-
-_NAMES = {"dual_fisheye": "dfisheye", "eac": "eac"}
 
 
 def open_unwrapped(
@@ -48,8 +46,8 @@ def open_unwrapped(
     """
     if path.suffix.lower() in PICTURE_SUFFIXES:
         raise VideoError(
-            f"{path} - pictures are read as equirectangular only (got {projection}) - turn them by ffmpeg -i "
-            f"{path.name} -vf v360={_NAMES[projection]}:e out.png"
+            f"{path} - pictures are read as equirectangular only (got {projection}) - turn them by "
+            + turned_by_ffmpeg(path, projection)
         )
     sizes = track_sizes(path)
     width, height = sizes[0]
@@ -172,7 +170,7 @@ class _UnwrappedReader(VideoReader):
     def _filter(self) -> Callable[[Any], Any]:
         """Return a function that turns a picture of the tracks, as PyAV's frame, to equirectangular."""
         graph: list[Any] = []
-        options = f"{_NAMES[self._projection]}:e:cubic:w={self.width}:h={self.height}"
+        options = f"{FFMPEG_NAMES[self._projection]}:e:cubic:w={self.width}:h={self.height}"
         if self._projection == "dual_fisheye":
             options += f":ih_fov={self._fov_deg:g}:iv_fov={self._fov_deg:g}"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.video.clip import Clip
-from mr360uw.video.read.images import PICTURE_SUFFIXES
+from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.writer import VideoWriter

@@ -17,7 +17,8 @@ from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.gpano import marked
 from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.images import FLOAT_SUFFIXES, is_pattern, matching_files, numbered
+from mr360uw.video.read.images import is_pattern, matching_files, numbered
+from mr360uw.video.read.suffixes import FLOAT_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.writer import VideoWriter
 
