@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import luminance
+from mr360uw.first_look.below_horizon import ground_texture, light_at
 from mr360uw.first_look.panorama import Eye, Reading, reading_of
 from mr360uw.first_look.water_or_air import WaterOrAir, water_or_air
 from mr360uw.ibl import environment
@@ -23,12 +24,12 @@ COLUMNS, ROWS = 1024, 512
 """Pixels of the picture that is looked at."""
 _FRAMES = 3
 """Frames of a clip that are looked at, evenly spread: what swims through is in one of them only."""
-_LEAST_TILT_RAD = np.radians(3.0)
-"""Tilt below which a plate is taken as level: waves move the window by one or two degrees."""
+_LEAST_TILT_RAD = np.radians(5.0)
+"""Tilt below which a plate is taken as level: low sun and waves move the window by up to 4.4 degrees."""
 _DARK = 0.02
 """Linear light that a tenth of the upper hemisphere of a plate by day exceeds."""
-_FLOOR_TEXTURE = 0.03
-"""Texture, as rms of the logarithm of light, from which what is below is a floor; open water below has 0.01."""
+_FLOOR_TEXTURE = 0.01
+"""Structure from which what is below is a floor. Open water has 0.003 to 0.006, the faintest floors 0.014."""
 _FLOOR_LIGHT = 0.9
 """Light from below over that at the horizon from which a smooth floor is likely; open water gets darker downwards."""
 
@@ -99,15 +100,7 @@ def _levelled(image: Floats, tilt: HorizonEstimate) -> Floats:
 
 def _has_floor(image: Floats, underwater: bool) -> bool:
     """Return whether something is seen between 20 and 60 degrees below the horizon; in air there always is."""
-    import cv2
-
     if not underwater:
         return True
-    light = np.log(np.maximum(luminance(image), 0.0) + 0.002).astype(np.float32)
-    scale = ROWS / 180.0
-    fine = light - cv2.GaussianBlur(light, (0, 0), 4.0 * scale)
-    below = slice(round(110.0 * scale), round(150.0 * scale))
-    texture = float(np.sqrt(np.mean(fine[below] ** 2)))
-    level = light[round(85.0 * scale) : round(95.0 * scale)]
-    brighter = float(np.median(light[below]) - np.median(level))
-    return texture > _FLOOR_TEXTURE or brighter > np.log(_FLOOR_LIGHT)
+    brighter = light_at(image, -60.0, -20.0) - light_at(image, -5.0, 5.0)
+    return ground_texture(image, -60.0, -20.0) > _FLOOR_TEXTURE or brighter > np.log(_FLOOR_LIGHT)

@@ -13,6 +13,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.plate_look import PlateLook
+from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import Water
 from mr360uw.medium.jerlov import JerlovType
@@ -24,14 +25,17 @@ _DEPTH_M = 6.0
 _FLOOR_M: dict[bool, float] = {True: 2.0, False: 1.6}
 """Height of a camera over the floor that is not known: above sand under water, and of a tripod or a head in air."""
 _WATER: JerlovType = "IB"
+_MURKY: JerlovType = "9C"
+"""Where no type is told: of clear seas, and the one in which red goes as far as green."""
 _UNLIKE = 0.4
 """Rms of the logarithm of plate over model above which no type of water is proposed."""
 _PATCH_DEG = 14.0
 _ANGLE_DEG = 20.0
 """Angle that an object's longest side is seen under as a rule."""
-_NEAR = ((30.0, 0.2), (45.0, 0.35))
-"""Greatest angle [deg], and greatest distance over that at which a black target is lost: contrasts of 38 and 19 %. The
-second pair is for things that would be made smaller than half their size by the first."""
+_WIDEST_DEG = 30.0
+_NEAR = (0.2, 0.35)
+"""Greatest distance over that at which a black target is lost: contrasts of 38 and 19 %. The second is for things that
+would be made smaller than half their size by the first."""
 _HALF = 0.5
 _STEEPEST_DEG = 40.0
 """Angle below the horizon at which things on the floor are seen, at most: seen from above they are hard to tell."""
@@ -123,9 +127,9 @@ def propose(plate: PlateLook, mesh: MeshLook, floor_m: float | None = None) -> P
 def _seen_through(size_m: float, sight_m: float) -> tuple[float, float]:
     """Return the size and the distance [m] of a thing that a water does not hide; its own size if that can be."""
     size, reach = size_m, math.inf
-    for angle_deg, share in _NEAR:
+    for share in _NEAR:
         reach = share * sight_m
-        size = min(size_m, reach / _sizes_away(angle_deg))
+        size = min(size_m, reach / _sizes_away(_WIDEST_DEG))
         if size >= _HALF * size_m:
             break
     return size, min(_sizes_away(_ANGLE_DEG) * size, reach)
@@ -167,7 +171,7 @@ def guess_water(plate: PlateLook, view: FreeView) -> WaterGuess:
         camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
     reading = plate.reading
     scene = Scene(plate=PlateSettings(path=plate.path, eye=reading.eye, projection=reading.projection), camera=camera)
-    unknown = WaterGuess(_WATER, 0.0, (), None, known=False)
+    unknown = WaterGuess(_MURKY if plate.medium.red_far > LITTLE_RED else _WATER, 0.0, (), None, known=False)
     try:
         found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))
     except ParameterError:  # the open water is black, or redder than water

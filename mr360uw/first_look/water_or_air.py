@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells plates under water from plates in air by the red that is missing in the distance.
+"""Tells plates under water from plates in air by the red that is missing in the distance, and by ground that is.
 
 Water absorbs red within a few metres, so the far distance, which a panorama shows about its horizon, has little of it:
 
     q = 10 % quantile over |elevation| < 8 degrees of R / max(G, B)        s = 90 % quantile below the horizon
 
 In air the distance may be blue, but the ground nearby has red. A strobe gives the ground nearby its red back; then only
-a very low q tells.
+a very low q tells. Murky coastal water keeps some red, but hides the ground: nothing is seen below, and light falls off
+from high above the horizon to far below. In air there is always a ground.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.first_look.below_horizon import ground_texture, light_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
@@ -23,10 +25,16 @@ _BAND_SINE = float(np.sin(np.radians(8.0)))
 _BELOW_SINE = float(np.sin(np.radians(-5.0)))
 _NO_RED = 0.16
 """q below which a plate is under water whatever its ground shows. Real plates in air: 0.24 and more."""
-_LITTLE_RED, _GROUND_RED = 0.45, 0.62
+LITTLE_RED, _GROUND_RED = 0.45, 0.62
 """q and s below which, together, a plate is under water. Coastal water has 0.35 and 0.5; dry ground 0.7 and more."""
+_NO_GROUND = 0.035
+"""Structure below the horizon under which no ground is seen. Dry ground: 0.059 and more; murky water: 0.02 and less."""
+_FALL = 0.4
+"""Logarithm of light 40 degrees higher over that at the horizon, and of that over light 45 degrees lower, at least."""
+_REDDEST = 1.1
+"""R / max(G, B), median below the horizon, above which no murk is water: soil and sunsets are redder."""
 _SURE = 0.35
-"""Distance in the logarithm of q or s from their limits at which the answer is sure."""
+"""Distance of the logarithm of a measure from its limit at which the answer is sure."""
 _DARK = 0.004
 """Linear light below which a pixel has no colour: one code of 8 bits."""
 
@@ -65,10 +73,22 @@ def water_or_air(image: Floats) -> WaterOrAir:
         near = far
     margins = [
         np.log(_NO_RED / max(far, 1e-6)),
-        min(np.log(_LITTLE_RED / max(far, 1e-6)), np.log(_GROUND_RED / max(near, 1e-6))),
+        min(np.log(LITTLE_RED / max(far, 1e-6)), np.log(_GROUND_RED / max(near, 1e-6))),
+        _murk(image, _quantile(ratio, weight, lit & (up < _BELOW_SINE), 0.5)),
     ]
     margin = float(max(margins))
     return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near)
+
+
+def _murk(image: Floats, red: float) -> float:
+    """Return by how much a panorama is murky water: the least margin, in logarithms. red: median of the ratio below."""
+    level = light_at(image, -5.0, 5.0)
+    return min(
+        np.log(_NO_GROUND / max(ground_texture(image, -50.0, -5.0), 1e-6)),
+        light_at(image, 35.0, 45.0) - level - _FALL,
+        level - light_at(image, -50.0, -40.0) - _FALL,
+        -np.inf if np.isnan(red) else np.log(_REDDEST / max(red, 1e-6)),
+    )
 
 
 def _quantile(values: Floats, weight: Floats, there: NDArray[np.bool_], quantile: float) -> float:

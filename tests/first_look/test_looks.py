@@ -5,14 +5,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 
+from mr360uw.color import encode
 from mr360uw.composite.object_settings import Front
 from mr360uw.first_look.free_view import free_view
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.mesh_words import kind_of
+from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
@@ -25,11 +28,15 @@ from tests.first_look.plates import SIZE, air, water
         (water((0.02, 0.15, 0.3)), True),
         (water((0.05, 0.14, 0.12)), True),
         (water((0.0, 0.002, 0.006)), True),
+        (water((0.08, 0.17, 0.11)), True),
+        (water((0.18, 0.18, 0.03)), True),
         (air(), False),
         (air(ground=(0.2, 0.18, 0.1)), False),
         (np.zeros((*SIZE, 3), np.float32), False),
         (np.ones((*SIZE, 3), np.float32), False),
         (np.full((*SIZE, 3), 0.3, np.float32), False),
+        (air(sky=(0.6, 0.6, 0.6)), False),
+        (air(ground=(0.08, 0.12, 0.04)), False),
     ],
 )
 def test_water_has_no_red_in_the_distance(image: Floats, underwater: bool) -> None:
@@ -40,6 +47,20 @@ def test_a_strobe_on_the_ground_does_not_make_it_air() -> None:
     image = water((0.02, 0.15, 0.3))
     image[SIZE[0] * 5 // 8 :] = (0.3, 0.2, 0.15)
     assert water_or_air(image).underwater
+
+
+@pytest.mark.parametrize(("contrast", "floor"), [(0.0, False), (0.1, True)])
+def test_a_faint_floor_is_told_from_grain(
+    tmp_path: Path, contrast: float, floor: bool, rng: np.random.Generator
+) -> None:
+    wide = water((0.03, 0.06, 0.05)).repeat(4, axis=0).repeat(4, axis=1)
+    x, y, z = np.moveaxis(directions(wide.shape[1], wide.shape[0]), -1, 0)
+    rocks = np.where((y < -0.3) & (np.sin(9.0 * x / np.minimum(y, -0.3)) * np.sin(9.0 * z / y) > 0.3), contrast, 0.0)
+    code = encode(wide * (1.0 - rocks[..., None]), "srgb") + rng.normal(0.0, 0.012, wide.shape)  # 3 codes of grain
+    assert cv2.imwrite(
+        str(tmp_path / "plate.png"), np.round(255.0 * np.clip(code, 0.0, 1.0)).astype(np.uint8)[..., ::-1]
+    )
+    assert look_at_plate(tmp_path / "plate.png").floor == floor
 
 
 @pytest.mark.parametrize("azimuth", [-150.0, -60.0, 0.0, 100.0, 175.0])
