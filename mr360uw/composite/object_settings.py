@@ -111,6 +111,10 @@ class ObjectSettings(Parameters):
     )
     emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
     double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
+    smooth_deg: float | None = parameter(
+        None, "new normals, smooth across edges that bend by less than this (30 to 60 is usual), 0 = flat; none: the "
+        "file's, and where it has none glTF and USD are flat, others smooth below 60", unit="deg", low=0.0, high=180.0,
+    )  # fmt: skip
     vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(
         "auto", "vertex colours as a tint; auto: where there is no base texture"
     )

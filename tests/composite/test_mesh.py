@@ -246,3 +246,33 @@ def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(MeshError, match="Draco"):
         load_mesh(wreck.write(tmp_path / "wreck.gltf"))
+
+
+def test_smooth_deg_decides_which_edges_are_smooth_and_replaces_normals(tmp_path: Path) -> None:
+    """Two squares that meet at 40 degrees: their shared corners are flat, or lie between the two."""
+    bend = np.radians(40.0)
+    up = np.array([[0.0, 0.0, 1.0], [-np.sin(bend), 0.0, np.cos(bend)]])
+    points = [[-1, 0, 0], [0, 0, 0], [0, 1, 0], [-1, 1, 0], [np.cos(bend), 0, np.sin(bend)]]
+    points.append([np.cos(bend), 1, np.sin(bend)])
+    file = GltfFile()
+    attributes = {"POSITION": file.accessor(points), "NORMAL": file.accessor(np.tile([0.0, 0.6, 0.8], (6, 1)))}
+    indices = file.accessor([0, 1, 2, 0, 2, 3, 1, 4, 5, 1, 5, 2], "u2")
+    file.mesh({"attributes": attributes, "indices": indices})
+    path = file.write(tmp_path / "fold.glb")
+    own, flat, sharp, smooth = (load_mesh(path, smooth_deg=angle) for angle in (None, 0.0, 39.0, 41.0))
+    np.testing.assert_allclose(own.normals, np.broadcast_to([0.0, 0.6, 0.8], (4, 3, 3)), atol=tol.FLOAT32)
+    each = np.repeat(up[[0, 0, 1, 1], None], 3, axis=1)
+    np.testing.assert_allclose(flat.normals, each, atol=tol.FLOAT32)
+    np.testing.assert_allclose(sharp.normals, each, atol=tol.FLOAT32)
+    expected = each.copy()
+    expected[smooth.positions[..., 0] ** 2 < tol.FLOAT32] = 0.0
+    on_edge = np.all(expected == 0.0, axis=-1)
+    between = smooth.normals[on_edge]
+    assert on_edge.sum() == 6
+    # by the corners' angles: on one side 90 degrees to 45 + 45, so the normal is exactly between the two faces' or not
+    # far from it; it lies in their plane, and no nearer to one than a third of the way
+    np.testing.assert_allclose(between[:, 1], 0.0, atol=tol.FLOAT32)
+    turn = np.degrees(np.arctan2(-between[:, 0], between[:, 2]))
+    assert np.all((turn > 40.0 / 3.0) & (turn < 80.0 / 3.0))
+    np.testing.assert_allclose(smooth.normals[~on_edge], expected[~on_edge], atol=tol.FLOAT32)
+    assert (sharp.patch.max(), smooth.patch.max()) == (1, 0)

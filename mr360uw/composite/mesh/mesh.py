@@ -79,15 +79,17 @@ class Mesh:
         return any(m.roughness < 0.95 or m.metallic_roughness_map is not None for m in self.materials)
 
 
-def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False) -> Mesh:
-    """Return the mesh of a glTF, GLB, OBJ, PLY or STL file, all its parts in the world of the file.
+def load_mesh(
+    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+) -> Mesh:
+    """Return the mesh of a file of one of the formats `FORMATS`, all its parts in the world of the file.
 
     unit: of the file; "auto" takes metres and notes sizes that look wrong. part: keep the parts whose name contains it.
-    outside: buffers and textures may lie outside of the file's folder.
+    outside: buffers and textures may lie outside of the file's folder. smooth_deg: as of `read_mesh_file`.
     Raises `MeshError` if the file cannot be read, has no triangles, vertices that are not finite or no extent, or
     names a missing texture.
     """
-    file = read_mesh_file(Path(path), outside=outside)
+    file = read_mesh_file(Path(path), outside=outside, smooth_deg=smooth_deg)
     moves = "is animated - here it is drawn as it rests in the file"
     notes = (f"{path} - {moves}",) if file.rigging is not None else ()
     mesh = mesh_of_file(Path(path), file, unit, part)

@@ -37,10 +37,12 @@ class Rig:
     scale: float = 1.0
 
 
-def load_rig(path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False) -> Rig:
+def load_rig(
+    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+) -> Rig:
     """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
     path = Path(path)
-    file = read_mesh_file(path, outside=outside)
+    file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
     return _rig(file, mesh_of_file(path, file, unit, part), METRES[unit], part)
 
 
