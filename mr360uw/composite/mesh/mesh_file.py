@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads mesh files: glTF by `gltf_scene`, other formats through trimesh."""
+"""Reads mesh files: glTF by `gltf_scene`, USD by `usd_scene`, other formats through trimesh."""
 
 from __future__ import annotations
 
@@ -20,12 +20,15 @@ from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.composite.mesh.obj_material import ObjNeighbours, obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.composite.mesh.skin import smoothed_body
+from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, TRIANGLES
 from mr360uw.types import Floats
 
-FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
+_IMPORTERS = {".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".blend": ""}
+"""Formats that Blender reads and this does not: Blender's operator, none for its own files."""
 
 
 def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | None = None) -> MeshFile:
@@ -40,6 +43,8 @@ def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | Non
 
 def _read(path: Path, *, outside: bool) -> MeshFile:
     suffix = path.suffix.lower()
+    if suffix in _IMPORTERS:
+        raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {_conversion(path)}")
     if suffix not in FORMATS:
         raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
     if reason := unreadable(path):
@@ -49,6 +54,10 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
         from mr360uw.composite.mesh.gltf_scene import read_gltf
 
         return read_gltf(path, outside=outside)
+    if suffix in USD_SUFFIXES:
+        from mr360uw.composite.mesh.usd.usd_scene import read_usd
+
+        return read_usd(path, outside=outside)
     notes = obj_notes(path, outside=outside) if suffix == ".obj" else ()
     scene = _load_scene(path, ObjNeighbours(path, outside=outside) if suffix == ".obj" else None)
     parts: list[Part] = []
@@ -69,6 +78,17 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
             materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))
     return MeshFile(tuple(parts), tuple(materials), notes)
+
+
+def _conversion(path: Path) -> str:
+    """Return the command with which Blender makes a .glb of a file beside it."""
+    importer = _IMPORTERS[path.suffix.lower()]
+    opened = f" {path}" if not importer else ""
+    steps = [f"bpy.ops.{importer}(filepath={str(path)!r})"] if importer else []
+    if importer:
+        steps.insert(0, "bpy.ops.wm.read_homefile(use_empty=True)")
+    steps.append(f"bpy.ops.export_scene.gltf(filepath={str(path.with_suffix('.glb'))!r})")
+    return f'blender -b{opened} --python-expr "import bpy; {"; ".join(steps)}"'
 
 
 def _load_scene(path: Path, neighbours: ObjNeighbours | None) -> Any:

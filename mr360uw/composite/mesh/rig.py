@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.curve import Clip
 from mr360uw.composite.mesh.hull import slab_hull, slabs
-from mr360uw.composite.mesh.mesh import METRES, Mesh, mesh_of_file, proper_triangles
+from mr360uw.composite.mesh.mesh import Mesh, mesh_of_file, metres_of, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
 from mr360uw.composite.mesh.part import MeshFile, Rigging
@@ -43,7 +43,7 @@ def load_rig(
     """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
     path = Path(path)
     file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
-    return _rig(file, mesh_of_file(path, file, unit, part), METRES[unit], part)
+    return _rig(file, mesh_of_file(path, file, unit, part), metres_of(file, unit), part)
 
 
 def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:
