@@ -346,6 +346,17 @@ def test_other_surfaces_and_nodes_are_noted(tmp_path: Path) -> None:
         assert said(mesh, text), mesh.notes
 
 
+def test_a_file_that_changed_is_read_again(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "square.usda")
+    add_square(stage, "/square")
+    path = saved(stage)
+    text = path.read_text()
+    del stage
+    assert len(load_mesh(path).positions) == 2
+    path.write_text(text.replace("(1, 1, 0)", "(1, 3, 0)"))
+    np.testing.assert_allclose(load_mesh(path).extent_m, [1.0, 3.0, 0.0], atol=tol.FLOAT32)
+
+
 # --- what cannot be read -------------------------------------------------------------------------------------------
 
 
@@ -378,6 +389,20 @@ def test_damaged_files_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     mesh = add_square(stage, "/square")
     mesh.CreateFaceVertexCountsAttr([3])
     with pytest.raises(MeshError, match="4 corners for polygons of 3"):
+        load_mesh(saved(stage))
+    for inputs in (
+        {"diffuseColor": (-0.1, 0.2, 0.3)},
+        {"roughness": float("nan")},
+        {"emissiveColor": (-1.0, 0.0, 0.0)},
+    ):
+        with pytest.raises(MeshError, match="a factor of material 'look' that is negative or not finite"):
+            load_mesh(saved(square_of(tmp_path, **inputs)))
+    stage = new_stage(tmp_path / "unit.usda", metres=-1.0)
+    add_square(stage, "/square").CreateDisplayColorAttr([(-1, 0, 0)])
+    with pytest.raises(MeshError, match="a colour is negative: -1"):
+        load_mesh(saved(stage))
+    stage.RemovePrim("/square")
+    with pytest.raises(MeshError, match="a unit of -1 m"):
         load_mesh(saved(stage))
     stage = square_of(tmp_path, diffuseColor=lambda s: add_texture(s, "/look/a", "./gone.png"))
     with pytest.raises(MeshError, match="a texture is missing"):

@@ -107,6 +107,8 @@ class _Surface:
             occlusion_map=self._joined([occlusion, None, None]) if isinstance(occlusion, Sampled) else None,
             emission_map=emission_map,
         )
+        if bad := material.wrong_factors:
+            raise ValueError(f"a factor of material {self.name!r} that is negative or not finite: {bad[0]:g}")
         primvar = color.primvar if isinstance(color, PrimvarColor) else ""
         return UsdMaterial(material, self.coordinates or _PLAIN, primvar)
 

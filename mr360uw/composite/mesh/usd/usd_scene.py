@@ -6,6 +6,7 @@ What varies with time is drawn as it is first; skeletons are not followed.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,6 +63,7 @@ class _StageReader:
         self.stage = stage
         self.time = Usd.TimeCode.EarliestTime()
         self.notes: dict[str, None] = {}  # in order, once each
+        self._note = functools.partial(_note, path, self.notes)  # no reference to the reader: stages end with it
         self.materials: list[UsdMaterial] = []
         self.numbers: dict[tuple[str, bool], int] = {}
         self.triangles = 0
@@ -77,7 +79,9 @@ class _StageReader:
         upright = _Z_UP if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else np.eye(4)
         walk = UsdWalk(self.stage, self.time, self._note)
         parts = [part for prim, places in walk.meshes([upright]) for part in self._parts(prim, places)]
-        metres = UsdGeom.GetStageMetersPerUnit(self.stage)
+        metres = float(UsdGeom.GetStageMetersPerUnit(self.stage))
+        if not 0.0 < metres < np.inf:
+            raise ValueError(f"a unit of {metres:g} m")
         return MeshFile(tuple(parts), tuple(m.material for m in self.materials), tuple(self.notes), unit_m=metres)
 
     def _parts(self, prim: Any, places: list[Floats]) -> Iterator[Part]:
@@ -129,6 +133,8 @@ class _StageReader:
 
     def _colors(self, prim: Any, polygons: Polygons, look: UsdMaterial) -> Floats | None:
         rgb = self._primvar(prim, polygons, look.color_primvar, 3) if look.color_primvar else None
+        if rgb is not None and np.any(rgb < 0.0):
+            raise ValueError(f"a colour is negative: {rgb.min():g}")
         return None if rgb is None else np.concatenate([rgb, np.ones((len(rgb), 1))], axis=1)
 
     def _materials(self, prim: Any, polygons: Polygons) -> Iterator[tuple[int, NDArray[np.bool_]]]:
@@ -170,8 +176,9 @@ class _StageReader:
             return UsdMaterial(UNBOUND)
         return UsdMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), color_primvar=color)
 
-    def _note(self, text: str) -> None:
-        self.notes[f"{self.path} - {text}"] = None
+
+def _note(path: Path, notes: dict[str, None], text: str) -> None:
+    notes[f"{path} - {text}"] = None
 
 
 def _or_empty(values: Any) -> Any:

@@ -52,7 +52,11 @@ def _layers(path: Path, *, outside: bool) -> list[Any]:
         name = pending.pop()
         if name in found:
             continue
-        layer = Sdf.Layer.FindOrOpen(name)
+        layer = Sdf.Layer.Find(name)
+        if layer is not None:  # of a stage that is read beside this one
+            layer.Reload()
+        else:
+            layer = Sdf.Layer.FindOrOpen(name)
         if layer is None:
             raise MeshError(f"{path} - is not valid USD (got a layer without contents: {name}) - export it again")
         found[name] = layer
