@@ -6,13 +6,15 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
+from mr360uw.reading.extras import EXTRAS, command
+
 _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
              "embreex", "colour-science", "pydantic")  # fmt: skip
 _ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "ffv1", "hevc_nvenc")
 
 
 def describe() -> str:
-    """Return several lines: version, renderer and device, video library and encoders, packages."""
+    """Return several lines: version, renderer and device, video library and encoders, packages, extras."""
     import av
 
     from mr360uw import __version__
@@ -33,15 +35,25 @@ def describe() -> str:
         f"package   {name} {version}" if version else f"package   {name} is not installed"
         for name, version in package_versions().items()
     ]
+    lines += [f"extra     {extra}: {_extra(extra)}" for extra in EXTRAS]
     return "\n".join(lines)
+
+
+def _extra(extra: str) -> str:
+    """Return the versions of an extra's packages, or the command that installs it."""
+    versions = [(name, _version(name)) for name in EXTRAS[extra]]
+    if all(version for _, version in versions):
+        return ", ".join(f"{name} {version}" for name, version in versions)
+    return f"not installed - {command(extra)}"
 
 
 def package_versions() -> dict[str, str]:
     """Return the versions of the packages that results depend on, "" for those that are not installed."""
-    found = {}
-    for name in _PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = ""
-    return found
+    return {name: _version(name) for name in _PACKAGES}
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""

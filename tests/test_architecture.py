@@ -114,6 +114,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
     files = {
         ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "files_read.py": {"contextlib", "contextvars"},
         ROOT / "reading" / "input_files.py": {"os", "stat"},
         ROOT / "reading" / "limits.py": {"os"},

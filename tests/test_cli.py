@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,7 @@ import pytest
 from mr360uw.ibl import track_suns
 from mr360uw.ibl.sun.trackfile import save_track
 from mr360uw.progress import terminal_progress
+from mr360uw.reading.extras import EXTRAS
 from mr360uw.sample import SampleDive
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.video.clips import packets, write_clip
@@ -104,6 +106,11 @@ def test_info_names_renderer_codecs_and_versions(run: Run) -> None:
     assert "renderer" in out
     assert "libx264" in out
     assert f"numpy {np.__version__}" in out
+    given = tomllib.loads((Path(__file__).resolve().parents[1] / "pyproject.toml").read_text("utf-8"))
+    for extra, packages in EXTRAS.items():
+        wanted = given["project"]["optional-dependencies"][extra]
+        assert {re.split("[<>=]", one)[0] for one in wanted} == set(packages)
+        assert f"extra     {extra}: " in out
 
 
 # --- bad input: exit code 2, where - what (got ...) - what to do, and nothing written ------------------------------

@@ -14,7 +14,7 @@ from mr360uw.cli.options import BackendOption, EyeOption, FramesOption, Overwrit
 
 def new(
     video: Annotated[Path, typer.Argument(help="360 plate: a video or a still")],
-    mesh: Annotated[Path, typer.Argument(help="glTF, OBJ, PLY or STL")],
+    mesh: Annotated[Path, typer.Argument(help="glTF, USD, OBJ, PLY or STL")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
     track: Annotated[Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it")] = None,
     eye: EyeOption = None,

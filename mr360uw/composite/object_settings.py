@@ -51,7 +51,7 @@ class KeySettings(Parameters):
 class ObjectSettings(Parameters):
     """A mesh in the scene: position, size, material, motion."""
 
-    mesh: Path = parameter(..., "glTF, GLB, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
+    mesh: Path = parameter(..., "glTF, GLB, USD, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
     position_m: Vector = parameter((0.0, 0.0, -3.0), "position (right, up, back) from the camera at time 0", unit="m")
     azimuth_deg: float | None = parameter(
         None, "instead of position_m: side on which its middle is, 0 = ahead, + = to the right", unit="deg"
@@ -79,7 +79,7 @@ class ObjectSettings(Parameters):
         above=0.0, high=1e6,
     )  # fmt: skip
     scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
-    unit: Unit = parameter("auto", "unit of the file; auto: metres, with a note if the size looks wrong")
+    unit: Unit = parameter("auto", "unit of the file; auto: metres, or what USD says, with a note if it looks wrong")
     attach: Attachment = parameter(
         "world",
         "frame of reference: the world; the camera and its rotation; or the waves, on which it floats, with position_m "
@@ -111,6 +111,10 @@ class ObjectSettings(Parameters):
     )
     emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
     double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
+    smooth_deg: float | None = parameter(
+        None, "new normals, smooth across edges that bend by less than this (30 to 60 is usual), 0 = flat; none: the "
+        "file's, and where it has none glTF and USD are flat, others smooth below 60", unit="deg", low=0.0, high=180.0,
+    )  # fmt: skip
     vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(
         "auto", "vertex colours as a tint; auto: where there is no base texture"
     )

@@ -126,8 +126,11 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
     several = 4 * len(all_settings)
 
     def rig(path: Path, look: ObjectSettings) -> Rig:
-        key = (path, look.unit, look.part, look.outside_files)
-        return kept.get("rig", key, lambda: load_rig(path, look.unit, look.part, outside=look.outside_files), _RIGS)
+        key = (path, look.unit, look.part, look.outside_files, look.smooth_deg)
+        outside, smooth = look.outside_files, look.smooth_deg
+        return kept.get(
+            "rig", key, lambda: load_rig(path, look.unit, look.part, outside=outside, smooth_deg=smooth), _RIGS
+        )
 
     def texture(path: Path, *, srgb: bool) -> Texture:
         return kept.get("texture", (path, srgb), lambda: read_texture(path, srgb=srgb), 3 * several)

@@ -22,6 +22,7 @@ class GltfFile:
     def __init__(self, **tree: Any) -> None:
         self.tree: dict[str, Any] = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], **tree}
         self.data = b""
+        self.more_buffers: list[dict[str, Any]] = []
 
     def view(self, data: bytes, **more: Any) -> int:
         """Return the number of a new buffer view."""
@@ -86,7 +87,7 @@ class GltfFile:
 
     def write(self, path: Path) -> Path:
         """Write the file in the format of its suffix."""
-        tree = {**self.tree, "buffers": [{"byteLength": len(self.data)}]}
+        tree = {**self.tree, "buffers": [{"byteLength": len(self.data)}, *self.more_buffers]}
         if path.suffix == ".gltf":
             tree["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
             path.write_text(json.dumps(tree))

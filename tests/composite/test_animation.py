@@ -142,6 +142,22 @@ def test_flat_parts_stay_flat(tmp_path: Path) -> None:
 # --- interpolation -------------------------------------------------------------------------------------------------
 
 
+def test_new_normals_follow_the_joints(tmp_path: Path) -> None:
+    """A tube that bends: its sides have the normals of its file, at rest and bent."""
+    file, bare = tube(), tube()
+    del bare.tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]
+    for one in (file, bare):
+        one.clip((2, "rotation", [0.0, 1.0], turned([0.0, np.pi / 3])))
+    own = loaded(file, tmp_path)
+    new = load_object(ObjectSettings(mesh=bare.write(tmp_path / "bare.glb"), smooth_deg=60.0))
+    sides = slice(0, 8 * 8 * 2)
+    for time_s in (0.0, 0.75):
+        posed, expected = mesh_at(new, time_s), mesh_at(own, time_s)
+        np.testing.assert_allclose(posed.positions, expected.positions, atol=tol.FLOAT64)
+        np.testing.assert_allclose(posed.normals[sides], expected.normals[sides], atol=tol.FLOAT32)
+    assert not np.allclose(mesh_at(new, 0.75).normals, mesh_at(new, 0.0).normals)
+
+
 def shift(placed: SceneObject, time_s: float) -> np.ndarray:
     """Return how far a mesh is moved from where it rests."""
     mesh = mesh_at(placed, time_s)

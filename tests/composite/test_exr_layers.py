@@ -89,3 +89,23 @@ def test_what_is_too_bright_for_half_floats_stays_finite() -> None:
     parts = exr_parts(replace(layer, tiles=tuple(bright)), variables, plate(32))
     assert np.all(np.isfinite(parts["rgba"]["RGBA"]))
     assert parts["rgba"]["RGBA"].max() == np.finfo(np.float16).max
+
+
+def test_the_program_that_asks_other_readers_finds_what_they_read_otherwise(
+    written: tuple[Path, Floats, Floats],
+) -> None:
+    from benchmarks.peers.reads import by_openexr, by_openimageio, differences
+
+    pytest.importorskip("OpenImageIO", reason="OpenImageIO is not installed: pip install OpenImageIO")
+    expected, found = by_openexr(written[0])[1], by_openimageio(written[0])[1]
+    assert [what for _, what in differences(expected, found)] == [""] * len(EXPECTED)
+    depth = found["depth"]
+    for changed, says in (
+        (replace(depth, channels={"Z": depth.channels["Z"] * (1.0 + 3e-6)}), "is off by"),
+        (replace(depth, channels={"z": depth.channels["Z"]}), "no channel Z"),
+        (replace(depth, kind="half"), "type half"),
+        (replace(depth, window=(1, 0, 64, 32)), "window"),
+    ):
+        assert says in dict(differences(expected, found | {"depth": changed}))["depth"]
+    del found["id"]
+    assert dict(differences(expected, found))["id"] == "not listed"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import importlib.util
 import json
 import sys
 from pathlib import Path
@@ -46,7 +47,7 @@ def test_odd_sizes_are_noted(tmp_path: Path) -> None:
     assert "10 mm" in load_mesh(small).notes[-1]
 
 
-def test_what_cannot_be_used_says_why(tmp_path: Path) -> None:
+def test_what_cannot_be_used_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     faces = np.array([[0, 1, 2]])
     bad = triangle.copy()
@@ -60,15 +61,17 @@ def test_what_cannot_be_used_says_why(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="no such file"):
         load_mesh(tmp_path / "absent.glb")
     with pytest.raises(MeshError, match="not a mesh format"):
-        load_mesh(tmp_path / "mesh.fbx")
+        load_mesh(tmp_path / "mesh.step")
+    for name, says in (("a.fbx", "bpy.ops.import_scene.fbx"), ("a.abc", "alembic_import"), ("a.blend", "-b .*a.blend")):
+        with pytest.raises(MeshError, match=rf"which is not read - convert it with Blender: blender .*{says}.*a\.glb"):
+            load_mesh(tmp_path / name)
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    (tmp_path / "a.usdz").write_bytes(b"PK")
+    with pytest.raises(MeshError, match=r"usd-core - pip install 'mr360uw\[usd\]', or export it as"):
+        load_mesh(tmp_path / "a.usdz")
     (tmp_path / "text.glb").write_text("this is not a mesh")
     with pytest.raises(MeshError, match="not glTF"):
         load_mesh(tmp_path / "text.glb")
-    (tmp_path / "draco.gltf").write_text(
-        json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": ["EXT_meshopt_compression"]})
-    )
-    with pytest.raises(MeshError, match="compressed"):
-        load_mesh(tmp_path / "draco.gltf")
 
 
 def test_missing_textures_are_named(tmp_path: Path) -> None:
@@ -243,6 +246,40 @@ def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     packed = {draco: {"bufferView": wreck.view(bytes(60)), "attributes": {"POSITION": 0}}}
     wreck.tree["accessors"] = [{"componentType": 5126, "count": 24, "type": "VEC3"}]
     wreck.mesh({"attributes": {"POSITION": 0}, "extensions": packed})
+    wreck.write(tmp_path / "wreck.gltf")
+    if importlib.util.find_spec("DracoPy") is not None:
+        with pytest.raises(MeshError, match="Draco, is damaged"):
+            load_mesh(tmp_path / "wreck.gltf")
     monkeypatch.setitem(sys.modules, "DracoPy", None)
-    with pytest.raises(MeshError, match="Draco"):
-        load_mesh(wreck.write(tmp_path / "wreck.gltf"))
+    with pytest.raises(MeshError, match=r"Draco, .* pip install 'mr360uw\[gltf\]'"):
+        load_mesh(tmp_path / "wreck.gltf")
+
+
+def test_smooth_deg_decides_which_edges_are_smooth_and_replaces_normals(tmp_path: Path) -> None:
+    """Two squares that meet at 40 degrees: their shared corners are flat, or lie between the two."""
+    bend = np.radians(40.0)
+    up = np.array([[0.0, 0.0, 1.0], [-np.sin(bend), 0.0, np.cos(bend)]])
+    points = [[-1, 0, 0], [0, 0, 0], [0, 1, 0], [-1, 1, 0], [np.cos(bend), 0, np.sin(bend)]]
+    points.append([np.cos(bend), 1, np.sin(bend)])
+    file = GltfFile()
+    attributes = {"POSITION": file.accessor(points), "NORMAL": file.accessor(np.tile([0.0, 0.6, 0.8], (6, 1)))}
+    indices = file.accessor([0, 1, 2, 0, 2, 3, 1, 4, 5, 1, 5, 2], "u2")
+    file.mesh({"attributes": attributes, "indices": indices})
+    path = file.write(tmp_path / "fold.glb")
+    own, flat, sharp, smooth = (load_mesh(path, smooth_deg=angle) for angle in (None, 0.0, 39.0, 41.0))
+    np.testing.assert_allclose(own.normals, np.broadcast_to([0.0, 0.6, 0.8], (4, 3, 3)), atol=tol.FLOAT32)
+    each = np.repeat(up[[0, 0, 1, 1], None], 3, axis=1)
+    np.testing.assert_allclose(flat.normals, each, atol=tol.FLOAT32)
+    np.testing.assert_allclose(sharp.normals, each, atol=tol.FLOAT32)
+    expected = each.copy()
+    expected[smooth.positions[..., 0] ** 2 < tol.FLOAT32] = 0.0
+    on_edge = np.all(expected == 0.0, axis=-1)
+    between = smooth.normals[on_edge]
+    assert on_edge.sum() == 6
+    # by the corners' angles: on one side 90 degrees to 45 + 45, so the normal is exactly between the two faces' or not
+    # far from it; it lies in their plane, and no nearer to one than a third of the way
+    np.testing.assert_allclose(between[:, 1], 0.0, atol=tol.FLOAT32)
+    turn = np.degrees(np.arctan2(-between[:, 0], between[:, 2]))
+    assert np.all((turn > 40.0 / 3.0) & (turn < 80.0 / 3.0))
+    np.testing.assert_allclose(smooth.normals[~on_edge], expected[~on_edge], atol=tol.FLOAT32)
+    assert (sharp.patch.max(), smooth.patch.max()) == (1, 0)

@@ -126,7 +126,18 @@ GLTF: dict[str, tuple[Callable[[GltfFile], None], str]] = {
     "a deep image of many pixels": (texture(png_of(9_000, 9_000, 16)), "MR360UW_MAX_TEXTURE"),
     "an image that is cut": (texture(png_of(64, 64)[:60]), "texture cannot be read"),
     "a needed extension": (at("extensionsRequired", to=["KHR_gaussian_splatting"]), "KHR_gaussian_splatting"),
-    "meshopt": (at("extensionsUsed", to=["EXT_meshopt_compression"]), "meshopt"),
+    "damaged meshopt": (
+        changed(
+            lambda t: t.update(
+                extensionsUsed=["EXT_meshopt_compression"],
+                bufferViews=[
+                    {**view, "extensions": {"EXT_meshopt_compression": {**view, "count": 4, "byteStride": 12}}}
+                    for view in t["bufferViews"]
+                ],
+            )
+        ),
+        "meshopt",
+    ),
     "textures in KTX2": (at("extensionsRequired", to=["KHR_texture_basisu"]), "KTX2"),
     "a skin of nowhere": (at("nodes", 0, "skin", to=4), "mesh.glb"),
     "morph targets of nowhere": (at("meshes", 0, "primitives", 0, "targets", to=[{"POSITION": 99}]), "not valid"),

@@ -8,7 +8,6 @@ The JSON is not validated first: a missing key or an index out of range raises a
 from __future__ import annotations
 
 import base64
-import importlib.util
 import json
 import struct
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError
+from mr360uw.reading.extras import command, installed, optional
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import DATA
 from mr360uw.reading.neighbours import neighbour
@@ -37,6 +37,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 FOLLOWED = frozenset(
     {
+        "EXT_meshopt_compression",
         "EXT_texture_webp",
         "KHR_draco_mesh_compression",
         "KHR_materials_emissive_strength",
@@ -44,15 +45,18 @@ FOLLOWED = frozenset(
         "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_unlit",
         "KHR_mesh_quantization",
+        "KHR_meshopt_compression",
         "KHR_texture_transform",
     }
 )
 """Extensions that are read; others get a note, or an error if the file requires them."""
 _SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_materials_variants", "KHR_animation_pointer"})
 """Extensions without effect on a picture at rest."""
+_MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+_DRACO = "KHR_draco_mesh_compression"
+_PACKED = {_DRACO: ("Draco", "DracoPy"), **dict.fromkeys(_MESHOPT, ("meshopt", "meshopt"))}
+"""Compressions by extension: what they are called, and the module that undoes them."""
 _HINTS = {
-    "EXT_meshopt_compression": "is compressed with meshopt",
-    "KHR_meshopt_compression": "is compressed with meshopt",
     "KHR_texture_basisu": "has textures in KTX2",
     "EXT_mesh_gpu_instancing": "repeats its meshes by EXT_mesh_gpu_instancing",
 }
@@ -80,11 +84,41 @@ class Gltf:
     def view(self, number: int) -> bytes:
         """Return the bytes of a buffer view."""
         entry = self.entry("bufferViews", number)
+        packed = next((entry["extensions"][name] for name in _MESHOPT if name in entry.get("extensions", {})), None)
+        if packed is not None:
+            return self._unpacked(number, packed)
+        return self._stored(number, entry)
+
+    def _stored(self, number: int, entry: dict[str, Any]) -> bytes:
         start = entry.get("byteOffset", 0)
         data = self.buffers[entry["buffer"]][start : start + entry["byteLength"]]
         if len(data) < entry["byteLength"]:
             raise ValueError(f"buffer view {number} ends beyond its buffer")
         return data
+
+    def _unpacked(self, number: int, packed: dict[str, Any]) -> bytes:
+        """Return the bytes of a buffer view that meshopt compressed (EXT_meshopt_compression, its properties)."""
+        count, stride = int(packed["count"]), int(packed["byteStride"])
+        DATA.check(f"{self.path} buffer view {number}", count * stride, MeshError)
+        data, kind = self._stored(number, packed), packed.get("filter", "NONE")
+        try:
+            values = optional("meshopt").decode_gltf_buffer(data, count, stride, packed["mode"], kind)
+            return bytes(np.ascontiguousarray(values).data.cast("B"))
+        except Exception as error:  # whatever the decoder raises
+            what = f"{type(error).__name__}: {error!s:.80}"
+            raise MeshError(
+                f"{self.path} - view {number}, compressed with meshopt, is damaged (got {what}) - export it again"
+            ) from error
+
+    def draco(self, number: int) -> Any:
+        """Return the mesh that a buffer view has by Draco."""
+        try:
+            return optional("DracoPy").decode(self.view(number))
+        except Exception as error:  # whatever the decoder raises
+            what = f"{type(error).__name__}: {error!s:.80}"
+            raise MeshError(
+                f"{self.path} - view {number}, compressed with Draco, is damaged (got {what}) - export it again"
+            ) from error
 
     def accessor(self, number: int) -> NDArray[Any]:
         """Return an accessor (count, width): normalised integers as float64, others as they are stored."""
@@ -146,10 +180,7 @@ def open_gltf(path: Path, *, outside: bool = False) -> Gltf:
         uri = image.get("uri", "data:")
         if not uri.startswith("data:"):
             neighbour(path, unquote(uri), "texture", outside=outside, shown=uri)
-    buffers = [
-        _resource(path, entry["uri"], "buffer", outside=outside) if "uri" in entry else binary
-        for entry in tree.get("buffers", [])
-    ]
+    buffers = [_buffer(path, entry, binary, outside=outside) for entry in tree.get("buffers", [])]
     return Gltf(path, tree, tuple(buffers), outside)
 
 
@@ -175,14 +206,22 @@ def _resource(path: Path, uri: str, what: str, *, outside: bool) -> bytes:
     return read_data(neighbour(path, unquote(uri), what, outside=outside, shown=uri), MeshError)
 
 
+def _buffer(path: Path, entry: dict[str, Any], binary: bytes, *, outside: bool) -> bytes:
+    """Return the bytes of a buffer; none of one for programs that cannot decompress."""
+    if any(entry.get("extensions", {}).get(name, {}).get("fallback", False) for name in _MESHOPT):
+        return b""
+    return _resource(path, entry["uri"], "buffer", outside=outside) if "uri" in entry else binary
+
+
 def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
     used = set(tree.get("extensionsUsed", []))
-    if "KHR_draco_mesh_compression" in used and importlib.util.find_spec("DracoPy") is None:
-        raise MeshError(
-            f"{path} - is compressed with Draco - install the package DracoPy, or export it without compression"
-        )
-    if "EXT_meshopt_compression" in used or "KHR_meshopt_compression" in used:
-        raise MeshError(f"{path} - is compressed with meshopt - export it without compression")
+    for name in sorted(used & _PACKED.keys()):
+        called, module = _PACKED[name]
+        if not installed(module):
+            raise MeshError(
+                f"{path} - is compressed with {called}, which needs the package {module} - {command('gltf')}, or "
+                "export it without compression"
+            )
     for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT):
         raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
 

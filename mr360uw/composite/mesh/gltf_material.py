@@ -103,12 +103,8 @@ class MaterialReader:
 
     def _check(self, material: Material, coordinates: Coordinates) -> None:
         """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""
-        lit = (*material.base_color, *material.emission, material.metallic, material.roughness)
-        others = (material.normal_scale, material.occlusion_strength, material.alpha_cutoff, material.refractive_index)
         placed = (*coordinates.offset, *coordinates.scale, coordinates.rotation_rad)
-        bad = [factor for factor in (*lit, *others, *placed) if not math.isfinite(factor)]
-        bad += [factor for factor in lit if factor < 0.0]
-        if bad:
+        if bad := [*material.wrong_factors, *(factor for factor in placed if not math.isfinite(factor))]:
             raise MeshError(
                 f"{self.gltf.path} - material {material.name!r} has a factor that is negative or not finite (got "
                 f"{bad[0]:g}) - correct the material"

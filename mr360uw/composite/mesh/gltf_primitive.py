@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,7 +62,7 @@ def _columns(gltf: Gltf, entry: dict[str, Any]) -> Columns:
     if draco is None and "indices" in entry:
         columns[_INDICES] = gltf.accessor(entry["indices"])
     if draco is not None:
-        mesh = importlib.import_module("DracoPy").decode(gltf.view(draco["bufferView"]))
+        mesh = gltf.draco(draco["bufferView"])
         by_id = {packed["unique_id"]: np.asarray(packed["data"]) for packed in mesh.attributes}
         for name, number in draco["attributes"].items():
             values = by_id[number].reshape(len(mesh.points), -1)

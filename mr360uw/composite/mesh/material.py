@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -43,6 +44,14 @@ class Material:
     def maps(self) -> tuple[Texture, ...]:
         """The maps that are set."""
         return tuple(texture for texture in (getattr(self, name) for name in _MAPS) if texture is not None)
+
+    @property
+    def wrong_factors(self) -> list[float]:
+        """Factors that are not finite, then those of light and reflection that are negative."""
+        lit = (*self.base_color, *self.emission, self.metallic, self.roughness)
+        others = (self.normal_scale, self.occlusion_strength, self.alpha_cutoff, self.refractive_index)
+        bad = [factor for factor in (*lit, *others) if not math.isfinite(factor)]
+        return bad + [factor for factor in lit if factor < 0.0]
 
     def without_maps(self) -> Material:
         """Return the material without maps."""

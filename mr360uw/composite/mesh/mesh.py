@@ -24,7 +24,7 @@ from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
 METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Length of one unit of a file [m]."""
+"""Length of one unit of a file [m]; "auto" for files that do not say."""
 _LARGE_M = 20.0
 _SMALL_M = 0.02
 """Sizes above and below which a note suggests another unit or a scale."""
@@ -79,15 +79,18 @@ class Mesh:
         return any(m.roughness < 0.95 or m.metallic_roughness_map is not None for m in self.materials)
 
 
-def load_mesh(path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False) -> Mesh:
-    """Return the mesh of a glTF, GLB, OBJ, PLY or STL file, all its parts in the world of the file.
+def load_mesh(
+    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+) -> Mesh:
+    """Return the mesh of a file of one of the formats `FORMATS`, all its parts in the world of the file.
 
-    unit: of the file; "auto" takes metres and notes sizes that look wrong. part: keep the parts whose name contains it.
-    outside: buffers and textures may lie outside of the file's folder.
+    unit: of the file; "auto" takes what the file says, or metres, and notes sizes that look wrong. part: keep the parts
+    whose name contains it.
+    outside: buffers and textures may lie outside of the file's folder. smooth_deg: as of `read_mesh_file`.
     Raises `MeshError` if the file cannot be read, has no triangles, vertices that are not finite or no extent, or
     names a missing texture.
     """
-    file = read_mesh_file(Path(path), outside=outside)
+    file = read_mesh_file(Path(path), outside=outside, smooth_deg=smooth_deg)
     moves = "is animated - here it is drawn as it rests in the file"
     notes = (f"{path} - {moves}",) if file.rigging is not None else ()
     mesh = mesh_of_file(Path(path), file, unit, part)
@@ -100,8 +103,14 @@ def mesh_of_file(path: Path, file: MeshFile, unit: Unit = "auto", part: str = ""
     if part and not named:
         names = ", ".join(sorted({p.name for p in file.parts}))
         raise MeshError(f"{path} - no part of that name (got {part!r}) - there are: {names}")
-    mesh = make_mesh(named, list(file.materials), where=str(path), scale=METRES[unit], suspicious=unit == "auto")
+    scale = metres_of(file, unit)
+    mesh = make_mesh(named, list(file.materials), where=str(path), scale=scale, suspicious=unit == "auto")
     return replace(mesh, notes=file.notes + mesh.notes)
+
+
+def metres_of(file: MeshFile, unit: Unit) -> float:
+    """Return the length of one unit of a file [m]: as the file says, unless the user says another."""
+    return file.unit_m if unit == "auto" else METRES[unit]
 
 
 def make_mesh(

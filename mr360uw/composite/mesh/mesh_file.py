@@ -1,35 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads mesh files: glTF by `gltf_scene`, other formats through trimesh."""
+"""Reads mesh files: glTF by `gltf_scene`, USD by `usd_scene`, other formats through trimesh."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.cache import Same
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.composite.mesh.obj_material import ObjNeighbours, obj_notes, simple_material
 from mr360uw.composite.mesh.part import MeshFile, Part
+from mr360uw.composite.mesh.skin import smoothed_body
+from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, TRIANGLES
 from mr360uw.types import Floats
 
-FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
+_IMPORTERS = {".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".blend": ""}
+"""Formats that Blender reads and this does not: Blender's operator, none for its own files."""
 
 
-def read_mesh_file(path: Path, *, outside: bool = False) -> MeshFile:
+def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | None = None) -> MeshFile:
     """Return every placed part of a mesh file and its materials; raise `MeshError`.
 
-    outside: the file may name others outside of its folder.
+    outside: the file may name others outside of its folder. smooth_deg: None for the normals of the file, else new ones
+    that are smooth across edges of less than this angle [deg].
     """
+    file = _read(path, outside=outside)
+    return file if smooth_deg is None else smoothed(file, smooth_deg)
+
+
+def _read(path: Path, *, outside: bool) -> MeshFile:
     suffix = path.suffix.lower()
+    if suffix in _IMPORTERS:
+        raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {_conversion(path)}")
     if suffix not in FORMATS:
         raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
     if reason := unreadable(path):
@@ -39,6 +54,10 @@ def read_mesh_file(path: Path, *, outside: bool = False) -> MeshFile:
         from mr360uw.composite.mesh.gltf_scene import read_gltf
 
         return read_gltf(path, outside=outside)
+    if suffix in USD_SUFFIXES:
+        from mr360uw.composite.mesh.usd.usd_scene import read_usd
+
+        return read_usd(path, outside=outside)
     notes = obj_notes(path, outside=outside) if suffix == ".obj" else ()
     scene = _load_scene(path, ObjNeighbours(path, outside=outside) if suffix == ".obj" else None)
     parts: list[Part] = []
@@ -59,6 +78,17 @@ def read_mesh_file(path: Path, *, outside: bool = False) -> MeshFile:
             materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
         parts.append(_part(str(name), geometry, np.asarray(transform), index))
     return MeshFile(tuple(parts), tuple(materials), notes)
+
+
+def _conversion(path: Path) -> str:
+    """Return the command with which Blender makes a .glb of a file beside it."""
+    importer = _IMPORTERS[path.suffix.lower()]
+    opened = f" {path}" if not importer else ""
+    steps = [f"bpy.ops.{importer}(filepath={str(path)!r})"] if importer else []
+    if importer:
+        steps.insert(0, "bpy.ops.wm.read_homefile(use_empty=True)")
+    steps.append(f"bpy.ops.export_scene.gltf(filepath={str(path.with_suffix('.glb'))!r})")
+    return f'blender -b{opened} --python-expr "import bpy; {"; ".join(steps)}"'
 
 
 def _load_scene(path: Path, neighbours: ObjNeighbours | None) -> Any:
@@ -107,3 +137,41 @@ def _colors(geometry: Any) -> Floats | None:
     colors[:, : codes.shape[1]] = codes / 255.0
     colors[:, :3] = decode(colors[:, :3], "srgb")
     return colors
+
+
+def smoothed(file: MeshFile, angle_deg: float) -> MeshFile:
+    """Return the contents of a file with new normals: a face shares those of its neighbours across edges that bend by
+    less than an angle [deg]; 0 is flat. Every corner of a triangle becomes a vertex.
+
+    The new normals follow nodes and joints; morph targets do not bend them.
+    """
+    cosine = float(np.cos(np.radians(angle_deg)))
+    if file.rigging is None:
+        return replace(file, parts=tuple(_smoothed_part(part, cosine) for part in file.parts))
+    rest = file.rigging.skeleton.at_rest()
+    parts, bodies = [], []
+    for part, body in zip(file.parts, file.rigging.bodies, strict=True):
+        smooth = smoothed_body(body, cosine)
+        bodies.append(smooth)
+        if smooth is body:  # without triangles, or broken
+            parts.append(part)
+            continue
+        positions, normals, faces = smooth.at(rest)
+        parts.append(replace(_of_corners(part, body.faces), positions=positions, normals=normals, faces=faces))
+    return replace(file, parts=tuple(parts), rigging=replace(file.rigging, bodies=tuple(bodies)))
+
+
+def _smoothed_part(part: Part, cosine: float) -> Part:
+    corners = part.positions[part.faces]
+    if not len(corners) or not np.all(np.isfinite(corners)):
+        return part
+    return replace(_of_corners(part, part.faces), normals=crease_normals(corners, cosine).reshape(-1, 3))
+
+
+def _of_corners(part: Part, faces: NDArray[np.int64]) -> Part:
+    """Return a part with a vertex for every corner of its faces (T, 3), as these are ordered."""
+    order = faces.ravel()
+    uv = None if part.uv is None else part.uv[order]
+    colors = None if part.colors is None else part.colors[order]
+    separate = np.arange(len(order)).reshape(-1, 3)
+    return replace(part, positions=part.positions[order], faces=separate, uv=uv, colors=colors)

@@ -35,9 +35,9 @@ def corner_normals(positions: Floats, normals: Floats | None, faces: NDArray[np.
     return np.where(length[faces] > _NO_NORMAL, unit, face_normals(positions)[:, None])
 
 
-def crease_normals(positions: Floats) -> Floats:
+def crease_normals(positions: Floats, crease_cosine: float = _CREASE_COSINE) -> Floats:
     """Return unit corner normals (T, 3, 3): the mean, weighted by corner angle, of the faces about a vertex that
-    meet this one at less than 60 degrees (Thuermer & Wuethrich 1998 for the weights).
+    meet this one at less than the crease angle (Thuermer & Wuethrich 1998 for the weights).
     """
     face = face_normals(positions)
     before, after = np.roll(positions, 1, axis=1) - positions, np.roll(positions, -1, axis=1) - positions
@@ -51,7 +51,7 @@ def crease_normals(positions: Floats) -> Floats:
     normal, weight = face[order // 3], weight[order]
     size = np.bincount(vertex)
     first = np.cumsum(size) - size
-    total, is_round = _vertex_sums(normal, weight, first, size)
+    total, is_round = _vertex_sums(normal, weight, first, size, crease_cosine)
     start, count = np.repeat(first, size), np.repeat(size, size)
     corner = np.flatnonzero(~is_round)
     total[corner] = 0.0
@@ -59,7 +59,7 @@ def crease_normals(positions: Floats) -> Floats:
         corner = corner[count[corner] > k]
         other = start[corner] + k
         n = normal[other]
-        near = np.einsum("ij,ij->i", n, normal[corner]) > _CREASE_COSINE
+        near = np.einsum("ij,ij->i", n, normal[corner]) > crease_cosine
         total[corner] += np.where(near, weight[other], 0.0)[:, None] * n
     length = np.linalg.norm(total, axis=-1, keepdims=True)
     normals = np.empty_like(total)
@@ -68,7 +68,7 @@ def crease_normals(positions: Floats) -> Floats:
 
 
 def _vertex_sums(
-    normal: Floats, weight: Floats, first: NDArray[np.int64], size: NDArray[np.int64]
+    normal: Floats, weight: Floats, first: NDArray[np.int64], size: NDArray[np.int64], crease_cosine: float
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return for every corner the weighted sum (n, 3) of all normals at its vertex, and whether it is round (n,).
 
@@ -78,7 +78,7 @@ def _vertex_sums(
     total = np.add.reduceat(weight[:, None] * normal, first, axis=0)
     axis = np.repeat(total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-30), size, axis=0)
     least = np.minimum.reduceat(np.einsum("ij,ij->i", normal, axis), first)
-    is_round = least > np.sqrt(0.5 * (1.0 + _CREASE_COSINE))
+    is_round = least > np.sqrt(0.5 * (1.0 + crease_cosine))
     return np.repeat(total, size, axis=0), np.repeat(is_round, size)
 
 

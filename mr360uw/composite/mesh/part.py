@@ -50,10 +50,11 @@ class Rigging:
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFile:
     """The contents of a file, its parts at rest; notes: what it holds that is not drawn, or drawn in another way, for
-    the user. rigging: None where nothing in the file moves.
+    the user. rigging: None where nothing in the file moves. unit_m: metres of a unit, as the file says, or 1.
     """
 
     parts: tuple[Part, ...]
     materials: tuple[Material, ...]
     notes: tuple[str, ...] = ()
     rigging: Rigging | None = None
+    unit_m: float = 1.0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.curve import Clip
 from mr360uw.composite.mesh.hull import slab_hull, slabs
-from mr360uw.composite.mesh.mesh import METRES, Mesh, mesh_of_file, proper_triangles
+from mr360uw.composite.mesh.mesh import Mesh, mesh_of_file, metres_of, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
 from mr360uw.composite.mesh.part import MeshFile, Rigging
@@ -37,11 +37,13 @@ class Rig:
     scale: float = 1.0
 
 
-def load_rig(path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False) -> Rig:
+def load_rig(
+    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+) -> Rig:
     """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
     path = Path(path)
-    file = read_mesh_file(path, outside=outside)
-    return _rig(file, mesh_of_file(path, file, unit, part), METRES[unit], part)
+    file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
+    return _rig(file, mesh_of_file(path, file, unit, part), metres_of(file, unit), part)
 
 
 def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:

@@ -6,13 +6,14 @@ Tangents are not morphed: the renderers find them from positions and texture coo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.affine import cofactors, placed
+from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.composite.mesh.skeleton import Pose
 from mr360uw.types import Floats
 
@@ -83,3 +84,20 @@ class Body:
         if self.skin is not None:
             return self.skin.bent(pose.world, positions, normals, self.faces)
         return placed(pose.world[self.node], positions, normals, self.faces)
+
+
+def smoothed_body(body: Body, crease_cosine: float) -> Body:
+    """Return a body with a vertex for every corner of its triangles and new normals, those of `crease_normals`."""
+    corners = body.positions[body.faces]
+    if not len(corners) or not np.all(np.isfinite(corners)):
+        return body
+    order = body.faces.ravel()
+    targets = (None if t.positions is None else t.positions[order] for t in body.targets)
+    return replace(
+        body,
+        positions=body.positions[order],
+        normals=crease_normals(corners, crease_cosine).reshape(-1, 3),
+        faces=np.arange(len(order)).reshape(-1, 3),
+        targets=tuple(MorphTarget(positions, None) for positions in targets),
+        skin=None if body.skin is None else replace(body.skin, weights=body.skin.weights[order]),
+    )

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The meshes of a USD file where its prims put them, in metres, y up.
+
+What varies with time is drawn as it is first; skeletons are not followed.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.affine import placed
+from mr360uw.composite.mesh.gltf import BROKEN
+from mr360uw.composite.mesh.part import MeshFile, Part
+from mr360uw.composite.mesh.texture_file import decode_image
+from mr360uw.composite.mesh.usd.usd_geometry import Polygons, polygons_of
+from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterial, UsdMaterialReader
+from mr360uw.composite.mesh.usd.usd_stage import asset_bytes, open_stage
+from mr360uw.composite.mesh.usd.usd_walk import UsdWalk
+from mr360uw.errors import MeshError
+from mr360uw.reading.limits import TRIANGLES
+from mr360uw.types import Floats
+
+_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
+"""From axes with z up to axes with y up: x stays, y goes away from the viewer."""
+
+
+def read_usd(path: Path, *, outside: bool = False) -> MeshFile:
+    """Return the contents of a .usd, .usda, .usdc or .usdz; outside: as of `open_stage`. Raises `MeshError`."""
+    stage = open_stage(path, outside=outside)
+    from pxr import Tf
+
+    try:
+        return _StageReader(path, stage, outside=outside).read()
+    except (*BROKEN, Tf.ErrorException) as error:
+        what = f"{type(error).__name__}: {' '.join(str(error).split()):.120}"
+        raise MeshError(f"{path} - is not valid USD (got {what}) - export it again") from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """A UsdGeomMesh in its own axes: values are by corner of its polygons. flat: shading without normals."""
+
+    positions: Floats
+    normals: Floats | None
+    polygons: Polygons
+    flat: bool
+
+
+class _StageReader:
+    """Walks the prims of a stage."""
+
+    def __init__(self, path: Path, stage: Any, *, outside: bool) -> None:
+        from pxr import Usd
+
+        self.path = path
+        self.stage = stage
+        self.time = Usd.TimeCode.EarliestTime()
+        self.notes: dict[str, None] = {}  # in order, once each
+        self._note = functools.partial(_note, path, self.notes)  # no reference to the reader: stages end with it
+        self.materials: list[UsdMaterial] = []
+        self.numbers: dict[tuple[str, bool], int] = {}
+        self.triangles = 0
+
+        def pixels(asset: Any) -> Any:
+            return decode_image(asset_bytes(path, asset, outside=outside), f"{path} {asset.path}")
+
+        self.reader = UsdMaterialReader(pixels, self._note, self.time)
+
+    def read(self) -> MeshFile:
+        from pxr import UsdGeom
+
+        upright = _Z_UP if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else np.eye(4)
+        walk = UsdWalk(self.stage, self.time, self._note)
+        parts = [part for prim, places in walk.meshes([upright]) for part in self._parts(prim, places)]
+        metres = float(UsdGeom.GetStageMetersPerUnit(self.stage))
+        if not 0.0 < metres < np.inf:
+            raise ValueError(f"a unit of {metres:g} m")
+        return MeshFile(tuple(parts), tuple(m.material for m in self.materials), tuple(self.notes), unit_m=metres)
+
+    def _parts(self, prim: Any, places: list[Floats]) -> Iterator[Part]:
+        """Yield the parts of a mesh, by material and place."""
+        shape = self._shape(prim)
+        self.triangles += len(shape.polygons.faces) * len(places)
+        TRIANGLES.check(str(self.path), self.triangles, MeshError)
+        name = str(prim.GetPath()).lstrip("/")
+        for number, chosen in self._materials(prim, shape.polygons):
+            look = self.materials[number]
+            faces, corners = shape.polygons.faces[chosen], shape.positions
+            uv = self._primvar(prim, shape.polygons, look.coordinates.primvar, 2)
+            uv = None if uv is None else look.coordinates.of(uv)
+            colors = self._colors(prim, shape.polygons, look)
+            for place in places:
+                positions, normals, turned = placed(place, corners, shape.normals, faces)
+                yield Part(name, positions, turned, normals, uv, colors, number, shape.flat)
+
+    def _shape(self, prim: Any) -> _Shape:
+        from pxr import UsdGeom
+
+        mesh = UsdGeom.Mesh(prim)
+        if mesh.GetPointsAttr().ValueMightBeTimeVarying() or prim.HasAPI("SkelBindingAPI"):
+            self._note("has a mesh that changes its shape - it is drawn as it is first; export it as glTF to play it")
+        points = np.asarray(_or_empty(mesh.GetPointsAttr().Get(self.time)), np.float64).reshape(-1, 3)
+        counts = _or_empty(mesh.GetFaceVertexCountsAttr().Get(self.time))
+        corners = _or_empty(mesh.GetFaceVertexIndicesAttr().Get(self.time))
+        holes = _or_empty(mesh.GetHoleIndicesAttr().Get(self.time))
+        left = mesh.GetOrientationAttr().Get(self.time) == UsdGeom.Tokens.leftHanded
+        polygons = polygons_of(points, counts, corners, left_handed=left, holes=holes)
+        subdivided = mesh.GetSubdivisionSchemeAttr().Get(self.time) != UsdGeom.Tokens.none
+        if subdivided:
+            self._note("has a subdivision surface - its polygons are drawn, with smooth normals")
+        normals = self._primvar(prim, polygons, "normals", 3)
+        if normals is None and (given := mesh.GetNormalsAttr().Get(self.time)):
+            normals = polygons.at_corners(given, str(mesh.GetNormalsInterpolation()), "normals")
+        return _Shape(points[polygons.corners], normals, polygons, flat=not subdivided)
+
+    def _primvar(self, prim: Any, polygons: Polygons, name: str, width: int) -> Floats | None:
+        """Return a primvar (C, width) by corner, or None."""
+        from pxr import UsdGeom
+
+        primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+        values = primvar.ComputeFlattened(self.time) if primvar and primvar.HasValue() else None
+        if values is None:
+            return None
+        array = np.asarray(values, np.float64).reshape(-1, width)
+        return polygons.at_corners(array, str(primvar.GetInterpolation()), name)
+
+    def _colors(self, prim: Any, polygons: Polygons, look: UsdMaterial) -> Floats | None:
+        rgb = self._primvar(prim, polygons, look.color_primvar, 3) if look.color_primvar else None
+        if rgb is not None and np.any(rgb < 0.0):
+            raise ValueError(f"a colour is negative: {rgb.min():g}")
+        return None if rgb is None else np.concatenate([rgb, np.ones((len(rgb), 1))], axis=1)
+
+    def _materials(self, prim: Any, polygons: Polygons) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+        """Yield the number of each material of a mesh and which triangles (T,) it has."""
+        from pxr import UsdShade
+
+        rest = np.ones(len(polygons.counts), bool)
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            chosen = np.zeros_like(rest)
+            chosen[np.asarray(_or_empty(subset.GetIndicesAttr().Get(self.time)), np.int64)] = True
+            if np.any((chosen & rest)[polygons.polygon]):
+                yield self._number(subset.GetPrim(), prim), (chosen & rest)[polygons.polygon]
+            rest &= ~chosen
+        if np.any(rest[polygons.polygon]):
+            yield self._number(prim, prim), rest[polygons.polygon]
+
+    def _number(self, bound: Any, prim: Any) -> int:
+        """Return the number of the material that is bound to a mesh or a part of one."""
+        from pxr import UsdGeom, UsdShade
+
+        material = UsdShade.MaterialBindingAPI(bound).ComputeBoundMaterial()[0]
+        both_sides = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get(self.time))
+        key = (str(material.GetPath()) if material else self._color_name(prim), both_sides)
+        if key not in self.numbers:
+            look = self.reader.read(material) if material else self._unbound(key[0])
+            self.numbers[key] = len(self.materials)
+            self.materials.append(replace(look, material=replace(look.material, double_sided=both_sides)))
+        return self.numbers[key]
+
+    def _color_name(self, prim: Any) -> str:
+        from pxr import UsdGeom
+
+        primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
+        return "displayColor" if primvar and primvar.HasValue() else ""
+
+    def _unbound(self, color: str) -> UsdMaterial:
+        if not color:
+            self._note("has parts without material and colours - they are grey")
+            return UsdMaterial(UNBOUND)
+        return UsdMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), color_primvar=color)
+
+
+def _note(path: Path, notes: dict[str, None], text: str) -> None:
+    notes[f"{path} - {text}"] = None
+
+
+def _or_empty(values: Any) -> Any:
+    """Return an attribute's values, or none where it has none."""
+    return () if values is None else values
