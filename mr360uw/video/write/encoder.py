@@ -117,7 +117,7 @@ def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
     """An RGB frame in BT.709, limited range; linear light by the sRGB curve."""
     height, width = frame.shape
     native = av.VideoFrame(width, height, pixel_format)
-    transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
-    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, transfer)
+    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, frame.spec.picture_transfer)
+    spec = spec if frame.spec.mapping is None else spec.mapped(frame.spec.mapping)
     planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
     return native
