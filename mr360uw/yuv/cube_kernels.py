@@ -6,7 +6,7 @@ the falling fractions f_a >= f_b >= f_c:
 
     y = V_000 + f_a (V_a - V_000) + f_b (V_ab - V_a) + f_c (V_111 - V_ab)
 
-Source: the tetrahedral scheme of Kasson, Nin, Plouffe and Hafner 1995 [Kasson1995]. Positions are in cells, 0 to n - 1.
+Source: the tetrahedral scheme of Kasson 1995. Positions are in cells, 0 to n - 1.
 
 The inverse takes Gauss-Newton steps J dx = y - f(x) from tetrahedron to tetrahedron. It is exact, to rounding, once it
 is in the one that holds the value. Steps are halved until the distance falls; a coordinate that leaves the table is
