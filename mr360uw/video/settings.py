@@ -39,6 +39,7 @@ class EncodeSettings(Parameters):
     lossless: bool = parameter(False, "keep every code value (h264, h265; ffv1 always does)")
     pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
     sound: bool = parameter(True, "copy the plate's sound")
+    data: bool = parameter(True, "keep the plate's tracks of data, its time code and its chapters")
     threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
     segment_s: float = parameter(
         5.0, "length of the parts that a run keeps until all are there; a killed run loses one", unit="s", low=0.01,
