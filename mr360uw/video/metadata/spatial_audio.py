@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Marks of spatial audio in MP4 and QuickTime files: how the channels of a track are ambisonics.
 
-SA3D says the order and how channels are sorted, SAND that two more are head-locked stereo (Google's "Spatial Audio RFC").
-Players take a track of four channels for loudspeakers without them; FFmpeg does not copy them.
+SA3D says the order and how channels are sorted, SAND that two more are head-locked stereo (Google, "Spatial Audio
+RFC"). Players take a track of four channels for loudspeakers without them; FFmpeg does not copy them.
 """
 
 from __future__ import annotations

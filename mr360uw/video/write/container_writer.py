@@ -21,10 +21,12 @@ from mr360uw.video.metadata.mp4 import Box, edit_moov
 from mr360uw.video.metadata.spatial_audio import embed_spatial
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v1_xml
 from mr360uw.video.read.probe import create_local
-from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.audio import CONTAINERS, TrackCopy, check_sound
+from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder
+from mr360uw.video.write.hardware import check_encoder
 from mr360uw.video.write.other_tracks import other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
@@ -51,6 +53,7 @@ class ContainerWriter(VideoWriter):
         frames: tuple[int, int] | None = None,
     ) -> None:
         self.path = path
+        settings = resolved(settings, like, path)
         self._clip, self._settings, self._rebase, self._overwrite = like, settings, rebase, overwrite
         self._copies: list[TrackCopy] = []
         self._container: Any = None
@@ -74,6 +77,7 @@ class ContainerWriter(VideoWriter):
         with self._errors("begun"):
             self._part = new_file(path, folder)
         try:
+            check_encoder(settings)
             with self._errors("begun"):
                 if sound is not None:
                     check_sound(sound, path)
@@ -89,7 +93,7 @@ class ContainerWriter(VideoWriter):
         self._container = create_local(self._part, kind, options)
         self._container.metadata.update(_title_tags(like))
         try:
-            stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
+            stream = self._container.add_stream(settings.encoder_name, rate=like.frame_rate)
         except ValueError as error:
             raise VideoError(
                 f"{self.path} - {self.path.suffix} cannot hold {settings.codec} (got {error}) - take .mov for prores, "
