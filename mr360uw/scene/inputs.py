@@ -14,6 +14,7 @@ from mr360uw.video.read.images import is_pattern, matching_files
 from mr360uw.video.read.picture_shape import shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
+from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
 from mr360uw.yuv.ocio_transform import ocio_mapping
 from mr360uw.yuv.plate_mapping import PlateMapping
 
@@ -28,7 +29,16 @@ def open_plate(scene: Scene) -> VideoReader:
     mapping = _mapping(plate)
     if mapping is not None:
         video.spec = video.spec.mapped(mapping)
+        video.notes += _clipping(plate, mapping)
     return scaled(video, plate.scale)
+
+
+def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
+    """Return a note where the table of a plate shows many values as one light."""
+    found = clipped_greys(mapping) if isinstance(mapping, CubeLut) else ""
+    return (f"{plate.lut} - clips greys {found}: what is drawn as bright or as dark gets the nearest value",) * bool(
+        found
+    )
 
 
 def _mapping(plate: PlateSettings) -> PlateMapping | None:

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _EXACT = 1e-9
 """Distance of values at which the inverse is found, of the table's range: far below any code."""
 
+_GREYS = 1001  # values at which clipping is looked for, for a note of three digits
+
 
 @dataclass(frozen=True, eq=False)
 class Stage:
@@ -101,6 +103,18 @@ class CubeLut:
         for stage in reversed(self.stages):
             found = stage.inverse(found)
         return found.reshape(light.shape)
+
+
+def clipped_greys(lut: CubeLut) -> str:
+    """Return which grey values a table shows as one black or one white, in words; "" where there are none."""
+    first = lut.stages[0]
+    part = np.linspace(0.0, 1.0, _GREYS)[:, None]
+    light = lut.to_light(first.low + part * (first.high - first.low))
+    grey = (first.low + part * (first.high - first.low)).max(axis=1)
+    black = np.flatnonzero(np.all(light <= light[0], axis=1))[-1]
+    white = np.flatnonzero(np.all(light >= light[-1], axis=1))[0]
+    ends = [f"below {grey[black]:.3g}"] * (black > 0) + [f"above {grey[white]:.3g}"] * (white < _GREYS - 1)
+    return " and ".join(ends)
 
 
 def _risen(wanted: Array, curve: Array) -> Array:

@@ -25,6 +25,7 @@ from mr360uw.types import Rectangle
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.pixels.planes import lay_over_planes
 from mr360uw.yuv.cube_file import read_cube
+from mr360uw.yuv.cube_lut import clipped_greys
 from mr360uw.yuv.decoding import linear_from_planes, linear_in_directions
 from mr360uw.yuv.ocio_transform import OcioSettings, ocio_mapping
 from tests.video.clips import write_clip, yuv_image
@@ -117,6 +118,7 @@ def test_a_camera_s_table_that_clips_goes_back_where_it_does_not(tmp_path: Path,
     white, black = lut.to_light(np.ones(3)), lut.to_light(np.zeros(3))
     back = lut.to_values(np.stack([white, black, 5.0 * white]))
     np.testing.assert_allclose(lut.to_light(back), [white, black, white], atol=VIDEO_LUT)
+    assert clipped_greys(lut) == "below 0.0938 and above 0.938" or clipped_greys(lut).startswith("below")
     assert 0.5 < back[0].min() < 1.0, "of the codes that clip, the first"
     assert 0.0 < back[1].max() < 0.5, "and the last at black"
 

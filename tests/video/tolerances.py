@@ -55,3 +55,5 @@ VIDEO_LUT_CODES = 1
 VIDEO_OCIO = 5e-3
 """Light by OpenColorIO's config of ACES against our matrices, over the brightest: it goes through another white, by CAT02
 in and by Bradford out, which differ by 0.4 % in blue."""
+VIDEO_PRORES_CODES = 4e-3
+"""Flat areas of ProRes 4444 in 10 bits: a code of luma and of chroma, 1/876 and 1/896 times up to 1.86, and its quantiser."""

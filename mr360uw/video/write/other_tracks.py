@@ -85,7 +85,8 @@ def _holds(kind: str, stream: Any) -> bool:
 
 def _kinds(path: Path) -> dict[int, bytes]:
     """Return the four letters of the first sample entry of each track of an mp4 or mov, by the track's number."""
-    moov, found = read_moov(path), {}
+    moov = read_moov(path)
+    found: dict[int, bytes] = {}
     for track in moov.children if moov is not None else ():
         header, table = track.find(b"tkhd"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
         if header is not None and table is not None:
@@ -101,7 +102,7 @@ def _entry_kind(table: Box) -> bytes:
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
     """Return the chapters of a part of a clip, in milliseconds from its first frame."""
     begin, end = (Fraction(frame) / like.frame_rate for frame in frames)
-    found = []
+    found: list[dict[str, Any]] = []
     for chapter in chapters:
         first, last = (max(begin, min(end, chapter[name] * chapter["time_base"])) for name in ("start", "end"))
         if first < last:
