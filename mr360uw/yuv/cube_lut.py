@@ -113,7 +113,7 @@ def clipped_greys(lut: CubeLut) -> str:
     grey = (first.low + part * (first.high - first.low)).max(axis=1)
     black = np.flatnonzero(np.all(light <= light[0], axis=1))[-1]
     white = np.flatnonzero(np.all(light >= light[-1], axis=1))[0]
-    ends = [f"below {grey[black]:.3g}"] * (black > 0) + [f"above {grey[white]:.3g}"] * (white < _GREYS - 1)
+    ends = [f"below {grey[black]:.3g}"] * int(black > 0) + [f"above {grey[white]:.3g}"] * int(white < _GREYS - 1)
     return " and ".join(ends)
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -123,3 +124,11 @@ def test_the_mark_of_spatial_audio_is_kept(tmp_path: Path, suffix: str) -> None:
     assert data.count(_SA3D) == (suffix != ".mkv")
     assert any("SA3D" in note for note in out.notes) == (suffix == ".mkv")
     assert [p[2] for p in packets(target, "audio")] == [p[2] for p in packets(source, "audio")]
+
+
+def test_check_says_what_the_output_lacks(tmp_path: Path, run: Callable[..., Any]) -> None:
+    camera_clip(tmp_path)
+    (tmp_path / "scene.toml").write_text('plate = "camera.mp4"\n', "utf-8")
+    for name, said in (("out.mp4", False), ("out.mkv", True)):
+        code, out, _ = run("check", tmp_path / "scene.toml", tmp_path / name)
+        assert (code, "the data track 2 is not copied" in out) == (0, said)
