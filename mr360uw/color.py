@@ -8,7 +8,7 @@ between code values in [0, 1] and linear light; names say `_encoded` or `_linear
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
+from mr360uw.yuv.plate_mapping import PlateMapping
 from mr360uw.yuv.wide_curves import (
     ON_FILE_CODES,
     WIDE_TRANSFERS,
@@ -63,7 +64,9 @@ class ColorSpec:
 
     matrix: Y'CbCr weights. full_range: luma 0..2^bits - 1 (JPEG) or the limited 16..235 (scaled to the depth).
     transfer: curve between code values and linear light. bits: depth of the code values, 8 or 10 for video. primaries:
-    of the light; by default those of BT.2020 with its matrix, and of Rec.709 with the others.
+    of the light; by default those of BT.2020 with its matrix, and of Rec.709 with the others. mapping: takes the place
+    of both: with it the transfer is "linear", the primaries are "bt709", and what these give are the plate's R'G'B'
+    signals, which `in_rec709` and `in_plate_primaries` map to light and back.
     """
 
     matrix: Matrix = "bt709"
@@ -71,6 +74,16 @@ class ColorSpec:
     transfer: Transfer = "srgb"
     bits: int = 8
     primaries: Primaries | None = None
+    mapping: PlateMapping | None = None
+
+    def mapped(self, mapping: PlateMapping) -> ColorSpec:
+        """Return the same codes read through a mapping."""
+        return replace(self, transfer="linear", primaries="bt709", mapping=mapping)
+
+    @property
+    def picture_transfer(self) -> Transfer:
+        """The curve of pictures of the plate with integer codes: its own, sRGB for linear plates."""
+        return "srgb" if self.transfer == "linear" and self.mapping is None else self.transfer
 
     @property
     def gamut(self) -> Primaries:
@@ -79,8 +92,8 @@ class ColorSpec:
 
     @property
     def is_wide(self) -> bool:
-        """Whether the curve holds light above white."""
-        return self.transfer in WIDE_TRANSFERS
+        """Whether light may be above white."""
+        return self.transfer in WIDE_TRANSFERS or self.mapping is not None
 
 
 def luminance(linear: ArrayLike) -> NDArray[np.floating]:
@@ -157,8 +170,10 @@ def encode_signal(linear: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:
     return np.asarray((code - low) / span, code.dtype)
 
 
-def _file_codes(spec: ColorSpec) -> tuple[float, float]:
-    """Return offset and span of the plate's signals among the file's codes over full scale."""
+def _file_codes(spec: ColorSpec, wanted: bool = True) -> tuple[float, float]:
+    """Return offset and span of the plate's signals among the file's codes over full scale; (0, 1) unless `wanted`."""
+    if not wanted:
+        return 0.0, 1.0
     offset, span, _, _ = code_range(spec)
     peak = float((1 << spec.bits) - 1)
     return offset / peak, span / peak
@@ -202,7 +217,10 @@ def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:
 
 
 def in_rec709(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:
-    """Return the linear Rec.709 light (..., 3) of a plate's linear light (..., 3)."""
+    """Return the linear Rec.709 light (..., 3) of a plate's linear light (..., 3), or of its mapped signals."""
+    if spec.mapping is not None:
+        low, span = _file_codes(spec, spec.mapping.on_file_codes)
+        return np.asarray(spec.mapping.to_light(low + span * linear), linear.dtype)
     if spec.gamut == "bt709":
         return linear
     return np.asarray(linear @ rec709_from_plate(spec.gamut).T, linear.dtype)
@@ -210,6 +228,9 @@ def in_rec709(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.float
 
 def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:
     """Return linear Rec.709 light (..., 3) in the plate's primaries, the inverse of `in_rec709`."""
+    if spec.mapping is not None:
+        low, span = _file_codes(spec, spec.mapping.on_file_codes)
+        return np.asarray((spec.mapping.to_values(linear) - low) / span, linear.dtype)
     if spec.gamut == "bt709":
         return linear
     return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)

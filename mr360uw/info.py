@@ -10,7 +10,7 @@ from mr360uw.reading.extras import EXTRAS, command
 
 _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
              "embreex", "colour-science", "pydantic")  # fmt: skip
-_ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "ffv1", "hevc_nvenc")
+_ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "prores_ks", "ffv1")
 
 
 def describe() -> str:
@@ -20,6 +20,7 @@ def describe() -> str:
     from mr360uw import __version__
     from mr360uw.errors import GlError
     from mr360uw.gl.context import gl_device
+    from mr360uw.video.write.hardware import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
     try:
@@ -31,6 +32,7 @@ def describe() -> str:
     ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
     found = [name for name in _ENCODERS if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
+    lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or 'none'}")
     lines += [
         f"package   {name} {version}" if version else f"package   {name} is not installed"
         for name, version in package_versions().items()

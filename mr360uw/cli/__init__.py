@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import benching, camera_paths, dives, rendering, tools, tuning
+from mr360uw.cli import benching, camera_paths, dives, layering, rendering, tools, tuning
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -32,6 +32,7 @@ for _command in (
     tuning.tune,
     rendering.check,
     rendering.clean,
+    layering.layer,
     dives.sample,
     tools.analyse,
     tools.caustics,

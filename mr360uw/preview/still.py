@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from mr360uw.color import in_plate_primaries
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
@@ -88,9 +89,10 @@ def check_output(path: Path, *, overwrite: bool) -> None:
 def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
     """Return a view into a frame, in the frame's own codes."""
     light, spec = look(picture.image_linear, view), picture.spec
+    values = light if spec.mapping is None else in_plate_primaries(light, spec)
     if spec.bits == 32:
-        return replace(picture, yuv=None, native=None, rgb=light, wrap=False, right=None, clipped=())
+        return replace(picture, yuv=None, native=None, rgb=values, wrap=False, right=None, clipped=())
     bits = 8 if spec.bits == 8 else 16
-    codes = codes_from_linear(light, spec.transfer, f"uint{bits}", picture.index)
     own = replace(spec, matrix="bt709", bits=bits, primaries=None)
+    codes = codes_from_linear(values, spec.transfer, f"uint{bits}", picture.index)
     return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None, clipped=())

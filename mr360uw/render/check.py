@@ -33,7 +33,7 @@ def explain_plan(scene: Scene, backend: str = "auto") -> str:
     """Return the stages of a run with the reason for each, as text; opens every file that the scene names."""
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
-        return _explained(video, loaded, *make_backend(backend))
+        return _explained(video, loaded, (), *make_backend(backend))
 
 
 def check_scene(
@@ -63,9 +63,10 @@ def check_scene(
     if video is not None:
         _check_other_clips(scene, video, frames, found)
         output = found.of(lambda: _output(scene, video, None if out is None else Path(out)))
-    if video is None or loaded is None or renderer is None or found.lines:
+    if video is None or loaded is None or renderer is None or output is None or found.lines:
         raise SceneError(where, list(found.lines))
-    return f"{_explained(video, loaded, *renderer)}\noutput    {output}"
+    kinds, notes = output
+    return f"{_explained(video, loaded, notes, *renderer)}\noutput    {kinds}"
 
 
 class _Problems:
@@ -99,39 +100,43 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
 
 
-def _output(scene: Scene, video: VideoReader, out: Path | None) -> str:
-    """Return a description of the output, or of the possible ones; raise `VideoError` if none can be opened.
+def _output(scene: Scene, video: VideoReader, out: Path | None) -> tuple[str, tuple[str, ...]]:
+    """Return a description of the output, or of the possible ones, and what the first lacks of the plate.
 
-    Outputs are tried in a temporary folder: beside real files nothing is written.
+    Raises `VideoError` if none can be opened. Outputs are tried in a temporary folder: beside real files nothing is
+    written.
     """
     if out is not None:
         keep_inputs(scene, out)
         check_target(out, video.path)
     kinds: list[str] = []
+    notes: tuple[str, ...] = ()
     problem = ""
     names = [f"out{suffix}" for suffix in _SUFFIXES] if out is None else [out.name]
     with TemporaryDirectory() as folder:
         for name in names:
             try:
-                create_video(Path(folder) / name, video, scene.output).abort()
+                writer = create_video(Path(folder) / name, video, scene.output)
+                writer.abort()
+                notes = notes if kinds else writer.notes
                 kinds.append(Path(name).suffix)
             except VideoError as error:
                 problem = problem or str(error).replace(folder + os.sep, "" if out is None else f"{out.parent}{os.sep}")
     if not kinds:
         raise VideoError(problem)
     if out is not None:
-        return str(out)
-    return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures"
+        return str(out), notes
+    return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures", notes
 
 
-def _explained(video: VideoReader, loaded: Loaded, backend: Backend, fallback: str) -> str:
+def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backend: Backend, fallback: str) -> str:
     size = f"{video.width}x{video.height}"
     length = "a still" if video.is_still else f"{video.frame_count} frames"
     doubts = (*video.doubts, *projection_notes(loaded.scene, video))
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",
-        *(f"note      {note}" for note in (*video.notes, *doubts, *loaded.notes, *filter(None, [fallback]))),
+        *(f"note      {note}" for note in (*notes, *doubts, *loaded.notes, *filter(None, [fallback]))),
     ]
     lines += [f"keyed     {line}" for line in keyed_in_words(loaded.scene)]
     if tables := tables_on_the_way(loaded.scene):

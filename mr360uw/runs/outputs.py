@@ -135,7 +135,10 @@ class Output:
     def _join(self, segments: list[Segment], path: Path, folder: Path, *, overwrite: bool) -> tuple[str, ...]:
         from mr360uw.video.write.container_writer import ContainerWriter
 
-        with ContainerWriter(path, self.video, self.scene.output, overwrite=overwrite, folder=folder) as writer:
+        span = segments[0].start, segments[-1].stop
+        with ContainerWriter(
+            path, self.video, self.scene.output, overwrite=overwrite, folder=folder, frames=span
+        ) as writer:
             writer.write_segments(segments)
         return writer.notes
 

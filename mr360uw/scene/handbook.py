@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args, get_origin
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -41,13 +42,15 @@ def table_of(header: str, model: type[BaseModel]) -> list[str]:
     for name, field in model.model_fields.items():
         inner = models_of(field.annotation)
         if inner:
-            nested += [(f"{header.strip('[]')}.{field.alias or name}", m) for m in inner]
+            path = f"{header.strip('[]')}.{field.alias or name}"
+            single = get_origin(field.annotation) in (Union, UnionType) and inner[0] in get_args(field.annotation)
+            nested += [(f"[{path}]" if single else f"[[{path}]]", m) for m in inner]
             continue
         allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
         cells = (f"`{field.alias or name}`", _default(field), allowed, field.description or "")
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    for path, inner_model in nested:
-        lines += table_of(f"[[{path}]]", inner_model)
+    for inner_header, inner_model in nested:
+        lines += table_of(inner_header, inner_model)
     return lines
 
 

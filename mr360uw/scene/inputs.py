@@ -8,12 +8,15 @@ from pathlib import Path
 
 from mr360uw.errors import VideoError
 from mr360uw.parameters import Parameters
-from mr360uw.scene.model import Scene, files_of
+from mr360uw.scene.model import PlateSettings, Scene, files_of
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.read.images import is_pattern, matching_files
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
+from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
+from mr360uw.yuv.ocio_transform import ocio_mapping
+from mr360uw.yuv.plate_mapping import PlateMapping
 
 
 def open_plate(scene: Scene) -> VideoReader:
@@ -23,7 +26,28 @@ def open_plate(scene: Scene) -> VideoReader:
         plate.path, transfer=plate.transfer, primaries=plate.primaries, eye=plate.eye, frame_rate=plate.frame_rate,
         damaged=plate.damaged, projection=plate.projection, fisheye_fov_deg=plate.fisheye_fov_deg, layout=plate.layout,
     )  # fmt: skip
+    mapping = _mapping(plate)
+    if mapping is not None:
+        video.spec = video.spec.mapped(mapping)
+        video.notes += _clipping(plate, mapping)
     return scaled(video, plate.scale)
+
+
+def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
+    """Return a note where the table of a plate shows many values as one light."""
+    found = clipped_greys(mapping) if isinstance(mapping, CubeLut) else ""
+    return (f"{plate.lut} - clips greys {found}: what is drawn as bright or as dark gets the nearest value",) * bool(
+        found
+    )
+
+
+def _mapping(plate: PlateSettings) -> PlateMapping | None:
+    """Return the table or the colour spaces that a plate is read through, None where it has a curve."""
+    if plate.lut is not None:
+        from mr360uw.yuv.cube_file import read_cube
+
+        return read_cube(plate.lut, plate.lut_to, plate.levels)
+    return None if plate.ocio is None else ocio_mapping(plate.ocio, plate.levels)
 
 
 def projection_notes(scene: Scene, video: VideoReader, index: int = 0) -> tuple[str, ...]:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, model_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
-from mr360uw.color import Primaries, Transfer
+from mr360uw.color import DisplayTransfer, Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
@@ -33,6 +33,8 @@ from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
+from mr360uw.yuv.ocio_transform import OcioSettings
+from mr360uw.yuv.plate_mapping import Levels
 
 
 class PlateSettings(Parameters):
@@ -41,6 +43,14 @@ class PlateSettings(Parameters):
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
     primaries: Primaries | None = parameter(None, "primaries of the plate's light; none: as its matrix has them")
+    lut: Path | None = parameter(
+        None, "lookup table (.cube) from the plate's values to a picture or to light, instead of transfer; invertible"
+    )
+    lut_to: DisplayTransfer = parameter("srgb", "curve of the table's output, a picture of Rec.709; linear: light")
+    levels: Levels = parameter(
+        "video", "what 0 and 1 are for lut and ocio: black and white of the plate's range, or code 0 and full scale"
+    )
+    ocio: OcioSettings | None = parameter(None, "colour spaces of an OpenColorIO config, instead of transfer")
     eye: Literal["left", "right", "both"] | None = parameter(None, "the eyes of a stereo plate to work on")
     layout: Literal["mono", "top-bottom", "left-right", "right-left"] | None = parameter(
         None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
@@ -59,6 +69,14 @@ class PlateSettings(Parameters):
         FISHEYE_FOV_DEG, "angle across one half of a dual-fisheye frame; most cameras: 190 to 205", unit="deg",
         low=120.0, high=280.0,
     )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _one_way_to_light(self) -> Self:
+        named = [name for name in ("lut", "ocio") if getattr(self, name) is not None]
+        curve = [name for name in ("transfer", "primaries") if getattr(self, name) is not None]
+        if len(named) + bool(curve) > 1:
+            raise ValueError(f"{' and '.join(named + curve)} all say what the plate's values mean; keep one of them")
+        return self
 
     @property
     def eyes(self) -> int:

@@ -9,6 +9,7 @@ from .settings import EncodeSettings
 from .transcoding import transcode
 from .video_frame import VideoFrame
 from .write.creating import create_video
+from .write.layer_video import layer_video
 from .write.writer import VideoWriter
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "VideoReader",
     "VideoWriter",
     "create_video",
+    "layer_video",
     "open_video",
     "read_exr",
     "read_picture",

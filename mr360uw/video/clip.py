@@ -14,6 +14,11 @@ from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
 
 
+def not_copied(kind: str, index: int) -> str:
+    """Return the note on a track of a plate that no output holds, unless its container can."""
+    return f"the {kind} track {index} is not copied"
+
+
 @dataclass(kw_only=True, eq=False)
 class Clip:
     """Metadata of a clip.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 from pydantic import model_validator
 
@@ -20,6 +20,15 @@ ENCODERS: dict[Codec, str] = {
     "ffv1": "ffv1",
     "prores": "prores",
 }
+Encoder = Literal[
+    "software", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf", "hevc_amf",
+    "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",
+]  # fmt: skip
+_FAMILIES: dict[str, Codec] = {"h264": "h264", "hevc": "h265", "av1": "av1"}
+HARDWARE: dict[Encoder, Codec] = {
+    name: _FAMILIES[name.partition("_")[0]] for name in get_args(Encoder) if name != "software"
+}
+"""FFmpeg's encoders of graphics cards, and what they encode."""
 # SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
 _AV1_PRESETS: dict[Preset, int] = {
     "ultrafast": 10, "superfast": 9, "veryfast": 8, "faster": 7, "fast": 6,
@@ -34,11 +43,18 @@ class EncodeSettings(Parameters):
     """Codec, quality and layout of a video output; unset values follow the plate."""
 
     codec: Codec = parameter("h264", "codec of the pictures")
+    target: Literal["none", "youtube-360", "quest"] = parameter(
+        "none", "what the file is for: codec, pixel format, bit rate and key frames as that place recommends, in mp4"
+    )
+    encoder: Encoder = parameter(
+        "software", "FFmpeg's encoder of a graphics card, which decides the codec; it is tried at the start"
+    )
     quality: int = parameter(17, "constant rate factor, smaller is better (h264, h265, av1)", low=0, high=51)
     preset: Preset = parameter("veryfast", "speed against size (h264, h265, av1)")
     lossless: bool = parameter(False, "keep every code value (h264, h265; ffv1 always does)")
     pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
     sound: bool = parameter(True, "copy the plate's sound")
+    data: bool = parameter(True, "keep the plate's tracks of data, its time code and its chapters")
     threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
     segment_s: float = parameter(
         5.0, "length of the parts that a run keeps until all are there; a killed run loses one", unit="s", low=0.01,
@@ -52,14 +68,57 @@ class EncodeSettings(Parameters):
             raise ValueError(f"lossless is not available with {self.codec}; take h264, h265 or ffv1")
         return self
 
-    def encoder_options(self, hdr: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Return the options of FFmpeg's encoder; hdr: the clip's metadata as parameters of the codec."""
+    @model_validator(mode="after")
+    def _one_choice(self) -> Self:
+        if self.lossless and self.encoder != "software":
+            raise ValueError(f"lossless is not available with {self.encoder}; take the encoder software")
+        named = [name for name in ("codec", "pixel_format", "lossless") if getattr(self, name) != _default(name)]
+        if self.target != "none" and named:
+            raise ValueError(f"target {self.target} decides {' and '.join(named)}; leave out one or the other")
+        if self.encoder != "software" and self.codec not in ("h264", HARDWARE[self.encoder]):
+            raise ValueError(
+                f"encoder {self.encoder} makes {HARDWARE[self.encoder]}, not {self.codec}; leave out codec"
+            )
+        return self
+
+    @property
+    def encoder_name(self) -> str:
+        """FFmpeg's name of the encoder."""
+        return ENCODERS[self.codec] if self.encoder == "software" else self.encoder
+
+    def encoder_options(
+        self, hdr: Mapping[str, str] | None = None, delivery: Mapping[str, str] | None = None
+    ) -> dict[str, str]:
+        """Return the options of FFmpeg's encoder.
+
+        hdr: the clip's metadata as parameters of the codec, of software encoders. delivery: options of a target, which
+        take the place of the quality.
+        """
+        if self.encoder != "software":
+            return dict(delivery) if delivery else self._hardware_options()
         options = self._plain_options()
+        if delivery:
+            options.pop("crf", None)
+            options |= delivery
+            if self.codec == "h265":
+                options["x265-params"] += ":open-gop=0"
         name = _PARAMETERS.get(self.codec)
         if hdr and name:
             written = ":".join(f"{key}={value}" for key, value in hdr.items())
             options[name] = f"{options[name]}:{written}" if name in options else written
         return options
+
+    def _hardware_options(self) -> dict[str, str]:
+        """Return what means a constant quality to the encoder of a card; 0 best, as in software."""
+        quality = str(self.quality)
+        return {
+            "nvenc": {"rc": "vbr", "cq": quality, "b": "0"},
+            "qsv": {"global_quality": quality},
+            "amf": {"rc": "cqp", "qp_i": quality, "qp_p": quality},
+            "vaapi": {"rc_mode": "CQP", "qp": quality},
+            # FF_QP2LAMBDA is 118; its quality rises from 0 to 100
+            "videotoolbox": {"global_quality": str(118 * (100 - 2 * min(self.quality, 49))), "flags": "+qscale"},
+        }[self.encoder.partition("_")[2]]
 
     def _plain_options(self) -> dict[str, str]:
         crf = {"crf": str(self.quality)}
@@ -76,3 +135,7 @@ class EncodeSettings(Parameters):
         if self.codec == "ffv1":
             return {"level": "3", "slices": "16", "slicecrc": "1", "g": "1"}
         return {"profile": "3"}
+
+
+def _default(name: str) -> object:
+    return EncodeSettings.model_fields[name].default

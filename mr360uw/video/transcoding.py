@@ -24,7 +24,8 @@ def transcode(
     count = 0
     with open_video(source, equirectangular=equirectangular) as video:
         frames = video.frames(start, stop)
-        with create_video(target, video, settings, overwrite=overwrite) as out:
+        span = video.check_range(start, stop)
+        with create_video(target, video, settings, overwrite=overwrite, frames=span) as out:
             for frame in frames:
                 out.write(frame)
                 count += 1

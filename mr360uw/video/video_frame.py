@@ -90,6 +90,8 @@ class VideoFrame:
     @property
     def _brightest(self) -> float:
         """Linear light of the brightest code that is written."""
+        if self.spec.mapping is not None:
+            return float(in_rec709(np.ones(3), self.spec).max())
         return float(decode_signal(np.ones(()), self.spec))
 
     def linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
@@ -174,11 +176,13 @@ class VideoFrame:
             if changed.any():
                 rectangle = tile.rectangle
                 linear = blend(self.linear(rectangle), tile)
-                if amount > 0.0:
+                if amount > 0.0 and self.spec.mapping is None:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 if linear.max() > brightest:
                     clipped.append((rectangle, np.asarray(linear, np.float32)))
                 linear = in_plate_primaries(linear, self.spec)
+                if amount > 0.0 and self.spec.mapping is not None:  # these are the values that its grain is measured in
+                    linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes, clipped=tuple(clipped))

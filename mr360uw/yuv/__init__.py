@@ -2,6 +2,11 @@
 """The Y'CbCr decoder: code values of a frame's planes -> R'G'B' -> linear light.
 
 coefficients     offsets, spans and matrix of a plate, tables and polynomial of its transfer curve (numpy alone)
+cube_file        .cube lookup tables: reading and the check that they can be turned around
+cube_lut         lookup tables as a mapping of a plate's values to light, and their inverse
+cube_kernels     compiled loops of it (numba)
+ocio_transform   colour spaces of OpenColorIO as such a mapping
+plate_mapping    the interface of both
 wide_curves      transfer curves that hold light above white, of colour-science
 decode_kernels   the compiled functions that every pixel loop over planes is made of
 decoding         linear light of a rectangle, or in directions

@@ -43,4 +43,4 @@ def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float
 
 def lit_rec709(linear: NDArray[np.float32], spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear Rec.709 (..., 3) of a plate's linear light (..., 3) >= 0; colours outside the gamut are cut off."""
-    return linear if spec.gamut == "bt709" else np.maximum(in_rec709(linear, spec), 0.0)
+    return linear if spec.gamut == "bt709" and spec.mapping is None else np.maximum(in_rec709(linear, spec), 0.0)

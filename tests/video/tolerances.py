@@ -47,3 +47,13 @@ GRAIN_DITHER_CODES = 0.25
 """Dither of a gradient has the variance that is taken off, 1/6, to a third over the blocks of one brightness."""
 VIDEO_SHARED_EXPONENT = 1 / 128
 """Radiance pictures keep 8 bits, cut off, of channels that share the exponent of the largest: a step is 1/256 to 1/128 of it."""
+VIDEO_LUT = 1e-4
+"""Values through a lookup table and back, and light of a table against the formula that it samples: planes are decoded
+in single precision, and colour-science's text has seven digits."""
+VIDEO_LUT_CODES = 1
+"""Codes of a body by a table and by the curve that it samples: the dither meets values that differ by VIDEO_LUT."""
+VIDEO_OCIO = 5e-3
+"""Light by OpenColorIO's config of ACES against our matrices, over the brightest: it goes through another white, by CAT02
+in and by Bradford out, which differ by 0.4 % in blue."""
+VIDEO_PRORES_CODES = 4e-3
+"""Flat areas of ProRes 4444 in 10 bits: a code of luma and of chroma, 1/876 and 1/896 times up to 1.86, and its quantiser."""

@@ -20,6 +20,7 @@ import av
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
+from mr360uw.video.clip import not_copied
 from mr360uw.video.metadata.hdr import hdr_from_side_data
 from mr360uw.video.metadata.spherical import from_side_data, from_tag, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec
@@ -81,7 +82,7 @@ class ContainerReader(VideoReader):
                 pixel_format=first.format.name,
                 sound=path if container.streams.audio else None,
                 spherical=spherical,
-                notes=tuple(f"the {s.type} track {s.index} is not copied" for s in others),
+                notes=tuple(not_copied(s.type, s.index) for s in others),
                 words=dict(container.metadata),
                 panorama=equirectangular,
                 hdr=hdr_from_side_data(first.side_data),

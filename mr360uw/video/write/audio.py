@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Copies sound packet by packet, without decoding it."""
+"""Copies sound and data packet by packet, without decoding them."""
 
 from __future__ import annotations
 
@@ -61,20 +61,21 @@ def _described(stream: Any) -> str:
     return f"{context.codec.canonical_name}, {context.layout.name}"
 
 
-class AudioCopy:
-    """Copies the audio packets of one file into an output container, in step with the pictures.
+class TrackCopy:
+    """Copies packets of one file into an output container, in step with the pictures: of its sound, or of some tracks.
 
     Times are in seconds on the clock of the input file. All packets of a whole clip keep their time stamps; of a part,
     those that begin within it are kept and moved with the pictures. The target must be able to hold them: see
-    `check_sound`.
+    `check_sound`. tracks: numbers of the tracks; None: all of the sound.
     """
 
-    def __init__(self, source: Path, target: Any) -> None:
+    def __init__(self, source: Path, target: Any, tracks: tuple[int, ...] | None = None) -> None:
         self._closing = ExitStack()
         self._container = self._closing.enter_context(open_local(source))
         self._target = target
         self._streams: dict[int, Any] = {}
-        for stream in self._container.streams.audio:
+        streams = self._container.streams
+        for stream in streams.audio if tracks is None else [streams[index] for index in tracks]:
             self._streams[stream.index] = target.add_stream_from_template(stream)
             self._streams[stream.index].metadata.update(stream.metadata)
         self._packets: Iterator[Any] = iter(())

@@ -17,13 +17,17 @@ import numpy as np
 from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
-from mr360uw.video.metadata.mp4 import index_in_front
-from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, v1_xml, write_spherical
+from mr360uw.video.metadata.mp4 import Box, edit_moov
+from mr360uw.video.metadata.spatial_audio import embed_spatial
+from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v1_xml
 from mr360uw.video.read.probe import create_local
-from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
-from mr360uw.video.write.audio import CONTAINERS, AudioCopy, check_sound
+from mr360uw.video.write.audio import CONTAINERS, TrackCopy, check_sound
+from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder
+from mr360uw.video.write.hardware import check_encoder
+from mr360uw.video.write.other_tracks import other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
 
@@ -32,7 +36,8 @@ class ContainerWriter(VideoWriter):
     """A video file as output; made by `create_video`.
 
     Pictures keep the plate's pixel format where the encoder has it, colour tags, time stamps and the container's time
-    base (Matroska counts milliseconds). folder: of the incomplete file; default: that of `path`.
+    base (Matroska counts milliseconds). folder: of the incomplete file; default: that of `path`. frames:
+    (start, stop) of those that will be written, which time code and chapters follow; default: all of the plate's.
     """
 
     def __init__(
@@ -45,10 +50,12 @@ class ContainerWriter(VideoWriter):
         rebase: bool = True,
         overwrite: bool = False,
         folder: Path | None = None,
+        frames: tuple[int, int] | None = None,
     ) -> None:
         self.path = path
+        settings = resolved(settings, like, path)
         self._clip, self._settings, self._rebase, self._overwrite = like, settings, rebase, overwrite
-        self._audio: AudioCopy | None = None
+        self._copies: list[TrackCopy] = []
         self._container: Any = None
         self._next = 0
         self._end_s: Fraction | None = None
@@ -61,15 +68,16 @@ class ContainerWriter(VideoWriter):
         self._boxes = kind in ("mp4", "mov")
         sphere = replace(like.spherical or SphericalMetadata(), stereo=like.stereo)
         self._metadata = sphere if like.panorama else None
-        self.notes = (
-            like.notes
-            if self._boxes or self._metadata is None
-            else (*like.notes, f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements")
-        )
         sound = like.sound if audio and settings.sound else None
+        span = frames or (0, like.frame_count or 0)
+        self._others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
+        self.notes = self._others.notes
+        if not self._boxes and self._metadata is not None:
+            self.notes += (f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements",)
         with self._errors("begun"):
             self._part = new_file(path, folder)
         try:
+            check_encoder(settings)
             with self._errors("begun"):
                 if sound is not None:
                     check_sound(sound, path)
@@ -85,7 +93,7 @@ class ContainerWriter(VideoWriter):
         self._container = create_local(self._part, kind, options)
         self._container.metadata.update(_title_tags(like))
         try:
-            stream = self._container.add_stream(ENCODERS[settings.codec], rate=like.frame_rate)
+            stream = self._container.add_stream(settings.encoder_name, rate=like.frame_rate)
         except ValueError as error:
             raise VideoError(
                 f"{self.path} - {self.path.suffix} cannot hold {settings.codec} (got {error}) - take .mov for prores, "
@@ -99,7 +107,12 @@ class ContainerWriter(VideoWriter):
         stream.time_base = like.time_base
         self._stream = stream
         if sound is not None:
-            self._audio = AudioCopy(sound, self._container)
+            self._copies.append(TrackCopy(sound, self._container))
+        if self._others.data:
+            self._copies.append(TrackCopy(like.path, self._container, self._others.data))
+        self._container.set_chapters(list(self._others.chapters))
+        if self._others.timecode:
+            stream.metadata["timecode"] = self._others.timecode
         self._container.start_encoding()
 
     def write(self, frame: VideoFrame) -> None:
@@ -109,8 +122,7 @@ class ContainerWriter(VideoWriter):
             if self._end_s is None:
                 self._begin(frame.index, frame.pts)
             self._mux(self._encoder.encode(frame, frame.pts - self._shift))
-            if self._audio is not None:
-                self._audio.advance(frame.pts * frame.time_base)
+            self._copy_until(frame.pts * frame.time_base)
         self._next, self._end_s = frame.index + 1, self._end(frame.pts, frame.duration)
 
     def write_segments(self, segments: Sequence[Segment]) -> None:
@@ -128,8 +140,7 @@ class ContainerWriter(VideoWriter):
                         packet.pts, packet.dts = pts - self._shift, int(next(stamps)) - self._shift
                         packet.duration, packet.is_keyframe, packet.time_base = duration, bool(key), base
                         self._mux([packet])
-                        if self._audio is not None:
-                            self._audio.advance((packet.dts + self._shift) * base)
+                        self._copy_until((packet.dts + self._shift) * base)
         last = packets[np.argmax(packets[:, 0])]
         self._next, self._end_s = segments[-1].stop, self._end(int(last[0]), int(last[1]))
 
@@ -140,8 +151,12 @@ class ContainerWriter(VideoWriter):
     def _begin(self, index: int, pts: int) -> None:
         whole, base = index == 0, self._clip.time_base
         self._shift = pts - self._clip.start_pts if self._rebase and not whole else 0
-        if self._audio is not None:
-            self._audio.begin(None if whole else pts * base, self._shift * base)
+        for copy in self._copies:
+            copy.begin(None if whole else pts * base, self._shift * base)
+
+    def _copy_until(self, until_s: Fraction | None) -> None:
+        for copy in self._copies:
+            copy.advance(until_s)
 
     def _end(self, pts: int, duration: int) -> Fraction:
         """When a frame is over, in seconds on the clock of its file."""
@@ -161,20 +176,30 @@ class ContainerWriter(VideoWriter):
             raise VideoError(f"{self.path} - no frame was written - check the range of frames")
         with self._errors("completed"):
             self._mux(self._encoder.flush())
-            if self._audio is not None:
-                self._audio.advance(None if self._next == self._clip.frame_count else self._end_s)
+            self._copy_until(None if self._next == self._clip.frame_count else self._end_s)
             self._container.close()
             self._container = None
-            if self._boxes and self._metadata is not None:
-                write_spherical(self._part, self._metadata, self._settings.faststart)
-            elif self._boxes and self._settings.faststart:
-                index_in_front(self._part)
+            if self._boxes:
+                self._mark()
             publish(self._part, self.path, overwrite=self._overwrite)
+
+    def _mark(self) -> None:
+        """Mark a panorama and spatial audio, and put the index in front where that is asked for."""
+        sphere, spatial, front = self._metadata, self._others.spatial, self._settings.faststart
+        if sphere is None and not any(spatial) and not front:
+            return
+
+        def edit(moov: Box) -> None:
+            embed_spatial(moov, spatial)
+            if sphere is not None:
+                embed(moov, sphere)
+
+        edit_moov(self._part, edit, front)
 
     def abort(self) -> None:
         """Close and remove the temporary file, if it is still there."""
-        if self._audio is not None:
-            self._audio.close()
+        for copy in self._copies:
+            copy.close()
         if self._container is not None:
             with suppress(av.error.FFmpegError, OSError, ValueError):
                 self._container.close()

@@ -27,6 +27,7 @@ def create_video(
     overwrite: bool = False,
     audio: bool = True,
     rebase: bool = True,
+    frames: tuple[int, int] | None = None,
 ) -> VideoWriter:
     """Begin an output with the size, colours, time stamps, sound and metadata of a plate, or a new one.
 
@@ -34,7 +35,7 @@ def create_video(
     by the frame's index. like: the plate; without one, width, height, frame_rate and sound (a file) say what is made,
     in BT.709, 4:2:0, 8 bits. audio: copy the sound, unless the settings leave it out. rebase: when the first frame is
     not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
-    time stamps.
+    time stamps. frames: (start, stop) of those that will be written, which time code and chapters follow; default: all.
 
     OutputExistsError where the output is there already and `overwrite` is not set; VideoError where it cannot be made.
     """
@@ -50,7 +51,9 @@ def create_video(
         raise OutputExistsError(f"{path} - is already there - choose another name or allow overwriting")
     from mr360uw.video.write.container_writer import ContainerWriter
 
-    return ContainerWriter(path, like, settings or EncodeSettings(), audio=audio, rebase=rebase, overwrite=overwrite)
+    return ContainerWriter(
+        path, like, settings or EncodeSettings(), audio=audio, rebase=rebase, overwrite=overwrite, frames=frames
+    )
 
 
 def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float, sound: str | Path | None) -> Clip:

@@ -18,9 +18,11 @@ from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_vie
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.write.delivery import delivery_of
 
 _ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 _NO_PICTURE_TYPE = 0
+_IN_PAIRS = {"yuv420p": "nv12", "yuv420p10le": "p010le"}
 _X265_DELAY = 3
 """Frames below which x265 4 leaves decoding time stamps uninitialised; such clips have no B-frames."""
 
@@ -44,7 +46,8 @@ class Encoder:
         context.thread_type = "AUTO"
         context.thread_count = settings.threads
         hdr = {} if like.hdr is None else like.hdr.encoder_options(settings.codec)
-        context.options = settings.encoder_options(hdr)
+        delivery = delivery_of(settings, like)
+        context.options = settings.encoder_options(hdr, None if delivery is None else delivery.encoder_options())
         like.tags.write_to(context)
         # ProRes has no mark for full range: it is limited by definition.
         full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"
@@ -58,12 +61,13 @@ class Encoder:
         deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
         if self._settings.pixel_format:
             deeper = []  # what was asked for by name is made, or refused
-        for name in (wanted, plain, *(deeper if "10" in wanted or plain not in known else ())):
+        paired = _IN_PAIRS.get(plain, plain)  # the same samples, with Cb and Cr side by side, as cards take them
+        for name in (wanted, plain, paired, *(deeper if "10" in wanted or plain not in known else ())):
             if name in known:
                 return name
         raise VideoError(
             f"{self._path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of "
-            f"{', '.join(name for name in known if name.startswith('yuv4'))}"
+            f"{', '.join(name for name in known if name.startswith('yuv4') or name in _IN_PAIRS.values())}"
         )
 
     def encode(self, frame: VideoFrame, pts: int) -> list[Any]:
@@ -117,7 +121,7 @@ def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
     """An RGB frame in BT.709, limited range; linear light by the sRGB curve."""
     height, width = frame.shape
     native = av.VideoFrame(width, height, pixel_format)
-    transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
-    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, transfer)
+    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, frame.spec.picture_transfer)
+    spec = spec if frame.spec.mapping is None else spec.mapped(frame.spec.mapping)
     planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
     return native

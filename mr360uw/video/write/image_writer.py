@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Transfer, in_plate_primaries
+from mr360uw.color import in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import whole_file
 from mr360uw.video.clip import Clip
@@ -103,6 +103,6 @@ def picture_codes(frame: VideoFrame, deep: bool = True) -> NDArray[Any]:
     dtype = np.uint16 if deep and frame.spec.bits > 8 else np.uint8
     if frame.rgb is not None and frame.rgb.dtype == dtype:
         return frame.rgb
-    transfer: Transfer = "srgb" if frame.spec.transfer == "linear" else frame.spec.transfer
-    light = frame.image_linear if frame.rgb is None else in_plate_primaries(frame.image_linear, frame.spec)
-    return codes_from_linear(light, transfer, dtype, frame.index)
+    own = frame.rgb is not None or frame.spec.mapping is not None
+    light = in_plate_primaries(frame.image_linear, frame.spec) if own else frame.image_linear
+    return codes_from_linear(light, frame.spec.picture_transfer, dtype, frame.index)

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from mr360uw.errors import VideoError
 from mr360uw.files import whole_file
 from mr360uw.video.clip import Clip
-from mr360uw.video.settings import ENCODERS, EncodeSettings
+from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder
 from mr360uw.video.write.writer import VideoWriter
 
@@ -52,7 +53,8 @@ class SegmentWriter(VideoWriter):
     def __init__(self, folder: Path, start: int, stop: int, like: Clip, settings: EncodeSettings) -> None:
         self.path = _data_path(folder, start, stop)
         self._clip, self._left, self._span = like, stop - start, (start, stop)
-        context = av.CodecContext.create(ENCODERS[settings.codec], "w")
+        settings = resolved(settings, like)
+        context = av.CodecContext.create(settings.encoder_name, "w")
         # parameter sets go into the header of the joined file, as its containers want
         context.flags |= av.codec.context.Flags.global_header
         self._encoder = Encoder(self.path, like, settings, context)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a plate's file holds besides pictures and sound, and which of it an output keeps: data, time code, chapters.
+
+MP4 and QuickTime keep tracks of data (GoPro's GPMF) packet by packet, the time code (tmcd) and the chapters; Matroska
+keeps the chapters. What is not kept is said.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import av.error
+
+from mr360uw.video.clip import Clip, not_copied
+from mr360uw.video.metadata.mp4 import Box, read_moov
+from mr360uw.video.metadata.spatial_audio import read_spatial
+from mr360uw.video.read.probe import open_local
+
+_MADE_ANEW = (b"tmcd", b"text")
+"""Kinds of tracks that FFmpeg writes from the time code and the chapters."""
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)$")
+
+
+@dataclass(frozen=True)
+class OtherTracks:
+    """The other parts of a plate's file that an output keeps.
+
+    data: numbers of the tracks that are copied. timecode: of the first frame that is written, or "". chapters: as
+    PyAV has them, moved with the pictures. spatial: marks of the audio tracks (`spatial_audio`). notes: the plate's
+    notes, without those on tracks that are kept, with those on what is lost.
+    """
+
+    data: tuple[int, ...] = ()
+    timecode: str = ""
+    chapters: tuple[dict[str, Any], ...] = ()
+    spatial: tuple[bytes, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, frames: tuple[int, int]) -> OtherTracks:
+    """Return what an output of a kind ("mp4", "mov", "matroska") keeps of a plate.
+
+    wanted: whether data, time code and chapters are asked for. sound: the file of the sound that is copied, or None.
+    frames: (start, stop) of the frames that are written.
+    """
+    boxes = kind in ("mp4", "mov")
+    spatial = read_spatial(sound) if sound is not None and sound.is_file() else ()
+    notes = list(like.notes)
+    if any(spatial) and not boxes:
+        notes.append(f"{sound} - its mark of spatial audio (SA3D) is kept in .mp4 and .mov alone")
+        spatial = ()
+    if not wanted or not like.pixel_format or not like.path.is_file():
+        return OtherTracks(spatial=spatial, notes=tuple(notes))
+    with open_local(like.path) as container:
+        data = [(s.index, s.id, boxes and _holds(kind, s)) for s in container.streams if s.type == "data"]
+        found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
+        chapters = _moved(container.chapters(), like, frames)
+    kinds = _kinds(like.path)
+    anew = {index for index, number, _ in data if kinds.get(number) in _MADE_ANEW}
+    timecode = next(iter(found.values()), "") if boxes else ""
+    copied = tuple(index for index, _, held in data if held and index not in anew)
+    kept = {*copied, *(i for i in anew if (timecode if i in found else chapters))}
+    gone = {not_copied("data", index) for index in kept}
+    notes = [note for note in notes if note not in gone]
+    start = later_timecode(timecode, frames[0], like.frame_rate)
+    return OtherTracks(copied, start, chapters, spatial, tuple(notes))
+
+
+def _holds(kind: str, stream: Any) -> bool:
+    """Return whether a kind of container takes a track of data: not those that FFmpeg has no name for."""
+    try:
+        with av.open(io.BytesIO(), "w", format=kind) as trial:
+            trial.add_stream_from_template(stream)
+            trial.start_encoding()
+    except (av.error.FFmpegError, ValueError):
+        return False
+    return True
+
+
+def _kinds(path: Path) -> dict[int, bytes]:
+    """Return the four letters of the first sample entry of each track of an mp4 or mov, by the track's number."""
+    moov = read_moov(path)
+    found: dict[int, bytes] = {}
+    for track in moov.children if moov is not None else ():
+        header, table = track.find(b"tkhd"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
+        if header is not None and table is not None:
+            at = 20 if header.payload[:1] == b"\1" else 12  # after times of 8 or 4 bytes each
+            found[int.from_bytes(header.payload[at : at + 4], "big")] = _entry_kind(table)
+    return found
+
+
+def _entry_kind(table: Box) -> bytes:
+    return table.children[0].kind if table.children else table.payload[12:16]
+
+
+def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
+    """Return the chapters of a part of a clip, in milliseconds from its first frame."""
+    begin, end = (Fraction(frame) / like.frame_rate for frame in frames)
+    found: list[dict[str, Any]] = []
+    for chapter in chapters:
+        first, last = (max(begin, min(end, chapter[name] * chapter["time_base"])) for name in ("start", "end"))
+        if first < last:
+            place = {"start": round(1000 * (first - begin)), "end": round(1000 * (last - begin))}
+            found.append({**chapter, **place, "id": len(found) + 1, "time_base": Fraction(1, 1000)})
+    return tuple(found)
+
+
+def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:
+    """Return the time code of a later frame; "" where it is none.
+
+    Frames are counted by the whole rate. With drop frames (";") two numbers of each minute, four of 60 a second, are
+    left out, but of every tenth (SMPTE ST 12-1).
+    """
+    found = _TIMECODE.match(timecode)
+    if found is None:
+        return ""
+    if not frames:
+        return timecode
+    hours, minutes, seconds, frame = (int(found[k]) for k in (1, 2, 3, 5))
+    base = round(rate)
+    dropped = round(base / 15) if found[4] == ";" else 0
+    minute = 60 * hours + minutes
+    count = (60 * minute + seconds) * base + frame - dropped * (minute - minute // 10) + frames
+    ten = 600 * base - 9 * dropped
+    tens, rest = divmod(count, ten)
+    if dropped and rest >= 60 * base:
+        count += dropped * (1 + (rest - 60 * base) // (60 * base - dropped))
+    count += 9 * dropped * tens
+    whole, frame = divmod(count, base)
+    return f"{whole // 3600 % 24:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}{found[4]}{frame:02d}"

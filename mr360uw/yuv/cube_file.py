@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads .cube files (Adobe's Cube LUT Specification 1.0, and Resolve's with ranges and a shaper), and checks that the
+table can be turned around.
+
+colour-science reads the values. A table is refused where it folds back (two codes have one value, with others between)
+or where it makes colours equal that are not clipped: light could then not be written as the plate's codes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import pairwise, permutations
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.color import DisplayTransfer
+from mr360uw.errors import VideoError
+from mr360uw.reading.input_files import read_text
+from mr360uw.yuv.cube_lut import Array, CubeLut, Stage
+from mr360uw.yuv.plate_mapping import Levels
+from mr360uw.yuv.wide_curves import library
+
+_MOST = {"LUT_1D_SIZE": 65536, "LUT_3D_SIZE": 256}  # of the specification
+_FLAT = 1e-7
+"""Step of a value, of the table's range, below which it does not change: files have 6 digits. Ten times as large, steep
+log tables would seem flat near black."""
+
+
+def read_cube(path: Path, to: DisplayTransfer, levels: Levels) -> CubeLut:
+    """Return the lookup table of a .cube file, which can be inverted; raise `VideoError`.
+
+    to: space of its output. levels: what its input is.
+    """
+    text = read_text(path, VideoError)
+    sizes = _sizes(path, text)
+    stages = tuple(_stages(path, ranged="_INPUT_RANGE" in text))
+    for stage, size in zip(stages, sizes, strict=False):
+        if len(stage.table) != size or len(stages) != len(sizes):
+            raise VideoError(f"{path} - its size and its values disagree (got {len(stage.table)}) - export it again")
+        _check_values(path, stage)
+        _check_invertible(path, stage)
+    return CubeLut(stages, hashlib.sha256(text.encode()).hexdigest(), to, levels == "data")
+
+
+def _sizes(path: Path, text: str) -> list[int]:
+    """Return the sizes of the tables, the one-dimensional first; VideoError where the number of rows is another."""
+    found, rows = {}, 0
+    for number, line in enumerate(text.splitlines(), 1):
+        word, *rest = line.split() or ["#"]
+        if word in _MOST:
+            size = int(rest[0]) if len(rest) == 1 and rest[0].isdecimal() and len(rest[0]) < 8 else 0
+            if not 2 <= size <= _MOST[word]:
+                raise VideoError(
+                    f"{path} line {number} - {word} must be a whole number from 2 to {_MOST[word]} (got "
+                    f"{' '.join(rest)!r:.40}) - export the table again"
+                )
+            found[word] = size
+        elif word[0] in "+-.0123456789":
+            rows += 1
+            if len(rest) != 2:
+                raise VideoError(
+                    f"{path} line {number} - must hold three numbers (got {line.strip()!r:.60}) - export it again"
+                )
+    if not found:
+        raise VideoError(f"{path} - is no .cube table (it has no LUT_1D_SIZE or LUT_3D_SIZE) - export it as .cube")
+    wanted = found.get("LUT_1D_SIZE", 0) + found.get("LUT_3D_SIZE", 0) ** 3
+    if rows != wanted:
+        raise VideoError(f"{path} - should hold {wanted} rows of numbers (got {rows}) - export or copy it again")
+    return [found[name] for name in _MOST if name in found]
+
+
+def _stages(path: Path, ranged: bool) -> list[Stage]:
+    luts = library().io
+    try:
+        lut = luts.read_LUT_ResolveCube(str(path)) if ranged else luts.read_LUT_IridasCube(str(path))
+    except (ValueError, TypeError, IndexError, AssertionError) as error:
+        raise VideoError(f"{path} - cannot be read (got {error!s:.80}) - export it as .cube again") from error
+    parts = list(lut) if hasattr(lut, "sequence") else [lut]
+    stages = []
+    for part in parts:
+        table = np.ascontiguousarray(part.table, np.float64)
+        if table.ndim == 1:
+            table = np.repeat(table[:, None], 3, axis=1)
+        domain = np.asarray(part.domain, np.float64).reshape(2, -1)
+        stages.append(Stage(table, *(np.broadcast_to(end, 3).copy() for end in domain)))
+    return stages
+
+
+def _check_values(path: Path, stage: Stage) -> None:
+    if not (np.isfinite(stage.table).all() and np.isfinite([stage.low, stage.high]).all()):
+        raise VideoError(f"{path} - holds values that are no numbers (got NaN or infinity) - export it again")
+    if not np.all(stage.low < stage.high):
+        raise VideoError(
+            f"{path} - its domain must rise (got {stage.low.tolist()} to {stage.high.tolist()}) - export it again"
+        )
+
+
+def _check_invertible(path: Path, stage: Stage) -> None:
+    """Raise `VideoError` where two codes of a stage have one value that is no clipped one."""
+    where = _bad_cells(stage.table, stage.span) if stage.is_cube else _bad_steps(stage.table, stage.span)
+    if where is None:
+        return
+    what, first, last = where
+    ends = (stage.low + np.asarray(end) / (len(stage.table) - 1) * (stage.high - stage.low) for end in (first, last))
+    low, high = ends
+    region = ", ".join(f"{name} {a:.3g} to {b:.3g}" for name, a, b in zip("RGB", low, high, strict=True))
+    raise VideoError(
+        f"{path} - cannot be turned around: {what} (got it at input {region}) - light could not be written as the "
+        "plate's codes; take a table that is technical rather than a creative look, or name plate.transfer"
+    )
+
+
+def _bad_steps(table: Array, span: float) -> tuple[str, Array, Array] | None:
+    """Return what is wrong with curves (n, 3) and the positions between which it is; None where they rise."""
+    step = np.diff(table, axis=0) / span
+    low, high = table.min(axis=0), table.max(axis=0)
+    clipped = np.any([np.abs(table[1:] - end) <= _FLAT * span for end in (low, high)], axis=0)
+    clipped &= np.any([np.abs(table[:-1] - end) <= _FLAT * span for end in (low, high)], axis=0)
+    for what, bad in (("a curve falls", step < -_FLAT), ("a curve is flat", (np.abs(step) <= _FLAT) & ~clipped)):
+        if bad.any():
+            rows = np.flatnonzero(bad.any(axis=1))
+            return what, np.full(3, rows[0]), np.full(3, rows[-1] + 1)
+    return None if np.all(high > low) else ("a curve is flat", np.zeros(3), np.full(3, len(table) - 1))
+
+
+def _bad_cells(table: Array, span: float) -> tuple[str, Array, Array] | None:
+    """Return what is wrong with a cube (n, n, n, 3) and the positions between which it is; None where it is not.
+
+    Tetrahedra that touch the ends of the values are clipped ones: they may be flat, or turned.
+    """
+    low, high = table.min(axis=(0, 1, 2)), table.max(axis=(0, 1, 2))
+    edge = np.any((table - low <= _FLAT * span) | (high - table <= _FLAT * span), axis=-1)
+    turned, flat = (np.zeros(tuple(n - 1 for n in table.shape[:3]), np.bool_) for _ in range(2))
+    for order in permutations(range(3)):
+        at = np.zeros(3, np.int64)
+        corners = [_corner(table, at)]
+        touches = _corner(edge, at).copy()
+        for axis in order:
+            at[axis] = 1
+            corners.append(_corner(table, at))
+            touches |= _corner(edge, at)
+        sides = np.stack([(b - a) / span for a, b in pairwise(corners)], axis=-1)
+        sign = 1.0 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
+        volume = sign * np.linalg.det(sides)
+        size = np.prod(np.linalg.norm(sides, axis=-2), axis=-1)
+        turned |= (volume < -_FLAT * size) & ~touches
+        flat |= (volume <= _FLAT * size) & ~touches
+    for what, bad in (("it folds back", turned), ("different colours become one", flat)):
+        if bad.any():
+            cells = np.argwhere(bad)
+            return what, cells.min(axis=0), cells.max(axis=0) + 1
+    whole = np.zeros(3), np.full(3, len(table) - 1)
+    return ("different colours become one", *whole) if edge[1:-1, 1:-1, 1:-1].all() and edge.size > 8 else None
+
+
+def _corner(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return one corner of every cell, by its offsets (3,) of 0 or 1."""
+    n = values.shape[0] - 1
+    i, j, k = at.tolist()
+    return values[i : i + n, j : j + n, k : k + n]

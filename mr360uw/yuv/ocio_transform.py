@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plates read through OpenColorIO: from a colour space of a config to the toolkit's linear Rec.709, and back.
+
+Both ways are OpenColorIO's own processors, on the CPU, without the approximations that it offers for speed.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from mr360uw.errors import ParameterError, VideoError
+from mr360uw.parameters import Parameters, parameter
+from mr360uw.yuv.plate_mapping import Levels
+
+_BUILT_IN = "ocio://"
+_NAMES_SHOWN = 12  # of a config's colour spaces, in a message
+
+
+class OcioSettings(Parameters):
+    """Colour spaces of an OpenColorIO config, between which the plate's values and its light are converted."""
+
+    input: str = parameter(..., "colour space of the plate's values, by its name in the config")
+    working: str = parameter("Linear Rec.709 (sRGB)", "the config's name of linear light with the primaries of Rec.709")
+    config: str = parameter(
+        "ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3", "a config that OpenColorIO brings, unless file names one"
+    )
+    file: Path | None = parameter(None, "config file (.ocio, .ocioz)")
+
+    @model_validator(mode="after")
+    def _built_in(self) -> Self:
+        if not self.config.startswith(_BUILT_IN):
+            raise ValueError(f"config must begin with {_BUILT_IN}; name a config of your own by file")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class OcioMapping:
+    """The mapping between a colour space and linear Rec.709; made by `ocio_mapping`; see `color.ColorSpec`.
+
+    config: a built-in one or a file. source, working: its colour spaces. identity: OpenColorIO's own mark of what the
+    config holds. on_file_codes: whether values are codes over full scale.
+    """
+
+    config: str
+    source: str
+    working: str
+    identity: str
+    on_file_codes: bool
+
+    def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the linear Rec.709 light (..., 3) of values (..., 3)."""
+        return self._through(values, self.source, self.working)
+
+    def to_values(self, light: NDArray[Any]) -> NDArray[Any]:
+        """Return the values (..., 3) of linear Rec.709 light (..., 3)."""
+        return self._through(light, self.working, self.source)
+
+    def _through(self, values: NDArray[Any], source: str, target: str) -> NDArray[Any]:
+        pixels = np.array(values, np.float32, order="C").reshape(-1, 3)
+        _processor(self.config, self.identity, source, target).applyRGB(pixels)
+        return pixels.reshape(values.shape)
+
+
+def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
+    """Return the mapping of some settings, tried both ways.
+
+    ParameterError where OpenColorIO is not installed or the config has no such colour space; VideoError where the
+    config cannot be read.
+    """
+    name = str(settings.file) if settings.file is not None else settings.config
+    config = _config(name)
+    spaces = list(config.getColorSpaceNames())
+    for where, space in (("input", settings.input), ("working", settings.working)):
+        if config.getColorSpace(space) is None:
+            raise ParameterError(
+                f"plate.ocio.{where} - is no colour space of {name} (got {space!r:.60}) - take one of "
+                f"{', '.join(spaces[:_NAMES_SHOWN])}{' ...' if len(spaces) > _NAMES_SHOWN else ''}"
+            )
+    identity = config.getCacheID()
+    for source, target in ((settings.input, settings.working), (settings.working, settings.input)):
+        try:
+            _processor(name, identity, source, target)
+        except _library().Exception as error:
+            raise ParameterError(
+                f"plate.ocio - {name} does not convert {source} to {target} (got {error!s:.120}) - take a colour space "
+                "that can be converted both ways"
+            ) from error
+    return OcioMapping(name, settings.input, settings.working, identity, levels == "data")
+
+
+@functools.lru_cache(maxsize=8)
+def _processor(config: str, identity: str, source: str, target: str) -> Any:
+    """Return OpenColorIO's conversion; identity is what makes the entry of this cache one of the config's content."""
+    ocio = _library()
+    made = _config(config)
+    if made.getCacheID() != identity:
+        raise VideoError(f"{config} - changed while it was in use - begin again")
+    return made.getProcessor(source, target).getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
+
+
+def _config(name: str) -> Any:
+    ocio = _library()
+    try:
+        return ocio.Config.CreateFromFile(name)
+    except ocio.Exception as error:
+        known = [entry[0] for entry in ocio.BuiltinConfigRegistry().getBuiltinConfigs()]
+        raise VideoError(
+            f"{name} - is no OpenColorIO config that can be read (got {error!s:.120}) - name a file, or one of "
+            f"{', '.join(_BUILT_IN + entry for entry in known)}"
+        ) from error
+
+
+def _library() -> Any:
+    try:
+        import PyOpenColorIO
+    except ImportError as error:
+        raise ParameterError(
+            "plate.ocio - needs OpenColorIO, which is not installed - pip install 'mr360uw[ocio]'"
+        ) from error
+    return PyOpenColorIO

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files for YouTube and Quest as these places recommend them, and encoders of graphics cards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import pytest
+from pydantic import ValidationError
+
+from mr360uw.color import ColorSpec
+from mr360uw.errors import VideoError
+from mr360uw.video import open_video, transcode
+from mr360uw.video.clip import Clip
+from mr360uw.video.settings import HARDWARE, EncodeSettings
+from mr360uw.video.write import hardware
+from mr360uw.video.write.delivery import delivery_of
+from tests.video.boxes import children
+from tests.video.clips import write_clip
+
+_IDR = {"h264": {5}, "hevc": {19, 20}}
+"""Kinds of NAL units of pictures that nothing before is needed for (H.264 table 7-1, H.265 table 7-1)."""
+
+
+def first_slice(packet: bytes, codec: str) -> int:
+    """Return the kind of the first slice in a packet of units with lengths of four bytes."""
+    at = 0
+    while at < len(packet):
+        kind = packet[at + 4] & 31 if codec == "h264" else packet[at + 4] >> 1 & 63
+        if kind in (range(1, 6) if codec == "h264" else range(32)):
+            return kind
+        at += 4 + int.from_bytes(packet[at : at + 4], "big")
+    raise AssertionError("no slice")
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "codec", "pixel_format", "profile"),
+    [
+        ("youtube-360", "yuv420p", "h264", "yuv420p", "High"),
+        ("youtube-360", "yuv422p10le", "h264", "yuv420p", "High"),
+        ("quest", "yuv420p", "hevc", "yuv420p", "Main"),
+        ("quest", "yuv420p10le", "hevc", "yuv420p10le", "Main 10"),
+    ],
+)
+def test_files_are_as_recommended(
+    tmp_path: Path, target: Any, source: str, codec: str, pixel_format: str, profile: str
+) -> None:
+    plate = write_clip(tmp_path / "in.mp4", 40, pixel_format=source, codec="libx264", audio_s=1.6)
+    made = tmp_path / "out.mp4"
+    transcode(plate, made, EncodeSettings(target=target))
+    with av.open(str(made)) as container:
+        stream = container.streams.video[0]
+        context = stream.codec_context
+        assert (context.name, context.pix_fmt, context.profile) == (codec, pixel_format, profile)
+        assert context.codec_tag == ("avc1" if codec == "h264" else "hvc1")
+        assert container.streams.audio[0].codec_context.name == "aac"
+        packets = [p for p in container.demux(stream) if p.pts is not None]
+    keys = [p for p in packets if p.is_keyframe]
+    step = Fraction(25, 2)
+    assert [round(float(p.pts * p.time_base * 25)) for p in keys] == [0, *(round(step) * k for k in (1, 2, 3))]
+    assert {first_slice(bytes(p), codec) for p in keys} <= _IDR[codec], "closed groups"
+    data = made.read_bytes()
+    kinds = [kind for kind, _, _ in children(data, 0, len(data))]
+    assert kinds.index(b"moov") < kinds.index(b"mdat")
+    with open_video(made) as video:
+        assert video.spherical is not None
+
+
+@pytest.mark.parametrize(
+    ("size", "rate", "transfer", "wanted"),
+    [
+        ((3840, 2160), 30, "srgb", 45.0), ((3840, 2160), 60, "srgb", 68.0), ((7680, 4320), 24, "srgb", 160.0),
+        ((1920, 1080), 50, "srgb", 12.0), ((1280, 720), 25, "srgb", 5.0), ((3840, 2160), 30, "pq", 56.0),
+        ((2560, 1440), 60, "hlg", 30.0), ((5760, 2880), 30, "srgb", pytest.approx(84.85, abs=0.01)),
+        ((640, 360), 30, "srgb", pytest.approx(2.239, abs=0.001)),
+        ((15360, 8640), 30, "srgb", pytest.approx(569, abs=1)),
+    ],
+)  # fmt: skip
+def test_bit_rates_are_those_of_the_table(size: tuple[int, int], rate: int, transfer: Any, wanted: Any) -> None:
+    """At its sizes the table's; between and beyond, powers of the number of pixels, worked out by hand."""
+    like = Clip(
+        path=Path(), width=size[0], height=size[1], frame_rate=Fraction(rate), time_base=Fraction(1, rate),
+        spec=ColorSpec(transfer=transfer, bits=10),
+    )  # fmt: skip
+    found = delivery_of(EncodeSettings(target="youtube-360"), like)
+    assert found is not None
+    assert found.bit_rate / 1e6 == wanted
+    assert found.codec == ("h264" if transfer == "srgb" else "h265")
+    assert delivery_of(EncodeSettings(), replace(like)) is None
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"target": "youtube-360", "codec": "av1"}, "target youtube-360 decides codec"),
+        ({"target": "quest", "pixel_format": "yuv444p"}, "decides pixel_format"),
+        ({"encoder": "hevc_nvenc", "codec": "av1"}, "makes h265, not av1"),
+        ({"encoder": "h264_qsv", "lossless": True}, "lossless is not available with h264_qsv"),
+        ({"encoder": "h264_voodoo"}, "encoder"),
+    ],
+)
+def test_choices_that_contradict_each_other(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        EncodeSettings(**values)
+
+
+def test_targets_take_their_kind_of_file_and_encoder(tmp_path: Path) -> None:
+    plate = write_clip(tmp_path / "in.mp4", 2)
+    with pytest.raises(VideoError, match=r'out\.mkv - output\.target = "quest" is an mp4 \(got \.mkv\) - name it'):
+        transcode(plate, tmp_path / "out.mkv", EncodeSettings(target="quest"))
+    with pytest.raises(VideoError, match=r"takes h265 for this plate \(got h264_nvenc\) - take one of hevc_nvenc"):
+        transcode(plate, tmp_path / "out.mp4", EncodeSettings(target="quest", encoder="h264_nvenc"))
+    assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]
+
+
+def test_a_card_s_encoder_is_tried_first(
+    tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_clip(tmp_path / "plate.mp4", 2)
+    (tmp_path / "scene.toml").write_text('plate = "plate.mp4"\n[output]\nencoder = "hevc_nvenc"\n', "utf-8")
+    monkeypatch.setattr(hardware, "refusal", lambda name: f"no card for {name}")
+    code, _, errors = run("composite", tmp_path / "scene.toml", tmp_path / "out.mp4")
+    assert code == 2
+    assert errors.count("output.encoder - hevc_nvenc does not open on this machine (got: no card for hevc_nvenc)") == 1
+    assert 'set output.encoder = "software" and output.codec = "h265", which is libx265' in errors
+    assert not (tmp_path / "out.mp4").exists()
+
+
+def test_encoders_are_tried_by_a_picture() -> None:
+    assert hardware.refusal("libx264") == ""
+    assert hardware.refusal("libnothing") == "this FFmpeg does not have it"
+    assert set(hardware.opening_encoders()) <= set(HARDWARE)
+    assert EncodeSettings(encoder="av1_nvenc", quality=30).encoder_options()["cq"] == "30"
