@@ -8,6 +8,7 @@ import tomllib
 from typing import Any
 
 from mr360uw.errors import SceneError
+from mr360uw.scene.problems import Location
 
 _DIGITS = 9
 """Most digits of the number of an entry; Python refuses to read thousands."""
@@ -23,8 +24,8 @@ def entry(part: str, count: int) -> int | None:
     return int(part) if part.isdecimal() and len(part) <= _DIGITS and int(part) < count else None
 
 
-def override(data: dict[str, Any], text: str) -> None:
-    """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'."""
+def override(data: dict[str, Any], text: str) -> Location:
+    """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'; return where it is."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
@@ -34,15 +35,16 @@ def override(data: dict[str, Any], text: str) -> None:
         parsed = value.strip()
     *parents, last = dotted(key)
     table: Any = data
+    location: Location = ()
     for depth, part in enumerate(parents):
         if isinstance(table, list):
             number = entry(part, len(table))
             if number is None:
                 where = ".".join(parents[:depth])
                 raise SceneError("--set", [f"{key} - no such entry of {where} (got {part:.20}) - it has {len(table)}"])
-            table = table[number]
+            table, location = table[number], (*location, number)
         else:
-            table = table.setdefault(part, {})
+            table, location = table.setdefault(part, {}), (*location, part)
         if not isinstance(table, dict | list):
             raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
     if isinstance(table, list):
@@ -52,6 +54,7 @@ def override(data: dict[str, Any], text: str) -> None:
             "--set", [f"{key} - is keyed: its keys hold at all times - change its [[keys]], or remove them"]
         )
     table[last] = parsed
+    return *location, last
 
 
 def _keyed(data: dict[str, Any]) -> list[list[str]]:

@@ -17,6 +17,8 @@ from pydantic import BaseModel, ValidationError
 
 Location = tuple[str | int, ...]
 Lines = dict[Location, int]
+"""Line of each key and table of a file; `SET` of what the command line sets."""
+SET = 0
 
 _WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
@@ -54,10 +56,15 @@ def key_lines(text: str) -> Lines:
 
 
 def place(where: str, lines: Lines, location: Location) -> str:
-    """Return 'file:line table.key' for a location; the line of the nearest enclosing table where the key has none."""
+    """Return 'file:line table.key' for a location; the line of the nearest enclosing table where the key has none.
+
+    What the command line sets is at '--set table.key'.
+    """
     line = _line(lines, location)
     name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-    return f"{where}:{line} {name}" if line else f"{where} {name}"
+    if line == SET:
+        return f"--set {name}"
+    return f"{where} {name}" if line is None else f"{where}:{line} {name}"
 
 
 def _line(lines: Lines, location: Location) -> int | None:

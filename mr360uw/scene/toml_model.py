@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.overrides import override
-from mr360uw.scene.problems import Lines, Location, key_lines, place, problems
+from mr360uw.scene.problems import SET, Lines, Location, key_lines, place, problems
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -27,9 +27,8 @@ def load_model(model: type[Model], path: str | Path, overrides: Sequence[str] = 
     path = Path(path)
     text = scene_text(path, made)
     data = tables_of(text, str(path))
-    for text_override in overrides:
-        override(data, text_override)
-    return model_from_dict(model, data, path.resolve().parent, where=str(path), lines=key_lines(text))
+    lines = key_lines(text) | {override(data, one): SET for one in overrides}
+    return model_from_dict(model, data, path.resolve().parent, where=str(path), lines=lines)
 
 
 def scene_text(path: Path, made: str = "") -> str:

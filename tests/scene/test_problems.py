@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
 from pydantic import Field, ValidationError
 
+from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.scene.model import load_scene
 from mr360uw.scene.problems import key_lines, problems
 
 
@@ -125,3 +128,15 @@ def test_tables_within_tables_of_a_list_have_lines() -> None:
     assert lines["fish", 1, "key", 0, "time_s"] == 6
     assert lines["fish", 1, "key", 1] == 7
     assert lines["fish", 1, "key"] == 5
+
+
+def test_what_the_command_line_sets_is_told_from_what_the_file_says(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[plate]\npath = "dive.mp4"\n[camera]\ndepth_m = 4.0\n[[object]]\nmesh = "a.glb"\nscale = 0.0\n')
+    with pytest.raises(SceneError) as error:
+        load_scene(scene, ["camera.depth_m=-4", "object[0].unlit=3", "water.tpye=II"])
+    text = str(error.value)
+    assert "--set camera.depth_m - must be > 0" in text
+    assert "--set object[0].unlit - " in text
+    assert "--set water.tpye - unknown key (got 'II') - did you mean 'type'?" in text
+    assert "scene.toml:7 object[0].scale - must be > 0" in text
