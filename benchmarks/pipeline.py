@@ -4,8 +4,9 @@
     python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W] [--scene FILE]
 
 rate: composite / plain transcode of one clip with the same settings, taken in turns; medians of the ratios of wall time
-and of processor time, children included. Without a scene file: a sample dive with two whales that stand still, without
-and with a receiver; two whales that swim while the camera sinks, and twenty that swim, where little can be kept.
+and of processor time, children included; every run measures its first pass anew. Without a scene file: a sample dive
+with two whales that stand still, without and with a receiver; two whales that swim while the camera sinks, and twenty
+that swim, where little can be kept.
 memory: peak of a whole process over 120 and over 1200 frames.
 """
 
@@ -108,7 +109,7 @@ def rate(scene: Scene, folder: Path, runs: int, what: str) -> None:
         count = transcode(plate, folder / "plain.mp4", scene.output, overwrite=True)
         plain_fps.append(count / (time.perf_counter() - began))
         plain_cpu, used = (processor_s() - used) / count, processor_s()
-        report = uw.composite_video(scene, folder / "composite.mp4", overwrite=True)
+        report = uw.composite_video(scene, folder / "composite.mp4", overwrite=True, fresh=True)
         composite_fps.append(report.frames / report.seconds)
         frame_cpu.append((processor_s() - used) / report.frames)
         ratios.append(composite_fps[-1] / plain_fps[-1])
@@ -141,7 +142,7 @@ import mr360uw as uw
 from benchmarks.cost.process_cost import peak_kib
 from benchmarks.pipeline import scene_of
 folder, count = Path({folder!r}), {count}
-report = uw.composite_video(scene_of(folder), folder / "memory.mp4", frames=(0, count), overwrite=True)
+report = uw.composite_video(scene_of(folder), folder / "memory.mp4", frames=(0, count), overwrite=True, fresh=True)
 print(report.frames, peak_kib())
 """
 

@@ -22,9 +22,10 @@ from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts, clip_facts, measured_range
+from mr360uw.render.first_pass import ClipFacts, measured_range
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
+from mr360uw.runs.clip_measured import measured_facts
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
@@ -119,7 +120,7 @@ def composite_video(
     """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
 
     out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Until then
-    finished parts lie in a folder beside it: the same call goes on after a run that was stopped, unless `fresh`.
+    finished parts lie in a folder beside it: the same call goes on after a stop. fresh: use nothing of earlier runs.
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
     each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
@@ -145,7 +146,7 @@ def composite_video(
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                doubts = _find_facts(loaded, video, span, work, times, progress).notes
+                doubts = _find_facts(loaded, video, span, work, times, progress, fresh=fresh).notes
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, video, loaded, renderer)
@@ -203,14 +204,21 @@ def _noting_what_is_finished(output: Output, work: WorkFolder) -> Iterator[None]
 
 
 def _find_facts(
-    loaded: Loaded, video: VideoReader, span: Part, work: WorkFolder, times: RunTimes, progress: Progress | None
+    loaded: Loaded,
+    video: VideoReader,
+    span: Part,
+    work: WorkFolder,
+    times: RunTimes,
+    progress: Progress | None,
+    *,
+    fresh: bool,
 ) -> ClipFacts:
     """Return the facts of the clip's frames `span`, measured into the work folder unless they are there."""
     stored = work.facts()
     if stored is not None:
         return stored
     since = time.perf_counter()
-    facts = clip_facts(loaded, video, progress, frames=span)
+    facts = measured_facts(loaded, video, span, work.keys, progress, fresh=fresh)
     work.keep_facts(facts)
     times.add("first pass", since)
     return facts

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import queue
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterable
 from contextlib import AbstractContextManager
@@ -23,14 +24,13 @@ def one_blas_thread() -> AbstractContextManager[Any]:
 
     They are small here, and the threads of BLAS would spin on the cores that decode and encode.
     """
-    limits: AbstractContextManager[Any] = _thread_pools().limit(limits=1, user_api="blas")
+    limits: AbstractContextManager[Any] = _thread_pools("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas")
     return limits
 
 
 @functools.cache
-def _thread_pools() -> Any:
+def _thread_pools(of_scipy: bool) -> Any:  # noqa: ARG001 - found anew once the BLAS of SciPy is loaded too
     """Return the thread pools of the libraries that are loaded, which take milliseconds to find."""
-    import scipy.linalg  # noqa: F401  # loads its BLAS
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -2,13 +2,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mr360uw import cli
+from mr360uw.reading.disk_cache import FOLDER
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Results that are kept between runs begin empty, and are not those of the user."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER, str(tmp_path_factory.mktemp("kept")))
+        yield
 
 
 @pytest.fixture

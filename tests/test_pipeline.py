@@ -53,9 +53,8 @@ def audio_packets(path: Path) -> list[tuple[int | None, bytes]]:
 def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path, backend: str) -> None:
     out = tmp_path / "out.mp4"
     seen: list[tuple[int, int | None]] = []
-    report = uw.composite_video(
-        load_scene(dive.scene), out, backend=backend, progress=lambda done, total: seen.append((done, total))
-    )
+    scene = load_scene(dive.scene)
+    report = uw.composite_video(scene, out, backend=backend, progress=lambda *now: seen.append(now), fresh=True)
     plate, made = frames_of(dive.plate), frames_of(out)
     assert report.frames == len(plate) == len(made) == 8
     assert seen == 2 * [(k, 8) for k in range(1, 9)]  # the sun is looked for in a pass of its own

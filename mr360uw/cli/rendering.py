@@ -34,7 +34,7 @@ def composite(
     scale: ScaleOption = None,
     overwrite: OverwriteOption = False,
     layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of a run that was stopped")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of earlier runs")] = False,
     workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,

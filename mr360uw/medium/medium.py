@@ -121,7 +121,7 @@ class Medium:
     @functools.cached_property
     def unit_table(self) -> MediumTable:
         """The same tables without the gain or the plate's radiance, which change with every frame."""
-        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil)
+        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, self.mode)
         return replace(table, refractive_index=self.refractive_index)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------

@@ -102,11 +102,12 @@ class FieldModel:
     Objects are dimmed by absorption and wide-angle scattering only. The in-scatter is the rest of the ray's radiance:
     radiance(camera) = inscatter + exp(-extinction S) radiance(end). Inside Snell's window that difference would
     subtract the bright window behind the object; there the in-scatter is that of wide angles alone (`wide`). The two
-    are blended over the last degrees below the window's edge.
+    are blended over the last degrees below the window's edge. inputs: all that decides it.
     """
 
     field: LightField
     wide: RayField
+    inputs: tuple[object, ...] = ()
 
     @property
     def extinction(self) -> Array:
@@ -205,5 +206,7 @@ def _field_model(
     w = np.array(wavelength_nm)
     orders = 2 * _STREAMS
     phase = water.moments(w, orders + 1)
-    field = LightField(water.absorption(w), water.scattering(w), phase, surface, sky, refractive_index, _STREAMS)
-    return FieldModel(field, field.scattered_by(water.moments(w, orders, wide_angle=True)))
+    wide = water.moments(w, orders, wide_angle=True)
+    inputs = water.absorption(w), water.scattering(w), phase, surface, sky, refractive_index, _STREAMS
+    field = LightField(*inputs)
+    return FieldModel(field, field.scattered_by(wide), (*inputs, w, wide))

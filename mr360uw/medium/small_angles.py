@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mr360uw.constants import PI
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.phase import Phase, forward_peak
+from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import BeamSpread
 
 Array = NDArray[np.float64]
@@ -60,6 +61,10 @@ def _mean_transform(phase: Phase, x: Array) -> Array:
 @functools.lru_cache(maxsize=16)
 def _weights(phase: Phase) -> Array:
     """Return the weights (len(_DEPTHS), len(_ANGLES_RAD)) of the turned light's Gaussians, each row of sum 1."""
+    return np.asarray(kept_arrays("spread", (phase,), lambda: {"weights": _fitted_weights(phase)})["weights"])
+
+
+def _fitted_weights(phase: Phase) -> Array:
     from scipy.optimize import nnls
 
     gaussians = np.exp(-2.0 * (PI * _ANGLES_RAD * _FREQUENCIES[:, None]) ** 2)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.lookup import table_coordinate
+from mr360uw.medium.models import FieldModel
+from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import MediumTable
 
 Array = NDArray[np.float64]
@@ -35,22 +37,29 @@ def lengths(count: int, length_m: float) -> Array:
     return length_m * np.append(t[:-1] / (1.0 - t[:-1]), _FARTHEST)
 
 
-def medium_table(light: BandLight, camera_depth_m: float, length_m: float, unit_veil: UnitVeil) -> MediumTable:
-    """Return the tables of a camera at a depth, colours within the gamut.
+def medium_table(
+    light: BandLight, camera_depth_m: float, length_m: float, unit_veil: UnitVeil, mode: str
+) -> MediumTable:
+    """Return the tables of a camera at a depth, colours within the gamut; those of a solved field are kept on the disk.
 
     length_m: L of the coordinates S/(S + L). unit_veil: function of (distance, up) that gives the veil (..., 3) of
-    camera rays, without gain. The veil stays in double precision: at 200 m it is 1e-90 of the surface's light, and
-    only the gain brings it back.
+    camera rays, without gain, of a mode of `Medium`. The veil stays in double precision: at 200 m it is 1e-90 of the
+    surface's light, and only the gain brings it back.
     """
-    return MediumTable(
-        camera_depth_m=camera_depth_m,
-        length_m=length_m,
-        veil=_veil(unit_veil, camera_depth_m, length_m),
-        attenuation=_attenuation(light, length_m).astype(np.float32),
-        diffuse=_diffuse(light, camera_depth_m, length_m).astype(np.float32),
-        beam=_along_beam(light, light.model.extinction, length_m).astype(np.float32),
-        unscattered=_along_beam(light, light.model.attenuation, length_m).astype(np.float32),
-    )
+
+    def tables() -> dict[str, Array]:
+        return {
+            "veil": _veil(unit_veil, camera_depth_m, length_m),
+            "attenuation": _attenuation(light, length_m).astype(np.float32),
+            "diffuse": _diffuse(light, camera_depth_m, length_m).astype(np.float32),
+            "beam": _along_beam(light, light.model.extinction, length_m).astype(np.float32),
+            "unscattered": _along_beam(light, light.model.attenuation, length_m).astype(np.float32),
+        }
+
+    inputs = light.model.inputs if isinstance(light.model, FieldModel) else ()
+    of_bands = light.bands.wavelength_nm, light.bands.weight
+    depends_on = mode, camera_depth_m, length_m, *of_bands, *inputs
+    return MediumTable(camera_depth_m, length_m, **(kept_arrays("water", depends_on, tables) if inputs else tables()))
 
 
 def _veil(unit_veil: UnitVeil, camera_depth_m: float, length_m: float) -> Array:

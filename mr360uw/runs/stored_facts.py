@@ -4,23 +4,25 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.files import whole_file
 from mr360uw.ibl import SunTrack
+from mr360uw.reading.disk_cache import read_arrays
 from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
 _SUN, _LOOK = "sun_", "look_"
 
 
-def save_facts(facts: ClipFacts, path: Path) -> None:
-    """Write a clip's facts, with a track of the sun or none, to a file (NumPy .npz)."""
+def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
+    """Return a clip's facts, with a track of the sun or none, as arrays by name."""
     arrays: dict[str, Any] = {"notes": np.array(facts.notes, dtype=np.str_), "first": np.array(facts.first)}
     if isinstance(facts.sun, SunTrack):
         arrays |= {_SUN + field.name: getattr(facts.sun, field.name) for field in dataclasses.fields(SunTrack)}
@@ -32,18 +34,14 @@ def save_facts(facts: ClipFacts, path: Path) -> None:
             arrays["mean"] = facts.calm.mean
     if facts.look is not None:
         arrays |= {_LOOK + name: value for name, value in dataclasses.asdict(facts.look).items() if value is not None}
-    with whole_file(path) as part, part.open("wb") as file:
-        np.savez(file, **arrays)
+    return arrays
 
 
-def load_facts(path: Path) -> ClipFacts | None:
-    """Return the facts of a file, or None where there is none or it is damaged."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, BadZipFile):
-        return None
-    of_sun = {name.removeprefix(_SUN): array for name, array in arrays.items() if name.startswith(_SUN)}
+def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
+    """Return the facts that `arrays_of_facts` was given."""
+    of_sun: dict[str, Any] = {
+        name.removeprefix(_SUN): array for name, array in arrays.items() if name.startswith(_SUN)
+    }  # fmt: skip
     if of_sun:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
@@ -57,3 +55,15 @@ def load_facts(path: Path) -> ClipFacts | None:
         int(arrays["first"]),
         PlateGrade(**of_look) if of_look else None,
     )
+
+
+def save_facts(facts: ClipFacts, path: Path) -> None:
+    """Write a clip's facts to a file (NumPy .npz)."""
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays_of_facts(facts))
+
+
+def load_facts(path: Path) -> ClipFacts | None:
+    """Return the facts of a file, or None where there is none or it is damaged."""
+    arrays = read_arrays(path)
+    return None if arrays is None else facts_of_arrays(arrays)

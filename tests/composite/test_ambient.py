@@ -17,7 +17,6 @@ from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.on_ground.ground_kernel import gather
 from mr360uw.composite.ambient.solver import AmbientLight
-from mr360uw.composite.ambient.store import cache_folder
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
@@ -40,7 +39,7 @@ WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_inde
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("MR360UW_CACHE", str(tmp_path))
 
 
 def box_of(low: Floats, size: Floats) -> Part:
@@ -414,10 +413,10 @@ def test_knots_interpolate_places(rng: np.random.Generator) -> None:
     assert np.abs(place - want).max() < tol.KNOT_PLACE
 
 
-def test_a_damaged_file_is_made_anew() -> None:
+def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
     mesh = crate(WHITE)
     first = make_transfer(mesh).own
-    (path,) = cache_folder().glob("*.npz")
+    (path,) = tmp_path.glob("ambient-*.npz")
     whole = path.read_bytes()
     for damage in (b"", whole[: len(whole) // 2], b"not what was written"):
         path.write_bytes(damage)

@@ -28,7 +28,7 @@ BALL, OTHER, BOX = (
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("MR360UW_CACHE", str(tmp_path))
 
 
 def ratios(along_m: Floats) -> Floats:

@@ -32,7 +32,7 @@ needs_gl = pytest.mark.skipif(not gl_available(), reason="needs OpenGL 3.3")
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("MR360UW_CACHE", str(tmp_path))
 
 
 def white_sky() -> Environment:

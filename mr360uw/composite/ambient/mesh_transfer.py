@@ -6,7 +6,8 @@ after the lights are known).
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import functools
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Same
-from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
+from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
 from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
-from mr360uw.composite.ambient.store import kept_on_disk
+from mr360uw.composite.ambient.shape_arrays import Pairs, arrays_of, parts_of
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
@@ -26,23 +27,14 @@ from mr360uw.composite.raycast.geometry import base_color, gather
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.rays import RayScene
+from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import Floats
 
 _RAYS_AT_ONCE = 200_000
 _TYPICAL_COSINE = 2.0 / 3.0
 """Mean cosine at which diffuse light arrives: what a coat reflects of it is taken there."""
-_VERSION = 2
 _BURIED = 0.5
 """A site that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
-    """m directions that something blocks: numbers of the site, the direction, and the site that is seen instead."""
-
-    site: NDArray[np.int64]
-    direction: NDArray[np.int64]
-    hit: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +59,8 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
     lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. tree: k-d tree of the sites. Meshes of one `shape_key` share the lattice,
-    which is the key of all that their shape alone decides.
+    triangles for rays, and their numbers. tree: returns the k-d tree of the sites. Meshes of one `shape_key` share the
+    lattice, which is the key of all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -84,7 +76,7 @@ class Transfer:
     scene: RayScene
     solid: NDArray[np.int64]
     mesh: Mesh
-    tree: Any
+    tree: Callable[[], Any]
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_key`."""
@@ -128,24 +120,38 @@ def shape_key(mesh: Mesh) -> Hashable:
 
 
 def make_transfer(mesh: Mesh) -> Transfer:
-    """Return the transfer of a mesh; its rays are shot once, and kept on the disk."""
-    from scipy.spatial import cKDTree
-
-    lattice = make_lattice(mesh)
+    """Return the transfer of a mesh; its sites are chosen and its rays are shot once, and kept on the disk."""
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
+    depends_on = mesh.positions, mesh.normals, mesh.hull, solid, any(m.double_sided for m in mesh.materials)
+    lattice, lookouts, own = parts_of(
+        kept_arrays("ambient", depends_on, lambda: arrays_of(*_sites(mesh, scene, solid)))
+    )  # fmt: skip
+    cosine = _cosines(lattice)
+    base, emission, metallic, roughness, index = _colors(mesh, lattice)
+    return Transfer(lattice, lookouts, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
+                    scene, solid, mesh, functools.cache(functools.partial(_tree, lattice.position)))  # fmt: skip
+
+
+def _tree(position: Floats) -> Any:
+    from scipy.spatial import cKDTree
+
+    return cKDTree(position)
+
+
+def _sites(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, Lookouts, Pairs]:
+    """Return sites, lookouts and the pairs that the mesh blocks itself."""
+    lattice = make_lattice(mesh)
+    cosine = _cosines(lattice)
+    lattice, own, seen = _without_buried_sites(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
+    return lattice, make_lookouts(lattice, float(np.max(mesh.extent_m)), seen), own
+
+
+def _cosines(lattice: Lattice) -> NDArray[np.float32]:
+    """Return the irradiance [sr] (S, COUNT) that each direction's radiance adds to sites."""
     cosine = np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE
     # their sum is that of the integral, so that uniform light stays uniform
-    cosine = (cosine * (np.pi / cosine.sum(axis=1, keepdims=True))).astype(np.float32)
-    base, emission, metallic, roughness, index = _colors(mesh, lattice)
-    own = kept_on_disk(
-        (mesh.positions, mesh.normals, solid, np.array([COUNT, _VERSION])), ("site", "direction", "hit", "behind"),
-        (len(cosine), COUNT, len(cosine), 2), lambda: _blocked_by_itself(lattice, cosine, scene, solid),
-    )  # fmt: skip
-    lattice, pairs, seen = _without_buried_sites(lattice, cosine, *own)
-    lookouts = make_lookouts(lattice, float(np.max(mesh.extent_m)), seen)
-    return Transfer(lattice, lookouts, cosine, pairs, base, emission, metallic, roughness, index, cosine.sum(axis=1),
-                    scene, solid, mesh, cKDTree(lattice.position))  # fmt: skip
+    return np.asarray(cosine * (np.pi / cosine.sum(axis=1, keepdims=True)), np.float32)
 
 
 def _without_buried_sites(

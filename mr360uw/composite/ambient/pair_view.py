@@ -120,7 +120,7 @@ def near_sites(transfer: Transfer, other: Transfer, pose: RelativePose) -> NDArr
     part = np.zeros(len(position))
     close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
     there = (position[close] - pose.shift) @ np.linalg.inv(pose.linear).T
-    distance, _ = other.tree.query(there, distance_upper_bound=reach / pose.scale)
+    distance, _ = other.tree().query(there, distance_upper_bound=reach / pose.scale)
     t = np.clip((_INTERPOLATED - distance * pose.scale / spacing) / (_INTERPOLATED - _EXACT), 0.0, 1.0)
     part[close] = t * t * (3.0 - 2.0 * t)
     return part

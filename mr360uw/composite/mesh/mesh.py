@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,14 @@ from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smoot
 from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.composite.object_settings import Unit
 from mr360uw.errors import MeshError
+from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import Floats
 
 METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 """Length of one unit of a file [m]; "auto" for files that do not say."""
+_KEPT = 1000
+"""Triangles from which on the patches and the hull of a mesh are kept on the disk: computing less takes as long as
+reading a file."""
 _LARGE_M = 20.0
 _SMALL_M = 0.02
 """Sizes above and below which a note suggests another unit or a scale."""
@@ -138,18 +143,29 @@ def make_mesh(
     if not np.all(keep):
         positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
         material, piece = material[keep], piece[keep]
-    place = welded(positions)
+    patch, hull = _patches_and_hull(positions, normals, piece)
     return Mesh(
         positions=positions,
         normals=normals,
         uv=uv,
         colors=colors,
         material=material,
-        patch=smooth_patches(place, normals, piece),
+        patch=patch,
         materials=tuple(materials),
-        hull=hull_triangles(positions, place),
+        hull=hull,
         notes=notes + (_size_notes(where, extent) if suspicious else ()),
     )
+
+
+def _patches_and_hull(positions: Floats, normals: Floats, piece: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats]:
+    """Return the smooth piece (T,) of each triangle and the triangles of the hull; of large meshes kept on the disk."""
+
+    def made() -> dict[str, NDArray[Any]]:
+        place = welded(positions)
+        return {"patch": smooth_patches(place, normals, piece), "hull": hull_triangles(positions, place)}
+
+    found = kept_arrays("mesh", (positions, normals, piece), made) if len(positions) >= _KEPT else made()
+    return found["patch"], found["hull"]
 
 
 def proper_triangles(positions: Floats) -> NDArray[np.bool_]:

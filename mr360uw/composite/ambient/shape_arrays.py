@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sites of a mesh and what they see of it as arrays by name, the form in which they are kept on the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.ambient.lattice import Lattice
+from mr360uw.composite.ambient.lookouts import Lookouts
+from mr360uw.reading.disk_cache import Arrays
+
+_SPARSE = ("data", "indices", "indptr")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """m directions that something blocks: numbers of the site, the direction, and the site that is seen instead."""
+
+    site: NDArray[np.int64]
+    direction: NDArray[np.int64]
+    hit: NDArray[np.int64]
+
+
+_PARTS: Sequence[tuple[str, type[Any], str]] = (
+    ("lattice", Lattice, "from_sites"), ("lookouts", Lookouts, "spread"), ("own", Pairs, ""),
+)  # fmt: skip
+"""Names of the parts, their types, and the field of each that is sparse."""
+
+
+def arrays_of(lattice: Lattice, lookouts: Lookouts, own: Pairs) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a mesh's sites, of its lookouts and of the pairs that it blocks itself."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for (part, kind, sparse), value in zip(_PARTS, (lattice, lookouts, own), strict=True):
+        for field in fields(kind):
+            entry, name = getattr(value, field.name), f"{part}.{field.name}"
+            if field.name == sparse:
+                arrays |= {f"{name}.{of}": getattr(entry, of) for of in _SPARSE}
+                arrays[f"{name}.shape"] = np.array(entry.shape)
+            else:
+                arrays[name] = _small(np.asarray(entry))
+    return arrays
+
+
+def _small(array: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers of sites, knots and triangles in the smallest type that holds them."""
+    return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
+
+
+def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs]:
+    """Return what `arrays_of` was given."""
+    from scipy.sparse import csr_matrix
+
+    made = []
+    for part, kind, sparse in _PARTS:
+        values: dict[str, Any] = {}
+        for field in fields(kind):
+            name = f"{part}.{field.name}"
+            if field.name == sparse:
+                entries = tuple(arrays[f"{name}.{of}"] for of in _SPARSE)
+                values[field.name] = csr_matrix(entries, shape=tuple(arrays[f"{name}.shape"].tolist()))
+            else:
+                array = arrays[name]
+                whole = array.dtype.kind == "u"
+                values[field.name] = array.item() if not array.ndim else array.astype(np.int64) if whole else array
+        made.append(kind(**values))
+    lattice, lookouts, own = made
+    return lattice, lookouts, own

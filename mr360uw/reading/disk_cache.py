@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of long computations, kept on the disk from one run to the next under the hash of all that they depend on.
+
+That is what the caller names, the sources of this package and the version of NumPy: after an edit or an update all is
+computed again. Files may be removed at any moment.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import io
+import os
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.files import whole_file
+
+Arrays = Mapping[str, NDArray[Any]]
+
+FOLDER = "MR360UW_CACHE"
+"""Variable of the environment that names another folder; empty: nothing is kept."""
+_ROOM = 1 << 30
+"""Bytes that all files take at most; those that were used longest ago are removed first."""
+_PACKAGE = Path(__file__).parents[1]
+
+
+def cache_folder() -> Path | None:
+    """Return where results are kept: $MR360UW_CACHE, or mr360uw below $XDG_CACHE_HOME or ~/.cache; None for nowhere."""
+    named = os.environ.get(FOLDER)
+    if named is not None:
+        return Path(named) if named else None
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "mr360uw"
+
+
+def cache_file(kind: str, depends_on: Sequence[object]) -> Path | None:
+    """Return the file of a result of a kind, whether it is there or not; None where nothing is kept.
+
+    depends_on: arrays count by their content, all else by its `repr`.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return None
+    found = hashlib.sha256(_sources().encode())
+    for item in depends_on:
+        if isinstance(item, np.ndarray):
+            found.update(f"{item.dtype}{item.shape}".encode())
+            found.update(np.ascontiguousarray(item).data)
+        else:
+            found.update(repr(item).encode())
+        found.update(b"\0")
+    return folder / f"{kind}-{found.hexdigest()[:40]}.npz"
+
+
+def kept_arrays(kind: str, depends_on: Sequence[object], make: Callable[[], Arrays]) -> Arrays:
+    """Return arrays by their names: from the disk, or made and put there.
+
+    depends_on: all that decides the result, see `cache_file`. A file that is damaged is made anew; where nothing can be
+    written, the result is made each time.
+    """
+    path = cache_file(kind, depends_on)
+    found = None if path is None else read_arrays(path)
+    if found is not None:
+        return found
+    made = {name: np.asarray(array, order="C") for name, array in make().items()}  # as they are read
+    if path is not None:
+        keep_arrays(path, made)
+    return made
+
+
+def read_arrays(path: Path) -> Arrays | None:
+    """Return the arrays of a file; None where there is none, or it is damaged."""
+    try:
+        data = path.read_bytes()
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        os.utime(path)
+    except (OSError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile):
+        return None
+    return arrays
+
+
+def keep_arrays(path: Path, arrays: Arrays) -> None:
+    """Write arrays to a file of the cache; on a disk that is full or read-only, none is there."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as part, part.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+        _make_room(path.parent)
+    except OSError:
+        return  # it only costs the time to make them again
+
+
+def _make_room(folder: Path) -> None:
+    """Remove the files that were used longest ago, where all take more than `_ROOM`."""
+    files = [(stat.st_mtime_ns, stat.st_size, path) for path in folder.glob("*.npz") for stat in [path.stat()]]
+    total = sum(size for _, size, _ in files)
+    for _, size, path in sorted(files):
+        if total <= _ROOM:
+            return
+        path.unlink(missing_ok=True)
+        total -= size
+
+
+@functools.cache
+def _sources() -> str:
+    """Return what changes with NumPy and with the modules and tables of this package."""
+    return repr((np.__version__, sorted(_stamps(_PACKAGE))))
+
+
+def _stamps(folder: str | Path) -> Iterator[tuple[str, int, int]]:
+    """Yield the name, the length and the time of the last change of all sources below a folder."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                yield from _stamps(entry.path)
+            elif entry.name.endswith((".py", ".csv")):
+                stat = entry.stat()
+                yield entry.path, stat.st_size, stat.st_mtime_ns

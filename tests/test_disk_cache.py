@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results that are kept on the disk between runs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.mesh.mesh import Mesh, load_mesh
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.small_angles import spread_of
+from mr360uw.reading import disk_cache
+from mr360uw.reading.disk_cache import FOLDER, Arrays, cache_file, cache_folder, kept_arrays
+
+COLUMNS = np.asfortranarray(np.arange(12.0).reshape(3, 4))
+
+
+@pytest.fixture(autouse=True)
+def _empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path / "kept"))
+
+
+class Made:
+    """Makes arrays and counts how often."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self) -> Arrays:
+        self.count += 1
+        return {"columns": COLUMNS, "number": np.array(0.1)}
+
+
+def test_results_are_made_once_and_are_the_same_from_the_disk() -> None:
+    make = Made()
+    made, read = (kept_arrays("test", (COLUMNS, "a", 1.5), make) for _ in range(2))
+    assert make.count == 1
+    for name, array in made.items():
+        np.testing.assert_array_equal(read[name], array)
+        # sums over another order of memory differ in the last bits
+        assert (read[name].dtype, read[name].strides) == (array.dtype, array.strides)
+
+
+@pytest.mark.parametrize("other", [(COLUMNS + 1e-12, "a"), (COLUMNS, "b"), (COLUMNS.astype(np.float32), "a"), (1, "a")])
+def test_other_inputs_have_other_results(other: tuple[object, ...]) -> None:
+    make = Made()
+    for inputs in ((COLUMNS, "a"), other, (COLUMNS, "a")):
+        kept_arrays("test", inputs, make)
+    assert make.count == 2
+
+
+def test_after_an_edit_of_the_sources_results_are_made_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    make = Made()
+    (tmp_path / "module.py").write_text("a = 1\n")
+    monkeypatch.setattr(disk_cache, "_PACKAGE", tmp_path)
+    for time_ns in (1, 1, 2):
+        os.utime(tmp_path / "module.py", ns=(time_ns, time_ns))
+        disk_cache._sources.cache_clear()
+        kept_arrays("test", (), make)
+    disk_cache._sources.cache_clear()
+    assert make.count == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"not what was written", None])
+def test_a_damaged_file_is_made_anew(damage: bytes | None) -> None:
+    make = Made()
+    kept_arrays("test", (), make)
+    path = cache_file("test", ())
+    assert path is not None
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    kept_arrays("test", (), make)
+    assert make.count == 2
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("where", ["", "a file"])
+def test_without_a_folder_results_are_made_each_time(
+    where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv(FOLDER, where and str(tmp_path / where))
+    make = Made()
+    for _ in range(2):
+        np.testing.assert_array_equal(kept_arrays("test", (), make)["columns"], COLUMNS)
+    assert make.count == 2
+
+
+def test_results_used_longest_ago_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Made()
+    paths = [cache_file("test", (number,)) for number in range(3)]
+    for number, path in enumerate(paths):
+        kept_arrays("test", (number,), make)
+        assert path is not None
+        os.utime(path, ns=(number, number))
+    kept_arrays("test", (0,), make)  # now the last used
+    assert make.count == 3
+    assert paths[0] is not None
+    monkeypatch.setattr(disk_cache, "_ROOM", 3 * paths[0].stat().st_size)
+    kept_arrays("test", (3,), make)
+    assert [path is not None and path.exists() for path in paths] == [True, False, True]
+
+
+def test_the_folder_is_that_of_the_desktop_standard_unless_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv(FOLDER)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "mr360uw"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert cache_folder() == Path.home() / ".cache" / "mr360uw"
+
+
+@pytest.mark.parametrize("mode", ["table", "plate"])
+def test_tables_of_water_from_the_disk_are_those_that_were_computed(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def medium(kind: str, depth_m: float) -> Medium:
+        return Medium(Water.jerlov(kind), mode=mode, camera_depth_m=depth_m, band_count=4)  # type: ignore[arg-type]
+
+    waters = [("IB", 5.0), ("3C", 5.0), ("IB", 6.0)]
+    tables = [[medium(*water).unit_table for water in waters] for _ in range(2)]
+    monkeypatch.setenv(FOLDER, "")
+    tables.append([medium(*water).unit_table for water in waters])
+    for made, *others in zip(*tables, strict=True):
+        for other in others:
+            for name in ("veil", "attenuation", "diffuse", "beam", "unscattered"):
+                np.testing.assert_array_equal(getattr(other, name), getattr(made, name))
+    assert len({table.veil.tobytes() for table in tables[0]}) == len(waters)
+
+
+def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
+    whale: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mr360uw.medium import small_angles
+
+    def spread() -> np.ndarray:
+        small_angles._weights.cache_clear()
+        found = spread_of(Medium(Water.jerlov("IB"), band_count=4))
+        assert found is not None
+        return found.weight
+
+    def arrays(mesh: Mesh) -> list[np.ndarray]:
+        transfer = make_transfer(mesh)
+        lattice, lookouts, own = transfer.lattice, transfer.lookouts, transfer.own
+        return [
+            mesh.hull, mesh.patch, lattice.places, lattice.position, lattice.normal, lattice.triangle, lattice.weights,
+            lattice.knot_site, lattice.from_sites.toarray(), lookouts.site, lookouts.spread.toarray(), lookouts.of,
+            own.site, own.direction, own.hit, np.array([lattice.knots, lattice.two_sided, lookouts.spacing_m]),
+        ]  # fmt: skip
+
+    kept = [(spread(), *arrays(load_mesh(whale))) for _ in range(2)]
+    monkeypatch.setenv(FOLDER, "")
+    for made, read, alone in zip(*kept, (spread(), *arrays(load_mesh(whale))), strict=True):
+        assert made.dtype == read.dtype == alone.dtype
+        np.testing.assert_array_equal(read, made)
+        np.testing.assert_array_equal(alone, made)
