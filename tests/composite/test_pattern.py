@@ -39,6 +39,9 @@ class Still:
         rows = slice(rectangle.row, rectangle.row + rectangle.height)
         return self.image[rows, rectangle.column : rectangle.column + rectangle.width]
 
+    def lent(self, rectangle: Rectangle) -> Floats:
+        return self.linear(rectangle)
+
 
 def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
     """Return a plate lit by sky and sun under waves (H, W), the same in calm light, and in ambient light alone."""

@@ -11,9 +11,11 @@ filament runs on through it. Where nothing blocks the sun the ratio is 1 and the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.types import Floats, Rectangle
 
@@ -33,6 +35,8 @@ _COARSEST = 32
 """Largest reduction."""
 _RADIUS = 4.0
 """Radius of OpenCV's Gaussian of floats, in standard deviations."""
+_HALF_BIAS = np.float32(2.0**112)
+"""Ratio of the exponents' biases of float32 and float16, which turns the bits of one into the other."""
 _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
@@ -46,6 +50,9 @@ class Picture(Protocol):
 
     def linear(self, rectangle: Rectangle) -> Floats:
         """Return a part of it as linear light (h, w, 3)."""
+
+    def lent(self, rectangle: Rectangle) -> Floats:
+        """Return the same, read-only, of a part that is read again when the frame is composited."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,10 +71,10 @@ class PlatePattern:
 
     def light(self, part: Rectangle) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
-        shown = np.asarray(self.picture.linear(part), np.float32)
+        shown = np.asarray(self.picture.lent(part), np.float32)
         if self.mean is not None:
-            rows = slice(part.row, part.row + part.height)
-            return shown, self.mean[rows, part.column : part.column + part.width].astype(np.float32)
+            rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
+            return shown, _widened(self.mean[rows, columns])
         return shown, shown + np.float32(self.strength) * (self._smooth(part) - shown)
 
     def _smooth(self, part: Rectangle) -> Floats:
@@ -101,6 +108,27 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     base = calm - veil
     r = np.where(base > LEAST_LIGHT, (shown - veil) / np.maximum(base, LEAST_LIGHT), 1.0)
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
+
+
+def _widened(image: Floats) -> NDArray[np.float32]:
+    """Return an image (h, w, 3) of finite float16 or of floats as float32."""
+    if image.dtype != np.float16:
+        return image.astype(np.float32)
+    bits = np.empty(image.shape, np.uint32)
+    _widen(image.view(np.uint16), bits)
+    return bits.view(np.float32) * _HALF_BIAS
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _widen(halves: Any, bits: Any) -> None:
+    """Write the bits of float16 (h, w, 3) as those of float32 that are smaller by `_HALF_BIAS`."""
+    for row in range(bits.shape[0]):
+        for column in range(bits.shape[1]):
+            for k in range(3):
+                half = np.uint32(halves[row, column, k])
+                bits[row, column, k] = (half & np.uint32(0x8000)) << np.uint32(16) | (
+                    half & np.uint32(0x7FFF)
+                ) << np.uint32(13)
 
 
 def _around(picture: Picture, part: Rectangle, margin: int) -> tuple[Floats, Rectangle]:
