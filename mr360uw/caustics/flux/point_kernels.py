@@ -134,11 +134,11 @@ def sum_points(points: Array, depth_m: float, tile_m: float, gain: float, padded
             size, at, share,
         )  # fmt: skip
         for k in range(part.stop - start):
-            i = np.uint32(at[k])
-            flat[i] += share[0, k]
-            flat[i + right] += share[1, k]
-            flat[i + wide] += share[2, k]
-            flat[i + below] += share[3, k]
+            own = np.uint32(at[k])
+            flat[own] += share[0, k]
+            flat[own + right] += share[1, k]
+            flat[own + wide] += share[2, k]
+            flat[own + below] += share[3, k]
     padded[1] += padded[size + 1]
     padded[size] += padded[0]
     for j in range(size):
@@ -152,7 +152,7 @@ def sum_points(points: Array, depth_m: float, tile_m: float, gain: float, padded
 @compiled
 def _share_points(
     origin_x: Array, origin_z: Array, slope_x: Array, slope_z: Array, flux: Array, depth_m: float, tile_m: float,
-    gain: float, size: int, at: Array, share: Array,
+    gain: float, size: int, at: NDArray[np.int32], share: Array,
 ) -> None:  # fmt: skip
     """Write the padded pixel above and left of each point, and the light of it and its three neighbours (4, n).
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.types import Floats, Rectangle
 
@@ -67,7 +68,7 @@ class PlateBlur:
         row, column = part.row - factor * first, part.column - factor * begin
         return np.asarray(large[row : row + part.height, column : column + part.width])
 
-    def _cells(self, factor: int, top: int, bottom: int, columns: Floats) -> Floats:
+    def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:
         """Return rows from `top` to before `bottom`, and columns (n,), of the frame reduced by a factor."""
         if factor == 1:
             whole = Rectangle(0, top, self._picture.shape[1], bottom - top)

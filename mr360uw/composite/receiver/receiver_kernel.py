@@ -159,7 +159,7 @@ def _even(corner: Any, q: int, z: int) -> bool:
     for k in range(6, 10):
         most = max(most, abs(corner[q, z, k] - one), abs(corner[q, z + 1, k] - one),
                    abs(corner[q + 1, z, k] - one), abs(corner[q + 1, z + 1, k] - one))  # fmt: skip
-    return most < np.float32(0.5 * _CHANGED)
+    return bool(most < np.float32(0.5 * _CHANGED))
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
