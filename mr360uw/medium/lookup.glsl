@@ -19,6 +19,15 @@ vec3 bilinear(sampler2D table, float u, float v) {
                mix(texelFetch(table, ivec2(i.x, next.y), 0).rgb, texelFetch(table, next, 0).rgb, f.x), f.y);
 }
 
+// a row of a texture is a table (U, 3) over one coordinate
+vec3 linear(sampler2D table, int row, float u) {
+    int last = textureSize(table, 0).x - 1;
+    float p = clamp(u, 0.0, 1.0) * float(last);
+    int i = max(min(int(p), last - 1), 0);
+    return mix(texelFetch(table, ivec2(i, row), 0).rgb, texelFetch(table, ivec2(min(i + 1, last), row), 0).rgb,
+               p - float(i));
+}
+
 float in_water_distance(float distance_m, float camera_depth_m, float up) {
     return min(distance_m, camera_depth_m / max(up, 1e-9));
 }
@@ -41,21 +50,21 @@ vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float dista
 // the tables over depth, (D, 3), are rows of textures: `diffuse` one; `beam` two, the beam and its unscattered part
 vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m) {
     float d = max(depth_m, 0.0);
-    vec3 attenuation = bilinear(diffuse, 0.0, table_coordinate(d, medium.length_m));
+    vec3 attenuation = linear(diffuse, 0, table_coordinate(d, medium.length_m));
     return exp(min(-attenuation * (d - medium.camera_depth_m), vec3(BRIGHTEST_LOG)));
 }
 
-vec3 path_attenuation(MediumTable medium, sampler2D beam, float row, float depth_m, float sun_up) {
+vec3 path_attenuation(MediumTable medium, sampler2D beam, int row, float depth_m, float sun_up) {
     float path = max(depth_m, 0.0) / sun_up;
-    return bilinear(beam, row, table_coordinate(path, medium.length_m)) * path;
+    return linear(beam, row, table_coordinate(path, medium.length_m)) * path;
 }
 
 vec3 beam_ratio(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
-    vec3 here = path_attenuation(medium, beam, 0.0, medium.camera_depth_m, sun_up);
-    return exp(min(here - path_attenuation(medium, beam, 0.0, depth_m, sun_up), vec3(BRIGHTEST_LOG)));
+    vec3 here = path_attenuation(medium, beam, 0, medium.camera_depth_m, sun_up);
+    return exp(min(here - path_attenuation(medium, beam, 0, depth_m, sun_up), vec3(BRIGHTEST_LOG)));
 }
 
 vec3 unscattered_share(MediumTable medium, sampler2D beam, float depth_m, float sun_up) {
-    return exp(min(path_attenuation(medium, beam, 0.0, depth_m, sun_up)
-                 - path_attenuation(medium, beam, 1.0, depth_m, sun_up), 0.0));
+    return exp(min(path_attenuation(medium, beam, 0, depth_m, sun_up)
+                 - path_attenuation(medium, beam, 1, depth_m, sun_up), 0.0));
 }

@@ -87,6 +87,10 @@ def spread_of(medium: Medium) -> BeamSpread | None:
     return beam_spread(medium.water.phase, scattering) if scattering > 0.0 else None
 
 
+@functools.lru_cache(maxsize=16)
 def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
-    """Return the spread of the beam. scattering: by small angles [1/m], the difference of c and c'."""
+    """Return the spread of the beam, one object for equal arguments.
+
+    scattering: by small angles [1/m], the difference of c and c'.
+    """
     return BeamSpread(scattering, _ANGLES_RAD, _DEPTHS, _weights(phase))

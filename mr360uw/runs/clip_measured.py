@@ -43,10 +43,11 @@ def measured_facts(
 def _file_of(loaded: Loaded, video: VideoReader, keys: WorkKeys) -> Path | None:
     """Return the file of the facts, under the key of the first pass, what the plan asks of it, and the plate's files.
 
-    None where nothing is kept: plates of two lenses may lie in files that the scene does not name.
+    None where nothing is kept: plates of two lenses and configs of OpenColorIO may lie in files that the scene does
+    not name.
     """
     plate, plan = loaded.scene.plate, loaded.plan
-    if projection_of(plate.path, plate.projection) != "equirectangular":
+    if projection_of(plate.path, plate.projection) != "equirectangular" or plate.ocio is not None:
         return None
     wanted = plan.track_sun.runs, plan.track_gain.runs, plan.pattern.runs, plan.match.runs
     files = [(str(file), stamp(file)) for file in input_files(plate.path)]

@@ -108,6 +108,22 @@ class VideoFrame:
         return in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec)
 
     @cached_property
+    def _lent(self) -> dict[Rectangle, NDArray[np.float32]]:
+        return {}
+
+    def lent(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return `linear` of a part, read-only, and keep it until `over` reads the same part."""
+        if rectangle not in self._lent:
+            self._lent[rectangle] = self.linear(rectangle)
+            self._lent[rectangle].flags.writeable = False
+        return self._lent[rectangle]
+
+    def _returned(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return `linear` of a part, which is kept no longer."""
+        kept = self._lent.pop(rectangle, None)
+        return self.linear(rectangle) if kept is None else kept
+
+    @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
         from mr360uw.video.pixels.grain_measure import grain_of_planes, grain_of_rgb
@@ -155,7 +171,7 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self.linear(rectangle), tile)
+                linear = blend(self._returned(rectangle), tile)
                 if linear.max() > brightest:
                     clipped.append((rectangle, np.asarray(linear, np.float32)))
                 lay_over_planes(
@@ -175,7 +191,7 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self.linear(rectangle), tile)
+                linear = blend(self._returned(rectangle), tile)
                 if amount > 0.0 and self.spec.mapping is None:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 if linear.max() > brightest:

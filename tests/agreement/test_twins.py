@@ -242,6 +242,10 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
     cases = {
         "table_coordinate": ("table_coordinate(v.x, 8.0)", medium.table_coordinate(s, 8.0)),
         "bilinear": ("bilinear(veil, 0.5 + 0.5 * v.y, 1.0 - 8.0 / (v.x + 8.0))", medium.bilinear(table.veil, *t)),
+        "linear": (
+            "linear(beam, 1, table_coordinate(v.x, 8.0))",
+            medium.linear(table.unscattered, medium.table_coordinate(s, 8.0)),
+        ),
         "in_water_distance": ("in_water_distance(v.x, 5.0, v.y)", medium.in_water_distance(s, 5.0, up)),
         "veil_lookup": ("veil_lookup(medium, veil, v.x, v.y)", medium.veil_lookup(table, s, up)),
         "transmittance_lookup": (
@@ -250,7 +254,7 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
         "optical_length": ("optical_length(medium, attenuation, v.x, v.y)", medium.optical_length(table, s, up)),
         "ambient_ratio": ("ambient_ratio(medium, diffuse, v.z)", medium.ambient_ratio(table, depth)),
         "path_attenuation": (
-            "path_attenuation(medium, beam, 1.0, v.z, 0.8)",
+            "path_attenuation(medium, beam, 1, v.z, 0.8)",
             medium.path_attenuation(table, table.unscattered, depth, 0.8),
         ),
         "beam_ratio": ("beam_ratio(medium, beam, v.z, 0.8)", medium.beam_ratio(table, depth, 0.8)),

@@ -13,6 +13,7 @@ from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.over import over
 from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.composite.receiver.plate_blur import PlateBlur
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.medium.lookup import veil_lookup
@@ -38,6 +39,9 @@ class Still:
     def linear(self, rectangle: Rectangle) -> Floats:
         rows = slice(rectangle.row, rectangle.row + rectangle.height)
         return self.image[rows, rectangle.column : rectangle.column + rectangle.width]
+
+    def lent(self, rectangle: Rectangle) -> Floats:
+        return self.linear(rectangle)
 
 
 def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
@@ -125,3 +129,31 @@ def test_a_camera_that_stands_is_told_from_one_that_moves(rng: np.random.Generat
     assert not stands([np.roll(ground, 2 * k, axis=1) + 0.5 * wave for k, wave in enumerate(waves)])
     assert not stands([np.roll(ground, k // 2, axis=1) + 0.5 * wave for k, wave in enumerate(waves)])
     assert not stands(waves)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 4.0, 16.0])
+def test_blurs_do_not_depend_on_how_a_frame_is_cut(sigma: float) -> None:
+    image = np.random.default_rng(5).uniform(0.0, 1.0, (64, 128, 3)).astype(np.float32)
+    whole = PlateBlur(Still(image)).of(Rectangle(0, 0, 128, 64), sigma)
+    for part in (Rectangle(0, 10, 30, 20), Rectangle(71, 33, 57, 31)):
+        window = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
+        # the same sums in the same order: rounding of OpenCV's blocks only
+        np.testing.assert_allclose(PlateBlur(Still(image)).of(part, sigma), whole[window], atol=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 4.0, 16.0])
+def test_a_wave_is_blurred_by_the_transform_of_a_gaussian(sigma: float) -> None:
+    period = 8.0 * sigma
+    wave = np.cos(2.0 * np.pi * (np.arange(128) + 0.5) / period)
+    image = np.broadcast_to(wave[None, :, None], (64, 128, 3)).astype(np.float32)
+    blurred = PlateBlur(Still(image)).of(Rectangle(0, 0, 128, 64), sigma)
+    expected = np.exp(-2.0 * (np.pi * sigma / period) ** 2) * image
+    # means over cells of up to sigma/2 and lines between them take up to (pi/16)^2 (1/6 + 1/3) = 2 % of the wave
+    np.testing.assert_allclose(blurred, expected, atol=0.02)
+
+
+def test_the_mean_of_a_clip_is_widened_exactly() -> None:
+    mean = np.random.default_rng(6).uniform(0.0, 4.0, (8, 16, 3)).astype(np.float16)
+    mean[0, 0] = 0.0, 6e-8, 65504.0  # zero, the least and the largest of them
+    _, calm = PlatePattern(Still(mean.astype(np.float32)), mean, 1.0, 1.0).light(Rectangle(0, 0, 9, 7))
+    np.testing.assert_array_equal(calm, mean[:7, :9].astype(np.float32))

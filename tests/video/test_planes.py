@@ -282,3 +282,13 @@ def test_shafts_alone_change_the_codes() -> None:
     assert np.all(brighter[tile.window] > 0)
     brighter[tile.window] = 0
     assert not brighter.any()
+
+
+def test_a_lent_part_is_read_once() -> None:
+    frame = VideoFrame.of_linear(np.random.default_rng(3).uniform(0.0, 1.0, (8, 16, 3)).astype(np.float32))
+    part = Rectangle(3, 2, 7, 5)
+    lent = frame.lent(part)
+    assert frame.lent(part) is lent
+    assert not lent.flags.writeable
+    np.testing.assert_array_equal(lent, frame.linear(part))
+    assert frame.image_linear.flags.writeable

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.gl.fragment_kernel import sum_behind
 from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
 from mr360uw.types import Floats, Tile
 
@@ -42,10 +43,6 @@ class Fragments:
         """Return the sums (p, c) of values (n, c) over the pieces of each pixel."""
         return np.add.reduceat(values, self.first, axis=0) if len(self) else values[:0]
 
-    def smallest(self, values: Floats) -> Floats:
-        """Return the smallest (p,) of values (n,) in each pixel."""
-        return np.minimum.reduceat(values, self.first) if len(self) else values[:0]
-
 
 _NONE = np.zeros(0, np.int64)
 NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0))
@@ -70,14 +67,13 @@ def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
     return free
 
 
-def add_behind(tiles: Sequence[Tile], fragments: Fragments, color: Floats, distance_m: Floats) -> None:
-    """Composite premultiplied colours (p, 4) at distances (p,) behind the contents of tiles."""
-    for tile, inside, at in _places(tiles, fragments):
-        radiance, alpha, distance = tile.radiance.reshape(-1, 3), tile.alpha.reshape(-1), tile.distance_m.reshape(-1)
-        free = 1.0 - alpha[at]
-        radiance[at] += free[:, None] * color[inside, :3]
-        alpha[at] += free * color[inside, 3]
-        distance[at] = np.minimum(distance[at], distance_m[inside])
+def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> None:
+    """Composite fragments behind the contents of tiles. values: (n, 5) radiance, alpha and distance [m]."""
+    for tile in tiles:
+        sum_behind(
+            fragments.row, fragments.column, fragments.first, fragments.weight, values, tile.row, tile.column,
+            tile.radiance, tile.alpha, tile.distance_m,
+        )  # fmt: skip
 
 
 def _places(tiles: Sequence[Tile], fragments: Fragments) -> Iterator[tuple[Tile, NDArray[np.int64], NDArray[np.int64]]]:

@@ -19,8 +19,9 @@ from mr360uw.cache import Cache, Same
 from mr360uw.composite.ambient.knot_values import UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.blocks import LANE_COLUMNS, in_lane_order, lane_rows
+from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
+from mr360uw.composite.gl.fragment_kernel import take_lanes
 from mr360uw.composite.gl.fragments import Fragments, add_behind, through
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.surface_pass import SurfacePass
@@ -94,13 +95,11 @@ class ObjectPass:
             parts = kept.get(f"parts {number}", None, partial(_parts, objects, fragments, first, body, number))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, kept)
             values = self._light_up(*lit, 0)
-            share = fragments.weight * values[:, 3]
             if frame is not None:
-                seen = through(tiles, fragments)[fragments.pixel()] * share
+                seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values[:, 3]
                 variables = np.concatenate([self._light_up(*lit, half) for half in (1, 2)], axis=1)
                 _add_variables(frame, fragments, seen, variables, body)
-            color = fragments.sums(np.append(values[:, :3] * share[:, None], share[:, None], axis=1))
-            add_behind(tiles, fragments, color, fragments.smallest(values[:, 4]))
+            add_behind(tiles, fragments, values)
         return layers[-1].gaps
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
@@ -151,11 +150,11 @@ class ObjectPass:
             rows = lane_rows(len(part.chosen))
             target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
             self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)
-            images = [
-                read_attachment(target, k, Rectangle(0, 0, LANE_COLUMNS, rows)) for k in range(len(_CHANNELS[outputs]))
-            ]
-            found = [in_lane_order(image)[: len(part.chosen)] for image in images]
-            values[part.chosen] = np.concatenate(found, axis=1)
+            first = 0
+            for k, channels in enumerate(_CHANNELS[outputs]):
+                image = read_attachment(target, k, Rectangle(0, 0, LANE_COLUMNS, rows))
+                take_lanes(image, part.chosen, first, values)
+                first += channels
         return values
 
     def _see_sun(self, shot: Shot, part: MeshFragments, bodies: BodyList) -> moderngl.Texture:

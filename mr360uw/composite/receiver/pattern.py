@@ -10,11 +10,14 @@ filament runs on through it. Where nothing blocks the sun the ratio is 1 and the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from mr360uw.composite.receiver.plate_blur import Picture, PlateBlur
 from mr360uw.types import Floats, Rectangle
 
 LEAST_LIGHT = 1e-3
@@ -27,25 +30,10 @@ _SIGMA_M = 0.3
 first ten metres. Half of it leaves broad filaments, twice of it takes away ripples of the sand."""
 _STEP = 2.0
 """Ratio of neighbouring blurs, between which the blur of a row is mixed."""
-_FINE_SIGMA = 2.0
-"""Standard deviation [px] that wide blurs are left with on a reduced image."""
-_COARSEST = 32
-"""Largest reduction."""
-_RADIUS = 4.0
-"""Radius of OpenCV's Gaussian of floats, in standard deviations."""
+_HALF_BIAS = np.float32(2.0**112)
+"""Ratio of the exponents' biases of float32 and float16, which turns the bits of one into the other."""
 _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
-
-
-class Picture(Protocol):
-    """A plate's frame."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-
-    def linear(self, rectangle: Rectangle) -> Floats:
-        """Return a part of it as linear light (h, w, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,20 +42,25 @@ class PlatePattern:
 
     mean: (H, W, 3) of the clip where the camera stands, or None: then detail of the size of caustics is smoothed.
     height_m: of the camera above the ground, for that size. strength: fraction of that detail that is caustics, 0 to 1;
-    a mean is the calm state as it is.
+    a mean is the calm state as it is. blur: of the frame.
     """
 
     picture: Picture
     mean: Floats | None
     height_m: float
     strength: float
+    blur: PlateBlur = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Share reduced pictures among the parts that are asked for."""
+        object.__setattr__(self, "blur", PlateBlur(self.picture))
 
     def light(self, part: Rectangle) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
-        shown = np.asarray(self.picture.linear(part), np.float32)
+        shown = np.asarray(self.picture.lent(part), np.float32)
         if self.mean is not None:
-            rows = slice(part.row, part.row + part.height)
-            return shown, self.mean[rows, part.column : part.column + part.width].astype(np.float32)
+            rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
+            return shown, _widened(self.mean[rows, columns])
         return shown, shown + np.float32(self.strength) * (self._smooth(part) - shown)
 
     def _smooth(self, part: Rectangle) -> Floats:
@@ -78,21 +71,15 @@ class PlatePattern:
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
-        margin = int(np.ceil(3.0 * _STEP**high))
-        around, first = _around(self.picture, part, margin)
         smooth = np.zeros((part.height, part.width, 3), np.float32)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
             rows = np.flatnonzero(weight)
             if len(rows) == 0:
                 continue
-            # rows that this blur reaches, from and to multiples of `_COARSEST` of the frame's
-            own, reach = slice(rows[0], rows[-1] + 1), int(_RADIUS * _STEP**number) + _COARSEST
-            top, left = part.row - first.row, part.column - first.column
-            begin = max(top + own.start - reach, 0) // _COARSEST * _COARSEST
-            end = -(-(top + own.stop + reach) // _COARSEST) * _COARSEST
-            blurred = _blurred(around[begin:end], _STEP**number)[top + own.start - begin : top + own.stop - begin]
-            smooth[own] += weight[own, None, None] * blurred[:, left : left + part.width]
+            own = slice(rows[0], rows[-1] + 1)
+            band = part._replace(row=part.row + int(rows[0]), height=int(rows[-1] - rows[0]) + 1)
+            smooth[own] += weight[own, None, None] * self.blur.of(band, _STEP**number)
         return smooth
 
 
@@ -103,35 +90,22 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
 
 
-def _around(picture: Picture, part: Rectangle, margin: int) -> tuple[Floats, Rectangle]:
-    """Return a part of a panorama with at least `margin` pixels about it, and where that lies.
-
-    It is closed over the seam, cut at the poles, and begins and ends at multiples of `_COARSEST`, so that what is
-    reduced below does not depend on the part. Columns count from the part's own turn.
-    """
-    height, width = picture.shape
-    row = max(part.row - margin, 0) // _COARSEST * _COARSEST
-    column = (part.column - margin) // _COARSEST * _COARSEST
-    rows = min(-(-(part.row + part.height + margin) // _COARSEST) * _COARSEST, height) - row
-    last = -(-(part.column + part.width + margin) // _COARSEST) * _COARSEST
-    whole = np.asarray(picture.linear(Rectangle(0, row, width, rows)), np.float32)
-    columns = np.arange(column, last) % width
-    return whole[:, columns], Rectangle(column, row, len(columns), rows)
+def _widened(image: Floats) -> NDArray[np.float32]:
+    """Return an image (h, w, 3) of finite float16 or of floats as float32."""
+    if image.dtype != np.float16:
+        return image.astype(np.float32)
+    bits = np.empty(image.shape, np.uint32)
+    _widen(image.view(np.uint16), bits)
+    return bits.view(np.float32) * _HALF_BIAS
 
 
-def _blurred(image: Floats, sigma: float) -> Floats:
-    """Return an image (h, w, 3) under a Gaussian, which wide ones are applied to a reduced image for."""
-    import cv2
-
-    factor = min(1 << max(int(np.log2(sigma / _FINE_SIGMA)), 0), _COARSEST)
-    if factor == 1:
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
-    height, width = image.shape[:2]
-    padded = image
-    if height % factor or width % factor:
-        padded = cv2.copyMakeBorder(image, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
-    size = padded.shape[1] // factor, padded.shape[0] // factor
-    small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)
-    large = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(large[:height, :width])
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _widen(halves: Any, bits: Any) -> None:
+    """Write the bits of float16 (h, w, 3) as those of float32 that are smaller by `_HALF_BIAS`."""
+    for row in range(bits.shape[0]):
+        for column in range(bits.shape[1]):
+            for k in range(3):
+                half = np.uint32(halves[row, column, k])
+                bits[row, column, k] = (half & np.uint32(0x8000)) << np.uint32(16) | (
+                    half & np.uint32(0x7FFF)
+                ) << np.uint32(13)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ratio and veil of the receiver's pixels from the light on its blocks, in one compiled pass.
 
-    ratio = 1 + weight ((share free + (r - share) seen waves + added)/r - 1)
+    ratio = 1 + weight (sun + (share (free - sun) + added)/r - 1)        sun = seen waves
 
 with the symbols of ratio.py and pattern.py; r is 1 without a pattern. Each quantity is interpolated between the corners
 of a block, or taken from an image of the block's pixels if there is one.
@@ -24,6 +24,9 @@ SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
 CORNER_CHANNELS = 10
 _CHANGED = 1e-4
 """Least change of the plate, as a fraction, that is written."""
+_AT_ONCE = 32
+"""Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
+Half as many or twice as many take as long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,42 +86,80 @@ def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int, pattern
 
 
 @numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
-def _pattern_at(shown: Any, calm: Any, veil: Any, share: Any) -> Any:
-    """Return what `pattern.direct_pattern` returns, at one pixel of one channel."""
+def _inverse_pattern(shown: Any, calm: Any, inside: Any, plate: Any, line: Any, count: int, inverse: Any) -> None:
+    """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
+
+    shown, calm: (m, 3) of the pixels `inside`, a slice of `count` ones. plate: (2, 3, n) room.
+    """
     one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
-    r = (shown - veil) / (calm - veil) if calm - veil > dark else one
-    return max(r, share + direct * (one - share))
+    for k in range(3):
+        now, mean = plate[0, k, inside], plate[1, k, inside]
+        for i in range(len(now)):
+            now[i], mean[i] = shown[i, k], calm[i, k]
+    for k in range(3):
+        share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[k]
+        for i in range(count):
+            light, base, least = now[i] - veil[i], mean[i] - veil[i], share[i] + direct * (one - share[i])
+            lit = light > least * base
+            part, whole = base if lit else one, light if lit else least
+            out[i] = part / whole if base > dark else one
+
+
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _between(corner: Any, q: int, z: int, down: Any, middle: Any, line: Any, b: int) -> None:
+    """Set a row of block b of `line` (10, n, BLOCK) to what lies between the corners of block (q, z).
+
+    down: how far the row lies from the upper corners to the lower ones. middle: (BLOCK,) the same of the pixels, along.
+    """
+    for k in range(10):
+        start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
+        step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
+        for i in range(BLOCK):
+            line[k, b, i] = start + middle[i] * step
+
+
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
+    """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is large enough. haze: (3, n)."""
+    one, least = np.float32(1.0), np.float32(_CHANGED)
+    for i in range(len(ratio)):
+        if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
+            for k in range(3):
+                ratio[i, k], veil[i, k] = one + change[k, i], haze[k, i]
 
 
 @numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
 def _take_images(
-    line: Any, weight: Any, waves_row: Any, added_row: Any, j: int, f: int, free: Any, s: int, seen: Any, w: int,
-    waves: Any, g: int, shape: Any, p: int, added: Any,
+    line: Any, weight: Any, waves_row: Any, added_row: Any, b: int, j: int, f: int, free: Any, s: int, seen: Any,
+    w: int, waves: Any, g: int, shape: Any, p: int, added: Any,
 ) -> None:  # fmt: skip
-    """Set row j of a block to that of its images, of those whose number is not negative."""
-    weight[:] = np.float32(1.0)
-    added_row[:], waves_row[:] = np.float32(0.0), np.float32(1.0)
-    if g >= 0:
-        for k in range(6):
-            for i in range(BLOCK):
-                line[k, i] = shape[g, j, i, k if k < 3 else k + 1]
-        for i in range(BLOCK):
-            weight[i] = shape[g, j, i, 3]
-    if f >= 0:
-        for k in range(3):
-            for i in range(BLOCK):
-                line[6 + k, i] = free[f, j, i, k]
-    if s >= 0:
-        for i in range(BLOCK):
-            line[9, i] = seen[s, j, i, 0]
-    if w >= 0:
-        for k in range(3):
-            for i in range(BLOCK):
-                waves_row[k, i] = waves[w, j, i, k]
-    if p >= 0:
-        for k in range(3):
-            for i in range(BLOCK):
-                added_row[k, i] = added[p, j, i, k]
+    """Set a row of block b to row j of its images, of those whose number is not negative."""
+    for i in range(BLOCK):
+        if g >= 0:
+            weight[b, i] = shape[g, j, i, 3]
+            for k in range(3):
+                line[k, b, i], line[3 + k, b, i] = shape[g, j, i, k], shape[g, j, i, 4 + k]
+        if f >= 0:
+            for k in range(3):
+                line[6 + k, b, i] = free[f, j, i, k]
+        if s >= 0:
+            line[9, b, i] = seen[s, j, i, 0]
+        if w >= 0:
+            for k in range(3):
+                waves_row[k, b, i] = waves[w, j, i, k]
+        if p >= 0:
+            for k in range(3):
+                added_row[k, b, i] = added[p, j, i, k]
+
+
+@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def _even(corner: Any, q: int, z: int) -> bool:
+    """Return whether nothing changes at the corners of block (q, z)."""
+    one, most = np.float32(1.0), np.float32(0.0)
+    for k in range(6, 10):
+        most = max(most, abs(corner[q, z, k] - one), abs(corner[q, z + 1, k] - one),
+                   abs(corner[q + 1, z, k] - one), abs(corner[q + 1, z + 1, k] - one))  # fmt: skip
+    return bool(most < np.float32(0.5 * _CHANGED))
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
@@ -127,51 +168,55 @@ def _lay(
     shape_at: Any, shape: Any, added_at: Any, added: Any,
     width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
 ) -> None:  # fmt: skip
-    one, half, zero, least = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(_CHANGED)
-    # one row of a block: channels of `corner`, weight of the change, the plate and its pattern r, relative change
-    line, weight = np.empty((10, BLOCK), np.float32), np.empty(BLOCK, np.float32)
-    waves_row, added_row, plate, calm_row, direct, change = np.ones((6, 3, BLOCK), np.float32)
-    for n in range(len(row)):
-        top, left = row[n] * BLOCK, column[n] * BLOCK
+    one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
+    # one row of some blocks: channels of `corner`, weight of the change, one over the plate's pattern, relative change
+    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
+    waves_row, added_row = (np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32))
+    room = _AT_ONCE * BLOCK
+    flat_line, flat_weight = line.reshape(10, room), weight.reshape(room)
+    flat_waves, flat_added = waves_row.reshape(3, room), added_row.reshape(3, room)
+    flat_plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    change, middle = np.empty((3, room), np.float32), ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
+    begin, end = 0, 0
+    while end < len(row):
+        begin, q, z = end, row[end], column[end]
+        # blocks beside each other that change
+        while end < len(row) and end - begin < _AT_ONCE and row[end] == q and column[end] == z + end - begin:
+            pixels = free_at[end] >= 0 or seen_at[end] >= 0 or waves_at[end] >= 0 or shape_at[end] >= 0
+            if not pixels and _even(corner, q, column[end]):
+                break
+            end += 1
+        if end == begin:
+            end += 1
+            continue
+        top, left = q * BLOCK, z * BLOCK
         y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + ratio.shape[0])
-        x0, x1 = max(left, first_column), min(left + BLOCK, width, first_column + ratio.shape[1])
+        x0, x1 = max(left, first_column), min(left + (end - begin) * BLOCK, width, first_column + ratio.shape[1])
         if y0 >= y1 or x0 >= x1:
             continue
-        at, skipped, count = slice(x0 - first_column, x1 - first_column), x0 - left, x1 - x0
-        a, b = corner[row[n], column[n]], corner[row[n], column[n] + 1]
-        c, d = corner[row[n] + 1, column[n]], corner[row[n] + 1, column[n] + 1]
-        f, s, w, g, p = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
-        if f < 0 and s < 0 and w < 0 and g < 0:
-            most = zero
-            for k in range(6, 10):
-                most = max(most, abs(a[k] - one), abs(b[k] - one), abs(c[k] - one), abs(d[k] - one))
-            if most < half * least:
-                continue
-        down, across = one / np.float32(min(BLOCK, height - top)), one / np.float32(BLOCK)
+        across_row, inside = slice(x0 - first_column, x1 - first_column), slice(x0 - left, x1 - left)
+        blocks = end - begin
+        weight[:blocks] = one
+        waves_row[:, :blocks], added_row[:, :blocks] = one, zero
+        down = one / np.float32(min(BLOCK, height - top))
         for y in range(y0, y1):
-            j, v = y - top, (np.float32(y - top) + half) * down
-            for k in range(10):
-                start = a[k] + v * (c[k] - a[k])
-                step = across * (b[k] + v * (d[k] - b[k]) - start)
-                for i in range(BLOCK):
-                    line[k, i] = start + (np.float32(i) + half) * step
-            _take_images(line, weight, waves_row, added_row, j, f, free, s, seen, w, waves, g, shape, p, added)
+            j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
+            for b in range(blocks):
+                n = begin + b
+                _between(corner, q, z + b, v, middle, line, b)
+                _take_images(
+                    line, weight, waves_row, added_row, b, j, free_at[n], free, seen_at[n], seen, waves_at[n], waves,
+                    shape_at[n], shape, added_at[n], added,
+                )  # fmt: skip
             if len(shown):
-                now, mean = shown[y - first_row, at], calm[y - first_row, at]
-                for i in range(count):
-                    for k in range(3):
-                        plate[k, skipped + i], calm_row[k, skipped + i] = now[i, k], mean[i, k]
-                for k in range(3):
-                    for i in range(BLOCK):
-                        direct[k, i] = _pattern_at(plate[k, i], calm_row[k, i], line[3 + k, i], line[k, i])
+                _inverse_pattern(
+                    shown[r, across_row], calm[r, across_row], inside, flat_plate, flat_line, blocks * BLOCK, inverse
+                )
             for k in range(3):
-                for i in range(BLOCK):
-                    share, r = line[k, i], direct[k, i]
-                    lit = share * line[6 + k, i] + (r - share) * (line[9, i] * waves_row[k, i]) + added_row[k, i]
-                    change[k, i] = weight[i] * (lit / r - one)
-            of_ratio, of_veil = ratio[y - first_row, at], veil[y - first_row, at]
-            for i in range(count):
-                m = i + skipped
-                if max(abs(change[0, m]), abs(change[1, m]), abs(change[2, m])) > least:
-                    for k in range(3):
-                        of_ratio[i, k], of_veil[i, k] = one + change[k, m], line[3 + k, m]
+                share, fall, sun, free_row = flat_line[k], flat_waves[k], flat_line[9], flat_line[6 + k]
+                more, per_light, out = flat_added[k], inverse[k], change[k]
+                for i in range(blocks * BLOCK):
+                    lit = sun[i] * fall[i]
+                    left_over = share[i] * (free_row[i] - lit) + more[i]
+                    out[i] = flat_weight[i] * (lit + left_over * per_light[i] - one)
+            _write(change[:, inside], flat_line[3:6, inside], ratio[r, across_row], veil[r, across_row])
