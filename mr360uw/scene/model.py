@@ -26,9 +26,9 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.scene.file_lines import Lines
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.problems import Lines
 from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection

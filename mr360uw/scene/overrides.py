@@ -8,7 +8,7 @@ import tomllib
 from typing import Any
 
 from mr360uw.errors import SceneError
-from mr360uw.scene.problems import Location
+from mr360uw.scene.file_lines import Location
 
 _DIGITS = 9
 """Most digits of the number of an entry; Python refuses to read thousands."""

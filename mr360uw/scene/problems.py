@@ -15,10 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-Location = tuple[str | int, ...]
-Lines = dict[Location, int]
-"""Line of each key and table of a file; `SET` of what the command line sets."""
-SET = 0
+from mr360uw.scene.file_lines import Lines, Location, line_of, place
 
 _WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
@@ -26,49 +23,6 @@ _WORDS: dict[Any, str] = {
 _LENGTHS = ("missing", "too_long", "too_short")
 _SHAPES = ("_type", "_parsing", "_from_float", *_LENGTHS)
 """Ends of pydantic's names of errors about lengths, and about types."""
-
-
-def key_lines(text: str) -> Lines:
-    """Return the line of every key and table header of TOML text."""
-    lines: Lines = {}
-    table: Location = ()
-    counts: dict[Location, int] = {}  # of every array of tables, its last index
-    for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*(\[\[?)([^\[\]]+)\]", line)
-        if header:
-            *parents, last = (part.strip().strip("\"'") for part in header.group(2).split("."))
-            table = ()
-            for name in parents:
-                table = (*table, name)
-                table = (*table, counts[table]) if table in counts else table
-            table = (*table, last)
-            if header.group(1) == "[[":
-                lines.setdefault(table, number)
-                counts[table] = counts.get(table, -1) + 1
-                table = (*table, counts[table])
-            lines.setdefault(table, number)
-            continue
-        key = re.match(r"\s*([\w\-\"'.]+)\s*=", line)
-        if key:
-            names = tuple(part.strip("\"'") for part in key.group(1).split("."))
-            lines.setdefault((*table, *names), number)
-    return lines
-
-
-def place(where: str, lines: Lines, location: Location) -> str:
-    """Return 'file:line table.key' for a location; the line of the nearest enclosing table where the key has none.
-
-    What the command line sets is at '--set table.key'.
-    """
-    line = _line(lines, location)
-    name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-    if line == SET:
-        return f"--set {name}"
-    return f"{where} {name}" if line is None else f"{where}:{line} {name}"
-
-
-def _line(lines: Lines, location: Location) -> int | None:
-    return next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
 
 
 def models_of(annotation: Any) -> list[type[BaseModel]]:
@@ -240,7 +194,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text
-        line = _line(lines, location) or 0
+        line = line_of(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         found.setdefault(location, (line, text))
     return [text for _, text in sorted(found.values())]

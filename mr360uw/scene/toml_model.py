@@ -12,8 +12,9 @@ from pydantic import BaseModel, ValidationError
 
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.reading.input_files import read_text, unreadable
+from mr360uw.scene.file_lines import SET, Lines, Location, key_lines, place
 from mr360uw.scene.overrides import override
-from mr360uw.scene.problems import SET, Lines, Location, key_lines, place, problems
+from mr360uw.scene.problems import problems
 
 Model = TypeVar("Model", bound=BaseModel)
 

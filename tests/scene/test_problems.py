@@ -12,8 +12,9 @@ from pydantic import Field, ValidationError
 
 from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.scene.file_lines import key_lines
 from mr360uw.scene.model import load_scene
-from mr360uw.scene.problems import key_lines, problems
+from mr360uw.scene.problems import problems
 
 
 class Calm(Parameters):

@@ -15,7 +15,7 @@ import tomlkit
 from tomlkit.items import AoT, Array, InlineTable, Item
 
 from mr360uw.errors import ParameterError
-from mr360uw.scene.problems import key_lines
+from mr360uw.scene.file_lines import key_lines
 from mr360uw.scene.template import toml_value
 
 Key = tuple[str | int, ...]
