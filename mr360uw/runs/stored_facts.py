@@ -10,6 +10,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.files import whole_file
 from mr360uw.ibl import SunTrack
@@ -17,6 +18,8 @@ from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
 _SUN, _LOOK = "sun_", "look_"
+_PLAIN = ("softness_px", "sharpening", "sharpening_px", "columns")
+"""Fields of a look that are numbers."""
 
 
 def save_facts(facts: ClipFacts, path: Path) -> None:
@@ -31,7 +34,9 @@ def save_facts(facts: ClipFacts, path: Path) -> None:
         if facts.calm.mean is not None:
             arrays["mean"] = facts.calm.mean
     if facts.look is not None:
-        arrays |= {_LOOK + name: value for name, value in dataclasses.asdict(facts.look).items() if value is not None}
+        plain = {name: getattr(facts.look, name) for name in _PLAIN if getattr(facts.look, name) is not None}
+        of_look = {"colour": facts.look.colour.numbers, "found": np.array(facts.look.found, dtype=np.str_), **plain}
+        arrays |= {_LOOK + name: value for name, value in of_look.items()}
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -48,12 +53,18 @@ def load_facts(path: Path) -> ClipFacts | None:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    of_look = {name.removeprefix(_LOOK): array.item() for name, array in arrays.items() if name.startswith(_LOOK)}
+    of_look = {name.removeprefix(_LOOK): array for name, array in arrays.items() if name.startswith(_LOOK)}
     return ClipFacts(
         SunTrack(**of_sun) if of_sun else None,
         arrays.get("gain"),
         calm,
         notes,
         int(arrays["first"]),
-        PlateGrade(**of_look) if of_look else None,
+        _stored_look(of_look) if of_look else None,
     )
+
+
+def _stored_look(arrays: dict[str, Any]) -> PlateGrade:
+    plain: dict[str, Any] = {name: arrays[name].item() for name in _PLAIN if name in arrays}
+    found = tuple(str(line) for line in arrays["found"])
+    return PlateGrade(colour=ColourGrade.of_numbers(arrays["colour"]), found=found, **plain)

@@ -78,7 +78,8 @@ def test_a_clip_has_one_look_in_every_range(tmp_path: Path, whale: Path) -> None
 
 
 def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -> None:
-    for match, runs in (({}, True), ({"enabled": False}, False), ({"softness": 0.0}, False), ({"sharpening": 1}, True)):
+    plain = dict.fromkeys(("white", "gamma", "contrast", "saturation"), 1.0) | {"black": 0.0, "softness": 0.0}
+    for match, runs in (({}, True), ({"enabled": False}, False), (plain, False), (plain | {"sharpening": 1}, True)):
         assert load(scene_of(tmp_path, whale, **match), *SIZE).plan.match.runs == runs
-    given = load(scene_of(tmp_path, whale, softness=1.0), *SIZE)
-    assert given.plan.match.why == "bodies as soft and as sharpened as set"
+    given = load(scene_of(tmp_path, whale, **(plain | {"softness": 1.0, "black": 0.05})), *SIZE)
+    assert given.plan.match.why == "the grade as set: black 0.050, softness 1"
