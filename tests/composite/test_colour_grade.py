@@ -14,6 +14,7 @@ from mr360uw.composite.grading.code_ends import code_ends
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
+from mr360uw.composite.grading.water_shape import ELEVATIONS, SPAN_RAD, WaterView, bent_by, with_number
 from mr360uw.composite.over import empty_tile, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, Layer, Rectangle, YuvImage
@@ -32,7 +33,7 @@ GRADES = {
 SPECS = {
     "srgb": ColorSpec(),
     "gamma 2.4, bt601": ColorSpec("bt601", transfer="bt1886"),
-    "log, wide gamut": ColorSpec(transfer="vlog", bits=10, primaries="vgamut"),
+    "log, wide gamut": ColorSpec(transfer="gplog", bits=10, primaries="bt2020"),
     "linear": ColorSpec("bt709", True, "linear", 32),
 }
 
@@ -196,3 +197,35 @@ def test_settings_say_what_is_wrong() -> None:
     given_black = MatchSettings(black=(0.1, 0.0, 0.0), gamma=0.9)
     assert given_black.colour_over(GRADES["lifted"]) == ColourGrade((0.1, 0.0, 0.0), (0.9, 0.9, 0.9), 0.9)
     assert given_black.open_keys == ("white", "contrast", "saturation")
+
+
+def water(grade: ColourGrade, slopes: tuple[float, float, float] = (1.1, 0.8, 0.9)) -> WaterView:
+    """Return a plate's water whose light falls with `slopes`, beside a medium that falls as (1.1, 0.8, 0.9)."""
+    up = np.linspace(-SPAN_RAD, SPAN_RAD, ELEVATIONS)[:, None]
+    gain = np.array([0.02, 0.2, 0.3])
+    codes = grade.graded(encode(gain * np.exp(up * 2.0 * np.array(slopes)), "srgb"))
+    return WaterView(codes[None], 0.5 * np.exp(up * 2.0 * np.array([1.1, 0.8, 0.9]))[None], ColorSpec())
+
+
+@pytest.mark.parametrize(
+    ("grade", "name", "value"),
+    [
+        (ColourGrade((0.06, 0.06, 0.06)), "black", 0.06),
+        (ColourGrade(contrast=1.4), "contrast", 1.4),
+        (ColourGrade(gamma=0.8), "gamma", 0.8),
+    ],
+)
+def test_the_shape_of_the_water_tells_one_number(grade: ColourGrade, name: str, value: float) -> None:
+    found = bent_by(water(grade), NO_GRADE, ORDER)
+    assert found is not None
+    assert found == (name, pytest.approx(value, abs=tol.BENT))
+    assert bent_by(water(grade), NO_GRADE, ("saturation",)) is None
+    assert bent_by(water(grade), with_number(NO_GRADE, name, value), ORDER) is None
+
+
+def test_water_that_the_medium_does_not_describe_tells_nothing() -> None:
+    assert bent_by(water(NO_GRADE), NO_GRADE, ORDER) is None
+    for slopes in ((1.6, 0.8, 0.9), (1.1, 1.1, 0.8), (0.5, 0.8, 1.3)):
+        assert bent_by(water(NO_GRADE, slopes), NO_GRADE, ORDER) is None
+    both = ColourGrade((0.1, 0.1, 0.1), contrast=1.4)
+    assert bent_by(water(both), NO_GRADE, ORDER) is None

@@ -5,8 +5,7 @@ A camera's codes end at black and white, and light beyond is held there. A grade
 with them: where the sun or its glow clip, or a channel is black, many pixels share one code while their other channels
 differ. An evenly lit sky piles up in all channels at once, and says nothing.
 
-Nothing else in a single plate tells its black, curve or saturation: the veil of water lifts black as an editor does,
-curves pass for another height of the sun, and saturation for another white balance.
+Saturation is told by nothing in a plate: it passes for another white balance of a camera.
 """
 
 from __future__ import annotations

@@ -20,8 +20,9 @@ change L and reach the file through g: they are as strong as in the graded pictu
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +37,14 @@ from mr360uw.color import (
 )
 from mr360uw.types import Floats
 
+if TYPE_CHECKING:
+    from mr360uw.composite.grading.grade_tables import GradeTables
+
 Three = tuple[float, float, float]
 LEAST_CONTRAST, MOST_CONTRAST = 0.3, 1.45
 """Slopes at middle grey. At 1.5 black and white have the slope 0, from which no light can be read; 1.45 leaves 0.1."""
 _ODD_CUBIC = 1.5 * np.sqrt(3.0)
 """Factor in the trigonometric and hyperbolic solutions of u^3 -+ p u = q."""
-
-
-_Change = Callable[[Floats, Floats], NDArray[np.floating]]
-"""(R'G'B' (..., 3), weights of luma (3,)) -> R'G'B' (..., 3)."""
 
 
 def graded_spec(spec: ColorSpec) -> ColorSpec:
@@ -110,16 +110,27 @@ class ColourGrade:
 
     def lay_on(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
         """Return the light (..., 3) that the graded codes show, of light (..., 3); both linear Rec.709, float32."""
-        return self._through(linear, spec, self.graded)
+        return self._through(linear, spec, laid_on=True)
 
     def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
         """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`."""
-        return self._through(linear, spec, self.ungraded)
+        return self._through(linear, spec, laid_on=False)
 
-    def _through(self, linear: Floats, spec: ColorSpec, change: _Change) -> NDArray[np.float32]:
+    def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
+        from mr360uw.composite.grading.grade_tables import BRIGHTEST
+
         own = graded_spec(spec)
-        changed = change(code_of(np.asarray(linear, np.float32), spec), luma_weights_of(spec))
-        return np.asarray(in_rec709(decode_signal(changed, own), own), np.float32)
+        light = in_plate_primaries(np.asarray(linear, np.float32), own)
+        if own.is_wide or np.max(np.abs(light), initial=0.0) > BRIGHTEST:
+            change = self.graded if laid_on else self.ungraded
+            changed = decode_signal(change(encode_signal(light, own), luma_weights_of(own)), own)
+        else:
+            changed = _tables(self, own, laid_on)(light)
+        return np.asarray(in_rec709(changed, own), np.float32)
+
+    def saturation_matrix(self, weights: Floats) -> Floats:
+        """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""
+        return self.saturation * np.eye(3) + (1.0 - self.saturation) * np.outer(np.ones(3), weights)
 
     def _levels(self, code: Floats) -> tuple[Floats, Floats]:
         low = np.array(self.black, code.dtype)
@@ -155,6 +166,22 @@ class ColourGrade:
 
 
 NO_GRADE = ColourGrade()
+
+
+@lru_cache(maxsize=8)
+def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
+    """Return the tables of a grade in one direction, of codes that are read by `spec`."""
+    from mr360uw.composite.grading.grade_tables import GradeTables, table_codes, table_light
+
+    mixed, codes = grade.saturation_matrix(luma_weights_of(spec)), table_codes()
+    plain, grey = replace(grade, saturation=1.0), codes[:, None] * np.ones(3)
+    encode = encode_signal(table_light(), spec)
+    steps: tuple[Floats, ...]
+    if laid_on:
+        steps = encode, np.eye(3), plain.graded(grey).T, mixed, decode_signal(codes, spec)
+    else:
+        steps = encode, np.linalg.inv(mixed), decode_signal(plain.ungraded(grey), spec).T, np.eye(3), np.empty(0)
+    return GradeTables(*(np.ascontiguousarray(step, np.float32) for step in steps))
 
 
 def _inverse_s(s: Floats, contrast: float) -> Floats:

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the colour of a plate's grade: what its patches tell, and where its codes end."""
+"""Finds the colour of a plate's grade: what its patches tell, where its codes end, and how its water is bent."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ from mr360uw.composite.grading.code_ends import code_ends
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.patch_solve import Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
+from mr360uw.composite.grading.water_shape import WaterView, bent_by, with_number
 from mr360uw.sphere import direction_from_angles, disc_directions, frame_from_direction
 from mr360uw.types import Floats, Rectangle
 
@@ -42,12 +42,12 @@ class Picture(Protocol):
 
 
 def found_colour(
-    frames: Sequence[Picture], settings: MatchSettings, shown: Sequence[Picture]
+    frames: Sequence[Picture], settings: MatchSettings, shown: Sequence[Picture], water: WaterView | None = None
 ) -> tuple[ColourGrade, tuple[str, ...]]:
     """Return the colour of a plate's grade, and one line on each source of it.
 
     frames: of the clip. settings: numbers that are given stay; the others are found, or change nothing. shown: for each
-    patch of the settings, the frame that shows it.
+    patch of the settings, the frame that shows it. water: of the frames, where the scene has a solved medium.
     """
     keys, given, lines = list(settings.open_keys), settings.colour_over(NO_GRADE), []
     if settings.patch:
@@ -58,9 +58,15 @@ def found_colour(
     ends = code_ends([_some_codes(frame) for frame in frames]) if {"black", "white"} & set(keys) else (None, None)
     for name, end in zip(("black", "white"), ends, strict=True):
         if end is not None and name in keys:
-            given = replace(given, **{name: (end, end, end)})  # type: ignore[arg-type]
+            given = with_number(given, name, end)
             keys.remove(name)
             lines.append(f"{name} {end:.3f}: codes end there")
+    bent = None if water is None else bent_by(water, given, keys)
+    if bent is not None:
+        name, value = bent
+        given = with_number(given, name, value)
+        keys.remove(name)
+        lines.append(f"{name} {value:.3f}: with it open water is as the medium says at all elevations")
     if keys:
         lines.append(f"{', '.join(keys)}: not told by this plate, taken as unchanged")
     return given, tuple(lines)
