@@ -71,14 +71,18 @@ class VideoFrame:
 
     @property
     def pixels(self) -> YuvImage | NDArray[np.float32]:
-        """The planes where the frame has them and no grade, else its linear picture; of a grade, at least 0."""
+        """The planes where the frame has them and no grade, else its linear picture.
+
+        Of a grade it is within 0 and, of codes whose brightest is white, 1: what is beyond is the encoder's overshoot.
+        """
         if self.grade is not None:
             return self._lit
         return self.yuv if self.yuv is not None else self.image_linear
 
     @cached_property
     def _lit(self) -> NDArray[np.float32]:
-        return np.maximum(self.image_linear, 0.0)
+        coded = self.rgb is None or self.rgb.dtype.kind == "u"
+        return np.clip(self.image_linear, 0.0, 1.0 if coded and not self.spec.is_wide else np.inf)
 
     def graded_by(self, grade: Grade | None) -> VideoFrame:
         """Return the frame, and its right eye, as of codes with a grade; the frame itself where it has that."""
