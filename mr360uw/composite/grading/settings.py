@@ -151,8 +151,8 @@ class MatchSettings(Parameters):
             if getattr(self, name) not in (0.0, "auto")
         ]
         open_ = [*(["softness"] if self.softness == "auto" else []), *self.open_keys]
-        source = f" by {len(self.patch)} patches and" * bool(self.patch)
-        found = f"found{source} in the plate: {', '.join(open_)}" if open_ else ""
+        source = f" in {len(self.patch)} patches and" * bool(self.patch)
+        found = f"looked for{source} in the plate: {', '.join(open_)}" if open_ else ""
         return "; ".join(filter(None, ["the grade as set: " + ", ".join(parts) if parts else "", found]))
 
 
