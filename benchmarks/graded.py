@@ -2,9 +2,11 @@
 """Bodies in graded plates, against the grade of the composite made before it.
 
     python benchmarks/graded.py [--width W] [--preset NAME] [--pictures FOLDER] [--only NAME ...]
+        [--ways WAY ...]
 
 A synthetic dive is graded in ten known ways and recorded again. A body laid into the graded clip is compared with the
-grade of the composite that was made on the clip as it was. Code values of 8 bits; without and with `[match]`:
+grade of the composite that was made on the clip as it was. Code values of 8 bits; without `[match]`, with all of it on
+"auto", and with the grade given:
 
 colour: largest difference of the body's mean R', G', B'. contrast: standard deviation of the body's luma over the
 truth's. sharpness: root mean square gradient of luma over the body and its edge, over the truth's.
@@ -30,6 +32,7 @@ sys.path.insert(0, str(ROOT))
 import mr360uw as uw  # noqa: E402
 from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.color import encode, ycbcr_from_rgb  # noqa: E402
+from mr360uw.composite.grading.settings import MatchSettings  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_facts  # noqa: E402
 from mr360uw.render.frame import Frame, finished, frame_stages  # noqa: E402
@@ -87,20 +90,21 @@ def same(code: Floats) -> Floats:
     return code
 
 
-GRADES: dict[str, tuple[Grade, int]] = {
-    "none": (same, 14),
-    "blur 0.6": (blur(0.6), 14),
-    "blur 1.0": (blur(1.0), 14),
-    "blur 1.5": (blur(1.5), 14),
-    "sharpened 0.8": (sharpen(0.8), 14),
-    "lifted 0.06": (lift(0.06), 14),
-    "lifted 0.06, white 0.9": (lift(0.06, 0.9), 14),
-    "s curve": (s_curve(0.4), 14),
-    "power 0.8": (power(0.8), 14),
-    "saturation 1.4": (saturate(1.4), 14),
-    "crf 28": (same, 28),
+GRADES: dict[str, tuple[Grade, int, dict[str, float]]] = {
+    "none": (same, 14, {}),
+    "blur 0.6": (blur(0.6), 14, {"softness": 0.6}),
+    "blur 1.0": (blur(1.0), 14, {"softness": 1.0}),
+    "blur 1.5": (blur(1.5), 14, {"softness": 1.5}),
+    "sharpened 0.8": (sharpen(0.8), 14, {"sharpening": 0.8}),
+    "lifted 0.06": (lift(0.06), 14, {"black": 0.06}),
+    "lifted 0.06, white 0.9": (lift(0.06, 0.9), 14, {"black": 0.06, "white": 0.9}),
+    "s curve": (s_curve(0.4), 14, {"contrast": 1.4}),
+    "power 0.8": (power(0.8), 14, {"gamma": 0.8}),
+    "saturation 1.4": (saturate(1.4), 14, {"saturation": 1.4}),
+    "crf 28": (same, 28, {}),
 }
-"""Grade and constant rate factor of x264."""
+"""Grade, constant rate factor of x264, and the grade as a scene's `[match]` gives it."""
+NEUTRAL = {"black": 0.0, "white": 1.0, "gamma": 1.0, "contrast": 1.0, "saturation": 1.0, "softness": 0.0}
 
 
 @dataclass(frozen=True)
@@ -145,19 +149,19 @@ def codes_of(frame: uw.VideoFrame) -> Floats:
     return encode(np.clip(frame.image_linear, 0.0, 1.0), "srgb")
 
 
-def composite(scene: Scene, plate: Path, backend: Backend, matched: bool) -> list[Frame]:
+def composite(scene: Scene, plate: Path, backend: Backend, match: MatchSettings) -> list[Frame]:
     """Return the frames of a clip with the scene's body in them."""
     scene = scene.model_copy(
         update={
             "plate": scene.plate.model_copy(update={"path": plate}),
-            "match": scene.match.model_copy(update={"enabled": matched}),
+            "match": match,
         }
     )
     video = uw.open_video(plate)
     loaded = load(scene, video.width, video.height)
     facts = clip_facts(loaded, video)
-    if facts.look is not None:
-        print(f"      {facts.look}")
+    for line in facts.look.found if facts.look is not None else ():
+        print(f"      {line}")
     kept = Cache()
     return [finished(frame_stages(loaded, facts, backend, frame, 0.0, kept=kept)) for frame in video.frames()]
 
@@ -168,6 +172,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--preset", default="reef", choices=sorted(PRESETS))
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--ways", nargs="*", default=["as is", "auto", "given"])
     parser.add_argument("--only", nargs="*", default=list(GRADES))
     options = parser.parse_args()
     missed = 0
@@ -177,30 +182,32 @@ def main() -> int:
             folder / "dive", DiveSettings(**PRESETS[options.preset]), width=options.width, frames=FRAMES, samples=2
         )
         scene = load_scene(dive.scene, ["object.0.position_m=[0.3, -0.5, -2.2]"])
-        clean = composite(scene, dive.plate, backend, False)
+        off = MatchSettings(enabled=False)
+        clean = composite(scene, dive.plate, backend, off)
         alpha = clean[JUDGED].layer.alpha
         for label in options.only:
-            grade, rate_factor = GRADES[label]
+            grade, rate_factor, given = GRADES[label]
             record(folder / "plate.mp4", (grade(codes_of(f.plate)) for f in clean), rate_factor)
             record(folder / "truth.mp4", (grade(codes_of(f.picture)) for f in clean), rate_factor)
             truth = [codes_of(f) for f in uw.open_video(folder / "truth.mp4").frames()][JUDGED]
             goal = measure(truth, alpha)
             print(label)
-            for matched in (False, True):
-                made = codes_of(composite(scene, folder / "plate.mp4", backend, matched)[JUDGED].picture)
+            ways = {"as is": off, "auto": MatchSettings(), "given": MatchSettings(**(NEUTRAL | given))}
+            for way in options.ways:
+                made = codes_of(composite(scene, folder / "plate.mp4", backend, ways[way])[JUDGED].picture)
                 found = measure(made, alpha)
                 colour = float(np.abs(found.colour - goal.colour).max())
                 contrast, sharpness = found.contrast / goal.contrast, found.sharpness / goal.sharpness
                 meets = colour <= COLOUR_CODES, abs(contrast - 1) <= CONTRAST, abs(sharpness - 1) <= SHARPNESS
-                missed += matched and not all(meets)
+                missed += way != "as is" and not all(meets)
                 print(
-                    f"   {'matched' if matched else 'as is  '}  colour {colour:5.2f}  contrast {contrast:5.3f}  "
+                    f"   {way:6s}  colour {colour:5.2f}  contrast {contrast:5.3f}  "
                     f"sharpness {sharpness:5.3f}  {'' if all(meets) else 'missed'}"
                 )
                 if options.pictures is not None:
                     options.pictures.mkdir(parents=True, exist_ok=True)
                     stem = label.replace(" ", "_").replace(",", "")
-                    close(options.pictures / f"{stem}_{'matched' if matched else 'as_is'}.png", made, truth, alpha)
+                    close(options.pictures / f"{stem}_{way.replace(' ', '_')}.png", made, truth, alpha)
     return int(missed > 0)
 
 

@@ -63,6 +63,7 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert code == 0
     assert "whale.glb: " in out
     assert "caustics     runs" in out
+    assert "not told by this plate" in "".join(line for line in out.splitlines() if line.startswith("look "))
     assert not (scene.parent / "out.mp4").exists()
     code, out, _ = run("check", scene, "--set", 'water.type="none"', "--set", 'light.sun="detect"')
     assert code == 0

@@ -69,7 +69,8 @@ class KeptFacts:
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
     scene, plan = loaded.scene, loaded.plan
     files = tuple((path, stamp(path)) for path in loaded.other_files)
-    wanted = plan.track_sun.runs, plan.track_gain.runs, plan.match.runs and scene.match.measures
+    look = plan.match.runs and (scene.match.measures, scene.match.reading)
+    wanted = plan.track_sun.runs, plan.track_gain.runs, look
     return Same(plate), scene.camera, scene.water, scene.light, scene.keys, files, wanted
 
 

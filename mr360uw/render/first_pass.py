@@ -26,11 +26,12 @@ from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import calm_series
-from mr360uw.render.stages.match_stage import clip_look
+from mr360uw.render.stages.match_stage import clip_colour, clip_look
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
 from mr360uw.video import VideoFrame, VideoReader
+from mr360uw.video.video_frame import Grade
 
 MARGIN_S = 10.0
 """Time [s] on either side of the frames asked for that is measured too: several times what the sun and the gain are
@@ -96,8 +97,12 @@ def clip_facts(
     plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     keyed = loaded.surroundings_at if loaded.scene.keys else None
-    facts = first_pass(loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, **wanted)
-    return replace(facts, look=clip_look(loaded, video))
+    look = clip_look(loaded, video)
+    colour = clip_colour(loaded, look)
+    facts = first_pass(
+        loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, grade=colour, **wanted
+    )
+    return replace(facts, look=look)
 
 
 def first_pass(
@@ -110,19 +115,20 @@ def first_pass(
     calm: CalmSeries | None = None,
     frames: tuple[int, int] | None = None,
     keyed: Callable[[float], Surroundings] | None = None,
+    grade: Grade | None = None,
 ) -> ClipFacts:
     """Return the facts of a clip, or of its frames [a, b).
 
     sun, gain: whether each is measured. calm: collects the ground without caustics. frames: are read with a margin on
     either side (`measured_range`), which ends at a frame that cannot be decoded; default: the whole clip. keyed: the
-    surroundings at a time [s], where the scene has keys.
+    surroundings at a time [s], where the scene has keys. grade: that the plate's light is read without.
 
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
     stored = surroundings.settings.track
     track = _stored_track(stored, video) if sun and stored is not None else None
-    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, calm)
+    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, calm, grade)
     if not (wanted.sun or wanted.gain or calm is not None):
         return ClipFacts(track)
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
@@ -139,11 +145,12 @@ def first_pass(
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """Which facts a pass measures."""
+    """Which facts a pass measures, and the grade of the plate that they are measured without."""
 
     sun: bool
     gain: bool
     calm: CalmSeries | None
+    grade: Grade | None
 
 
 def _measured(
@@ -165,7 +172,7 @@ def _measured(
     suns = SunSeries(of_frame.sun, float(video.frame_rate))
     gains = GainSeries(of_frame.gain, float(video.frame_rate))
     with one_blas_thread():
-        for frame in prefetch(video.frames(begin, end)):
+        for frame in prefetch(one.graded_by(wanted.grade) for one in video.frames(begin, end)):
             if wanted.gain:
                 gains.add(frame, frame.index)
             if wanted.sun:

@@ -25,7 +25,7 @@ from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
 from mr360uw.render.shots import instants, layer_key, seen_by, shafts_of, shot_at, with_caustics, with_snow
 from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
-from mr360uw.render.stages.match_stage import asked_look, with_look
+from mr360uw.render.stages.match_stage import asked_look, ungraded, with_look
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import Layer, MediumTable
 from mr360uw.video import VideoFrame
@@ -40,9 +40,10 @@ T = TypeVar("T")
 class Frame:
     """One composited frame and its intermediate results; stages that the scene does not need are None.
 
-    picture: the plate with the layer over it. caustics: of the last instant, in the backend's own form. variables: the
-    layer's output variables if they were asked for; they have no motion blur. right: of a stereo plate, whose left eye
-    this is, the frame of the right one; `picture` has the right eye's picture too.
+    picture: the plate with the layer over it. plate: its light is read without its grade. caustics: of the last
+    instant, in the backend's own form. variables: the layer's output variables if they were asked for; they have no
+    motion blur. right: of a stereo plate, whose left eye this is, the frame of the right one; `picture` has the right
+    eye's picture too.
     """
 
     picture: VideoFrame
@@ -76,9 +77,10 @@ def frame_stages(
     is drawn.
     """
     plan, index, time_s = loaded.plan, plate.index, plate.time_s
-    now = loaded.at(time_s)
+    now, kept = loaded.at(time_s), Cache(loaded.scene.plate.eyes) if kept is None else kept
+    grain, filed = now.scene.draw.grain, plate
+    plate = ungraded(now, facts.look, filed, kept)
     eyes = eyes_of(now.scene, plate)
-    kept, grain = Cache(len(eyes)) if kept is None else kept, now.scene.draw.grain
     patterns: list[PlatePattern | None] = [None for _ in eyes]
     light = water = None
     drawn: list[list[Drawn]] = [[] for _ in eyes]
@@ -102,7 +104,7 @@ def frame_stages(
     frames = []
     for eye, layers in zip(eyes, drawn, strict=True):
         layer = mean_layer([one.layer for one in layers]) if layers else Layer(loaded.height, loaded.width, ())
-        look = asked_look(now, facts.look, plate, layer, kept)  # of the left eye for both
+        look = asked_look(now, facts.look, filed, layer, kept)  # of the left eye for both
         frames.append(_composited(eye.plate, layers, layer, look, light, water, grain, kept))
     return frames[0] if len(frames) == 1 else both_eyes(*frames)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.files import whole_file
 from mr360uw.ibl import SunTrack
@@ -19,6 +20,8 @@ from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
 _SUN, _LOOK = "sun_", "look_"
+_PLAIN = ("softness_px", "sharpening", "sharpening_px", "columns")
+"""Fields of a look that are numbers."""
 
 
 def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
@@ -33,7 +36,9 @@ def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
         if facts.calm.mean is not None:
             arrays["mean"] = facts.calm.mean
     if facts.look is not None:
-        arrays |= {_LOOK + name: value for name, value in dataclasses.asdict(facts.look).items() if value is not None}
+        plain = {name: getattr(facts.look, name) for name in _PLAIN if getattr(facts.look, name) is not None}
+        of_look = {"colour": facts.look.colour.numbers, "found": np.array(facts.look.found, dtype=np.str_), **plain}
+        arrays |= {_LOOK + name: value for name, value in of_look.items()}
     return arrays
 
 
@@ -46,14 +51,14 @@ def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    of_look = {name.removeprefix(_LOOK): array.item() for name, array in arrays.items() if name.startswith(_LOOK)}
+    of_look = {name.removeprefix(_LOOK): array for name, array in arrays.items() if name.startswith(_LOOK)}
     return ClipFacts(
         SunTrack(**of_sun) if of_sun else None,
         arrays.get("gain"),
         calm,
         notes,
         int(arrays["first"]),
-        PlateGrade(**of_look) if of_look else None,
+        _stored_look(of_look) if of_look else None,
     )
 
 
@@ -67,3 +72,9 @@ def load_facts(path: Path) -> ClipFacts | None:
     """Return the facts of a file, or None where there is none or it is damaged."""
     arrays = read_arrays(path)
     return None if arrays is None else facts_of_arrays(arrays)
+
+
+def _stored_look(arrays: Mapping[str, NDArray[Any]]) -> PlateGrade:
+    plain: dict[str, Any] = {name: arrays[name].item() for name in _PLAIN if name in arrays}
+    found = tuple(str(line) for line in arrays["found"])
+    return PlateGrade(colour=ColourGrade.of_numbers(arrays["colour"]), found=found, **plain)

@@ -52,7 +52,7 @@ def composite_picture(shown: ShownFrame) -> Codes:
 
 def plate_picture(shown: ShownFrame) -> Codes:
     """Return the plate as it is, (H, W, 3)."""
-    return _codes(shown.frame.plate)
+    return _codes(shown.frame.plate.graded_by(None))
 
 
 def lights_picture(shown: ShownFrame) -> Codes:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,16 @@ Blend = Callable[[Floats, Tile], Floats]
 """(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
 
 
+class Grade(Protocol):
+    """Colour of a grade, between light and the light that graded codes show; all (..., 3) linear Rec.709, float32."""
+
+    def lay_on(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the graded light."""
+
+    def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the light before the grade."""
+
+
 @dataclass(frozen=True, eq=False)
 class VideoFrame:
     """One picture of a plate.
@@ -34,7 +44,8 @@ class VideoFrame:
     wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
     ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
     left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
-    some is brighter than the codes can say.
+    some is brighter than the codes can say. grade: of the codes, None for none: light is read without it and written
+    with it; a composite holds its codes alone.
     """
 
     index: int
@@ -50,6 +61,7 @@ class VideoFrame:
     damage: Literal["none", "concealed", "held"] = "none"
     right: VideoFrame | None = None
     clipped: tuple[tuple[Rectangle, NDArray[np.float32]], ...] = ()
+    grade: Grade | None = None
 
     @classmethod
     def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:
@@ -59,8 +71,23 @@ class VideoFrame:
 
     @property
     def pixels(self) -> YuvImage | NDArray[np.float32]:
-        """The planes where the frame has them, else its linear picture."""
+        """The planes where the frame has them and no grade, else its linear picture.
+
+        Of a grade it is within 0 and, of codes whose brightest is white, 1: what is beyond is the encoder's overshoot.
+        """
+        if self.grade is not None:
+            return self._lit
         return self.yuv if self.yuv is not None else self.image_linear
+
+    @cached_property
+    def _lit(self) -> NDArray[np.float32]:
+        coded = self.rgb is None or self.rgb.dtype.kind == "u"
+        return np.clip(self.image_linear, 0.0, 1.0 if coded and not self.spec.is_wide else np.inf)
+
+    def graded_by(self, grade: Grade | None) -> VideoFrame:
+        """Return the frame, and its right eye, as of codes with a grade; the frame itself where it has that."""
+        right = None if self.right is None else self.right.graded_by(grade)
+        return self if self.grade is grade and right is self.right else replace(self, grade=grade, right=right)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -99,13 +126,21 @@ class VideoFrame:
         if self.yuv is not None:
             from mr360uw.yuv.decoding import linear_from_planes
 
-            return linear_from_planes(self.yuv, rectangle, self.wrap)
+            return self._ungraded(linear_from_planes(self.yuv, rectangle, self.wrap))
         from mr360uw.video.pixels.rgb import linear_from_codes
 
         assert self.rgb is not None
         column, row, width, height = rectangle
         codes = self.rgb[row : row + height, column : column + width]
-        return in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec)
+        return self._ungraded(in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec))
+
+    def _ungraded(self, linear: NDArray[np.float32]) -> NDArray[np.float32]:
+        return linear if self.grade is None else self.grade.take_off(linear, self.spec)
+
+    def _blended(self, rectangle: Rectangle, tile: Tile, blend: Blend) -> Floats:
+        """Return the composite of one tile (h, w, 3) as the codes show it."""
+        linear = blend(self._returned(rectangle), tile)
+        return linear if self.grade is None else self.grade.lay_on(linear, self.spec)
 
     @cached_property
     def _lent(self) -> dict[Rectangle, NDArray[np.float32]]:
@@ -142,7 +177,7 @@ class VideoFrame:
         Light above 1 is clipped to the top code (EXR plates keep it).
         """
         if not layer.tiles:
-            return self
+            return self.graded_by(None)
         if (layer.height, layer.width) != self.shape:
             raise VideoError(
                 f"frame {self.index} - the layer has another size (got {layer.width}x{layer.height} over "
@@ -171,13 +206,13 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self._returned(rectangle), tile)
+                linear = self._blended(rectangle, tile, blend)
                 if linear.max() > brightest:
                     clipped.append((rectangle, np.asarray(linear, np.float32)))
                 lay_over_planes(
                     self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
                 )
-        return replace(self, yuv=_read_only(planes), native=native, clipped=tuple(clipped))
+        return replace(self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), grade=None)
 
     def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
@@ -191,7 +226,7 @@ class VideoFrame:
             changed = changed_pixels(tile)
             if changed.any():
                 rectangle = tile.rectangle
-                linear = blend(self._returned(rectangle), tile)
+                linear = self._blended(rectangle, tile, blend)
                 if amount > 0.0 and self.spec.mapping is None:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 if linear.max() > brightest:
@@ -201,7 +236,7 @@ class VideoFrame:
                     linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
                 lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
-        return replace(self, rgb=codes, clipped=tuple(clipped))
+        return replace(self, rgb=codes, clipped=tuple(clipped), grade=None)
 
 
 def _read_only(image: YuvImage) -> YuvImage:

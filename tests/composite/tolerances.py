@@ -157,3 +157,22 @@ BLUR_FOUND = 0.1
 """Relative, of a blur found in a power spectrum: the share of a pixel's own blur is not known better."""
 MASK_AT_EDGE = 0.002
 """Linear light: the mask takes its coverage from the blurred body, without what is fainter than 1e-4."""
+GRADE_INVERSE = 1e-9
+"""Codes through a grade and back, float64: the closed form of the cubic loses half of the digits at its ends."""
+GRADE_FLOAT32 = 1e-3
+"""Light through a grade and back, float32: a code is known to 1e-7, a log curve of 14 stops multiplies its error."""
+GRADED_COMPOSITE = 3.0 / 1023.0
+"""Codes of a composite on planes of 10 bits: both plates and both results are rounded, and a slope of 1.4 adds."""
+GRADED_LIGHT = 0.02
+"""Light of a graded plate of 10 bits against the ungraded one: half a code of 1023 each, over a slope of 0.6."""
+PATCH_BLACK = 0.01
+"""Black from patches: a code of 8 bits is 0.004, and saturation that is not known mixes channels that differ by 0.02."""
+PATCH_NUMBER = 0.02
+"""Numbers of a curve from exact patches whose untold numbers are at rest: the solver's stop, and black's share."""
+CODE_END = 0.006
+"""End of the codes from a pile: one and a half codes of 255, as wide as half a pile."""
+BENT = 0.01
+"""Number of a grade from a profile without noise: a parabola through candidates 0.01 and 0.02 apart."""
+GRADED_RENDER = 0.002
+"""Codes of a composite in a graded plate of floats against the grade of the composite: half an 8-bit code, of light that
+is read through tables of float32, and of devices that cut it to halves."""

@@ -13,16 +13,20 @@ import pytest
 
 from mr360uw import open_video, render_frame
 from mr360uw.cache import Cache
-from mr360uw.color import decode
+from mr360uw.color import ColorSpec, decode, encode
+from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.render.first_pass import clip_facts
 from mr360uw.render.loaded import load
 from mr360uw.render.stages.match_stage import asked_look, clip_look
+from mr360uw.runs.stored_facts import load_facts, save_facts
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
+from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
 from tests.composite.test_grading import coded, texture
-from tests.scenes import scene_with
+from tests.scenes import gradient_plate, scene_with
 
 SIZE = 256, 128
 
@@ -78,7 +82,64 @@ def test_a_clip_has_one_look_in_every_range(tmp_path: Path, whale: Path) -> None
 
 
 def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -> None:
-    for match, runs in (({}, True), ({"enabled": False}, False), ({"softness": 0.0}, False), ({"sharpening": 1}, True)):
+    plain = dict.fromkeys(("white", "gamma", "contrast", "saturation"), 1.0) | {"black": 0.0, "softness": 0.0}
+    for match, runs in (({}, True), ({"enabled": False}, False), (plain, False), (plain | {"sharpening": 1}, True)):
         assert load(scene_of(tmp_path, whale, **match), *SIZE).plan.match.runs == runs
-    given = load(scene_of(tmp_path, whale, softness=1.0), *SIZE)
-    assert given.plan.match.why == "bodies as soft and as sharpened as set"
+    given = load(scene_of(tmp_path, whale, **(plain | {"softness": 1.0, "black": 0.05})), *SIZE)
+    assert given.plan.match.why == "the grade as set: black 0.050, softness 1"
+
+
+GRADED = {"black": (0.06, 0.05, 0.04), "white": 0.92, "gamma": 0.9, "contrast": 1.2, "saturation": 1.3}
+
+
+def test_a_composite_in_a_graded_plate_is_the_grade_of_the_composite(tmp_path: Path, whale: Path, backend: str) -> None:
+    """Light from the plate, a body and its shadow on the floor; a plate of floats, so that nothing is rounded."""
+    grade = MatchSettings(**GRADED).colour_over(NO_GRADE)
+    plain = gradient_plate(96, 48, sun=None)
+    graded = grade.lay_on(plain, VideoFrame.of_linear(plain).spec)
+    tables: dict[str, Any] = {
+        "light": {"sun": "none"}, "water": {"type": "none"}, "draw": {"samples": 5},
+        "receiver": {"kind": "plane", "position_m": [0.0, -1.5, 0.0]},
+    }  # fmt: skip
+    off, given = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"enabled": False}, GRADED))
+    truth, made = (render_frame(*of, backend=backend) for of in ((plain, off), (graded, given)))
+    changed = np.any(truth.image_linear != plain, axis=-1)
+    assert changed.mean() > 0.01
+    spec = ColorSpec("bt709", True, "srgb")
+    wanted, found = (code_of(one, spec) for one in (grade.lay_on(truth.image_linear, spec), made.image_linear))
+    np.testing.assert_allclose(found[changed], wanted[changed], atol=tol.GRADED_RENDER)
+    np.testing.assert_array_equal(made.image_linear[~changed], graded[~changed])
+    as_is = render_frame(graded, off, backend=backend)
+    assert np.abs(code_of(as_is.image_linear, spec) - wanted)[changed].max() > 10.0 * tol.GRADED_RENDER
+
+
+def test_patches_of_a_clip_are_solved_and_kept(tmp_path: Path, whale: Path) -> None:
+    """A black one and three coloured cards in the first of two frames, which the second does not show."""
+    grade, light = ColourGrade((0.06, 0.06, 0.06), gamma=0.85, saturation=1.3), np.array([0.25, 0.5, 0.6])
+    reflected = [(0.0, 0.0, 0.0), (0.2, 0.2, 0.2), (0.9, 0.9, 0.9), (0.7, 0.15, 0.1), (0.1, 0.2, 0.7)]
+    codes = np.full((*SIZE[::-1], 3), 0.4)
+    patches: list[dict[str, Any]] = []
+    for k, reflectance in enumerate(reflected):
+        column = 128 + 16 * k
+        codes[60:68, column - 4 : column + 4] = encode(light * np.array(reflectance), "srgb")
+        place = {"azimuth_deg": 360.0 * column / SIZE[0] - 180.0, "elevation_deg": 0.0, "size_deg": 6.0}
+        kind = "black" if k == 0 else "grey" if k < 3 else "colour"
+        shown = {"reflectance": reflectance[0] if k < 3 else reflectance} if k else {}
+        patches.append(place | {"is": kind} | shown)
+    for number, of_frame in enumerate((codes, np.full_like(codes, 0.4))):
+        picture = np.rint(255.0 * np.clip(grade.graded(of_frame), 0.0, 1.0)).astype(np.uint8)
+        cv2.imwrite(str(tmp_path / f"card_{number}.png"), picture[..., ::-1])
+    scene = scene_of(tmp_path, whale, patch=patches, softness=0.0, white=1.0)
+    with open_video(tmp_path / "card_%d.png") as video:
+        facts = clip_facts(load(scene, *SIZE), video, frames=(1, 2))
+    assert facts.look is not None
+    colour = facts.look.colour
+    np.testing.assert_allclose(colour.black, grade.black, atol=tol.PATCH_BLACK)
+    assert colour.gamma == pytest.approx(grade.gamma, abs=2.0 * tol.PATCH_NUMBER)  # codes are rounded to 8 bits
+    assert colour.saturation == pytest.approx(grade.saturation, abs=2.0 * tol.PATCH_NUMBER)
+    assert facts.look.found[0].startswith("5 patches: black 0.0")
+    assert colour.contrast == pytest.approx(1.0, abs=2.0 * tol.PATCH_NUMBER)
+    save_facts(facts, tmp_path / "facts.npz")
+    stored = load_facts(tmp_path / "facts.npz")
+    assert stored is not None
+    assert stored.look == facts.look

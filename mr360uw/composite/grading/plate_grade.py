@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade
 from mr360uw.composite.grading.settings import MatchSettings
 
 
@@ -13,18 +14,21 @@ class PlateGrade:
     """The look of a plate beside a picture drawn by this package; the defaults change nothing.
 
     softness_px: standard deviation [px] of the Gaussian blur. sharpening: amount of an unsharp mask of standard
-    deviation sharpening_px, 0 none. columns: of the frames that these pixels are of; None: of any.
+    deviation sharpening_px, 0 none. columns: of the frames that these pixels are of; None: of any. colour: of the
+    grade. found: one line on each part of the look that the plate shows, or does not tell.
     """
 
     softness_px: float = 0.0
     sharpening: float = 0.0
     sharpening_px: float = 1.0
     columns: int | None = None
+    colour: ColourGrade = NO_GRADE
+    found: tuple[str, ...] = ()
 
     @property
     def changes(self) -> bool:
         """Whether bodies with this look differ from bodies as drawn."""
-        return self.reach_px > 0
+        return self.reach_px > 0 or self.colour.changes
 
     @property
     def reach_px(self) -> int:
@@ -40,7 +44,8 @@ class PlateGrade:
             return PlateGrade()
         factor = 1.0 if self.columns is None else columns / self.columns
         softness_px = self.softness_px * factor if settings.softness == "auto" else settings.softness * scale
-        return PlateGrade(softness_px, settings.sharpening, settings.sharpening_px * scale, columns)
+        colour = settings.colour_over(self.colour)
+        return PlateGrade(softness_px, settings.sharpening, settings.sharpening_px * scale, columns, colour)
 
 
 def ceil_px(deviation_px: float) -> int:

@@ -1,21 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The `[match]` table of a scene."""
+"""The `[match]` table of a scene and its `[[match.patch]]` tables."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
+from mr360uw.composite.grading.colour_grade import LEAST_CONTRAST, MOST_CONTRAST, NO_GRADE, ColourGrade, Three
 from mr360uw.parameters import Parameters, parameter
 
 _ONE_LOOK = "a clip has one look"
+LEAST_STEP = 0.2
+"""Least white over black: below it most of the plate's light is lost in rounding to codes."""
+_Black = Annotated[float, Field(ge=-0.3, le=0.5)]
+_White = Annotated[float, Field(ge=0.4, le=1.6)]
+Black = Literal["auto"] | _Black | tuple[_Black, _Black, _Black]
+White = Literal["auto"] | _White | tuple[_White, _White, _White]
+Reflectance = Annotated[float, Field(gt=0.0, le=1.0)]
+COLOUR = ("black", "white", "gamma", "contrast", "saturation")
+"""The keys of a grade's colour, which are numbers or "auto"."""
+
+
+class PatchSettings(Parameters):
+    """Something in the plate whose colour is known, less than about a metre from the camera."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    azimuth_deg: float = parameter(..., "side of the panorama on which it is, 0: middle, +: right", unit="deg")
+    elevation_deg: float = parameter(..., "height over the panorama's middle row", unit="deg", low=-90.0, high=90.0)
+    size_deg: float = parameter(1.0, "diameter of the part that is read", unit="deg", low=0.05, high=20.0)
+    shows: Literal["grey", "colour", "black"] = parameter(
+        "grey", "a grey, which reflects all colours alike; a colour; or black", alias="is"
+    )
+    reflectance: Reflectance | tuple[Reflectance, Reflectance, Reflectance] = parameter(
+        0.18, "fraction of the light that a grey reflects; of a colour, of red, green and blue", unit="1"
+    )
+    time_s: float = parameter(0.0, "time of the frame that shows it", unit="s", low=0.0, high=1e6)
+
+    @model_validator(mode="after")
+    def _as_many_numbers_as_colours(self) -> PatchSettings:
+        several = isinstance(self.reflectance, tuple)
+        if self.shows == "black" and "reflectance" in self.model_fields_set:
+            raise ValueError("reflectance - black has none (got both) - remove it, or say that it is grey")
+        if several != (self.shows == "colour"):
+            wanted = "three numbers, red, green, blue" if self.shows == "colour" else "one number"
+            raise ValueError(f"reflectance - of a {self.shows} is {wanted} (got {self.reflectance}) - give these")
+        return self
+
+    @property
+    def reflected(self) -> Three:
+        """Fraction of red, green and blue that it reflects."""
+        return (0.0, 0.0, 0.0) if self.shows == "black" else _three(self.reflectance)
 
 
 class MatchSettings(Parameters):
-    """Softness and sharpening of the plate, which bodies are given too."""
+    """Grade, softness and sharpening of the plate: its light is read without the grade, bodies are given all of it."""
 
-    enabled: bool = parameter(True, "whether bodies are given any of the plate's look", fixed=_ONE_LOOK)
+    enabled: bool = parameter(True, "whether anything of the plate's look is reckoned with", fixed=_ONE_LOOK)
+    black: Black = parameter(
+        "auto", "code of black, 0 to 1, of all channels or of red, green, blue; auto: patches, or where codes end",
+        unit="1", fixed=_ONE_LOOK,
+    )  # fmt: skip
+    white: White = parameter(
+        "auto", "code of white, 0 to 1, of all channels or of red, green, blue; auto: patches, or where codes end",
+        unit="1", fixed=_ONE_LOOK,
+    )  # fmt: skip
+    gamma: Literal["auto"] | Annotated[float, Field(ge=0.3, le=3.0)] = parameter(
+        "auto", "exponent of the codes, below 1 brighter; auto: patches, else 1", unit="1", fixed=_ONE_LOOK
+    )
+    contrast: Literal["auto"] | Annotated[float, Field(ge=LEAST_CONTRAST, le=MOST_CONTRAST)] = parameter(
+        "auto", "slope at middle grey of an S curve that keeps black and white; auto: patches, else 1", unit="1",
+        fixed=_ONE_LOOK,
+    )  # fmt: skip
+    saturation: Literal["auto"] | Annotated[float, Field(ge=0.1, le=4.0)] = parameter(
+        "auto", "factor on the distance of codes from their luma; auto: patches, else 1", unit="1", fixed=_ONE_LOOK
+    )
+    patch: tuple[PatchSettings, ...] = parameter((), "things of known colour in the plate", fixed=_ONE_LOOK)
     softness: Literal["auto"] | Annotated[float, Field(ge=0.0, le=10.0)] = parameter(
         "auto", "standard deviation of the blur of bodies; auto: as the plate shows it, where it does; 0: none",
         unit="px", fixed=_ONE_LOOK,
@@ -28,12 +90,79 @@ class MatchSettings(Parameters):
         1.0, "standard deviation of that mask", unit="px", above=0.0, high=10.0, fixed=_ONE_LOOK
     )
 
+    @model_validator(mode="after")
+    def _white_above_black(self) -> MatchSettings:
+        given = self.colour_over(NO_GRADE)
+        for black, white in zip(given.black, given.white, strict=True):
+            if white - black < LEAST_STEP:
+                raise ValueError(
+                    f"white - must be {LEAST_STEP:g} above black (got {white:g} over {black:g}) - change one of them"
+                )
+        return self
+
+    def colour_over(self, found: ColourGrade) -> ColourGrade:
+        """Return the colour of the grade: the given numbers, and those found where a key is "auto"."""
+        black, white, gamma, contrast, saturation = (getattr(self, name) for name in COLOUR)
+        return ColourGrade(
+            found.black if black == "auto" else _three(black),
+            found.white if white == "auto" else _three(white),
+            found.gamma if gamma == "auto" else gamma,
+            found.contrast if contrast == "auto" else contrast,
+            found.saturation if saturation == "auto" else saturation,
+        )
+
+    @property
+    def open_keys(self) -> tuple[str, ...]:
+        """The keys of the colour that are to be found."""
+        return tuple(name for name in COLOUR if getattr(self, name) == "auto")
+
+    @property
+    def reading(self) -> Hashable:
+        """Key of all that the plate's light is read by."""
+        return self.enabled, *(getattr(self, name) for name in COLOUR), self.patch
+
     @property
     def measures(self) -> bool:
         """Whether anything of the plate's look is measured."""
-        return self.enabled and self.softness == "auto"
+        return self.enabled and (self.softness == "auto" or bool(self.open_keys))
+
+    @property
+    def colours(self) -> bool:
+        """Whether the plate may have a grade that its light is read without."""
+        return self.enabled and (bool(self.open_keys) or self.colour_over(NO_GRADE).changes)
 
     @property
     def changes(self) -> bool:
         """Whether bodies may be changed."""
-        return self.enabled and (self.softness != 0.0 or self.sharpening != 0.0)
+        return self.enabled and (self.softness != 0.0 or self.sharpening != 0.0 or self.colours)
+
+    @property
+    def in_words(self) -> str:
+        """The numbers that are set and change anything, and what is found in the plate instead; "" for nothing."""
+        set_ = self.colour_over(NO_GRADE)
+        parts = [
+            f"{name} {number_words(getattr(set_, name))}"
+            for name in COLOUR
+            if getattr(set_, name) != getattr(NO_GRADE, name)
+        ]
+        parts += [
+            f"{name} {getattr(self, name):g}"
+            for name in ("softness", "sharpening")
+            if getattr(self, name) not in (0.0, "auto")
+        ]
+        open_ = [*(["softness"] if self.softness == "auto" else []), *self.open_keys]
+        source = f" in {len(self.patch)} patches and" * bool(self.patch)
+        found = f"looked for{source} in the plate: {', '.join(open_)}" if open_ else ""
+        return "; ".join(filter(None, ["the grade as set: " + ", ".join(parts) if parts else "", found]))
+
+
+def number_words(value: float | Three) -> str:
+    """Return a number of a grade, or one for each channel where they differ."""
+    if not isinstance(value, tuple):
+        return f"{value:.2f}"
+    return f"{value[0]:.3f}" if len(set(value)) == 1 else " ".join(f"{part:.3f}" for part in value)
+
+
+def _three(value: float | Three) -> Three:
+    """Return a value for each channel."""
+    return value if isinstance(value, tuple) else (value, value, value)

@@ -1,19 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Match stage: the look of a plate, measured at fixed frames of its clip, on the bodies of a frame's layer."""
+"""Match stage: the look of a plate, measured at fixed frames of its clip.
+
+Its colour is taken off every frame before its light is read, and laid on again with the composite; its softness and
+sharpening are given to the bodies of a frame's layer.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.color import code_range, encode, ycbcr_from_rgb
+from mr360uw.composite.grading.colour_grade import ColourGrade, code_of
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_map import plate_map
 from mr360uw.types import Floats, Layer
 from mr360uw.video import VideoFrame, VideoReader
+
+if TYPE_CHECKING:
+    from mr360uw.composite.grading.water_shape import WaterView
 
 FRAMES = 5
 """Frames of a clip whose look is measured, evenly spread; each is the keyframe before its place."""
@@ -22,48 +33,116 @@ FRAMES = 5
 def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
     """Return the look of a clip's plate; None where the plan measures none, or no frame of these can be decoded.
 
-    The frames depend on the clip alone, so that any range of it has one look. Raises `VideoError`.
+    The frames depend on the clip and the patches alone, so that any range of it has one look. Raises `VideoError`.
     """
-    if not loaded.plan.match.runs or not loaded.scene.match.measures:
+    settings = loaded.scene.match
+    if not loaded.plan.match.runs or not settings.measures:
         return None
     count = video.intact_frames or video.frame_count or 1
     places = [video.entry_before(int(index)) for index in np.linspace(0, count - 1, FRAMES)]
-    seen = []
-    for index in dict.fromkeys(places):
-        try:
-            seen.append(next(iter(video.frames(index, index + 1))))
-        except DamagedFrameError:
-            continue
-    return look_of(seen) if seen else None
+    seen = list(_intact(video, places))
+    rate = float(video.frame_rate) if video.frame_rate else 0.0
+    shown = [min(round(patch.time_s * rate), count - 1) for patch in settings.patch]
+    at = {frame.index: frame for frame in _intact(video, shown)}
+    if not seen or not all(index in at for index in shown):
+        return None
+    return look_of(loaded, seen, [at[index] for index in shown])
 
 
-def look_of(frames: list[VideoFrame]) -> PlateGrade:
-    """Return the look of a plate's frames."""
+def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -> PlateGrade:
+    """Return the look of a plate's frames, as far as a scene's settings leave it open.
+
+    shown: for each patch of the settings, the frame that shows it.
+    """
+    settings = loaded.scene.match
+    from mr360uw.composite.grading.grade_search import found_colour
     from mr360uw.composite.grading.point_spread import point_spread
 
-    return replace(point_spread([_luma(frame) for frame in frames]), columns=frames[0].shape[1])
+    look = PlateGrade(columns=frames[0].shape[1])
+    found: tuple[str, ...] = ()
+    if settings.softness == "auto":
+        look = replace(look, softness_px=point_spread([_luma(frame) for frame in frames]).softness_px)
+        soft = f"blur of {look.softness_px:.2f} px" if look.softness_px > 0.0 else "blur: not told by this plate"
+        found = (soft,)
+    if settings.open_keys:
+        colour, lines = found_colour(frames, settings, shown, _water(loaded, frames))
+        look, found = replace(look, colour=colour), (*found, *lines)
+    return replace(look, found=found)
 
 
 def asked_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, layer: Layer, kept: Cache) -> PlateGrade:
     """Return the look that bodies of a frame's layer are given; one that changes nothing where the plan has none.
 
-    look: of the clip; None measures it in this frame alone. kept: holds the look of the frame measured last.
+    look: of the clip; None measures it in this frame alone. plate: as the file has it. kept: holds the look that was
+    measured last.
     """
-    scene = loaded.scene
     if not loaded.plan.match.runs or not any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
         return PlateGrade()
+    return _frame_look(loaded, look, plate, kept)
+
+
+def ungraded(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> VideoFrame:
+    """Return a frame whose light is read without the colour of its grade; the frame itself where it has none.
+
+    look: of the clip; None measures it in this frame alone.
+    """
+    if not loaded.plan.match.runs or not loaded.scene.match.colours:
+        return plate
+    colour = _frame_look(loaded, look, plate, kept).colour
+    return kept.get("ungraded", (plate, colour), lambda: plate.graded_by(colour)) if colour.changes else plate
+
+
+def _frame_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> PlateGrade:
+    settings = loaded.scene.match
     if look is None:
-        look = kept.get("look", plate, lambda: look_of([plate])) if scene.match.measures else PlateGrade()
-    return look.of_scene(scene.match, loaded.width, scene.plate.scale)
+        look = PlateGrade()
+        if settings.measures:
+            key = plate, loaded.surroundings, settings.reading, settings.softness == "auto"
+            look = kept.get("look", key, lambda: look_of(loaded, [plate], [plate for _ in settings.patch]))
+    return look.of_scene(settings, loaded.width, loaded.scene.plate.scale)
+
+
+def clip_colour(loaded: Loaded, look: PlateGrade | None) -> ColourGrade | None:
+    """Return the colour of a clip's grade; None where it has none. look: of the clip, as measured."""
+    if not loaded.plan.match.runs:
+        return None
+    colour = (look or PlateGrade()).of_scene(loaded.scene.match, loaded.width).colour
+    return colour if colour.changes else None
 
 
 def with_look(layer: Layer, look: PlateGrade, plate: VideoFrame) -> Layer:
     """Return a frame's layer whose bodies have a look; the layer itself where the look changes nothing."""
-    if not look.changes:
+    if look.reach_px == 0:
         return layer
     from mr360uw.composite.grading.matched_layer import matched_layer
 
     return matched_layer(layer, look, plate.linear)
+
+
+def _water(loaded: Loaded, frames: list[VideoFrame]) -> WaterView | None:
+    """Return the open water of frames beside the solved medium; None without one."""
+    if loaded.surroundings.medium is None or loaded.scene.water.mode != "table":
+        return None
+    from mr360uw.composite.grading.water_shape import ELEVATIONS, SPAN_RAD, WaterView
+    from mr360uw.medium.fit.profile import PlateProfile
+
+    up, codes, model = np.sin(np.linspace(-SPAN_RAD, SPAN_RAD, ELEVATIONS)), [], []
+    for frame in frames:
+        levelled = plate_map(frame.pixels, loaded.surroundings.camera.at(frame.time_s)[1][1])
+        codes.append(code_of(PlateProfile.from_map(levelled)(up), frame.spec))
+        medium = loaded.surroundings.medium_at(frame.time_s)
+        assert medium is not None
+        model.append(medium.level_radiance(up))
+    return WaterView(np.array(codes), np.array(model), frames[0].spec)
+
+
+def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:
+    """Yield the frames of a clip at places, each once; those that cannot be decoded are left out."""
+    for index in dict.fromkeys(places):
+        try:
+            yield next(iter(video.frames(index, index + 1)))
+        except DamagedFrameError:
+            continue
 
 
 def _luma(frame: VideoFrame) -> Floats:

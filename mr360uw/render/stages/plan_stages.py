@@ -163,13 +163,12 @@ def gain_stage(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage
 
 
 def match_stage(scene: Scene, visible: bool) -> Stage:
-    """Return whether bodies are given the plate's look."""
+    """Return whether the plate's light is read without its grade, and bodies are given its look."""
     return stage(
         visible and scene.match.changes,
-        "bodies as soft as the plate, where it shows that" if scene.match.measures
-        else "bodies as soft and as sharpened as set",
+        scene.match.in_words,
         "nothing to cover" if not visible else "switched off",
-    )  # fmt: skip
+    )
 
 
 def beam_at_objects(objects: Facts, medium: MediumTable | None) -> float:

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour of a grade: levels, curve and saturation between the ordinary response of a camera and a plate's codes.
+
+    light L  --response-->  code x  --curve-->  y  --levels-->  z  --saturation-->  v  --blur, unsharp mask-->  file
+
+    x = E(L)                          E: the plate's transfer curve (`color.encode_signal`), of each channel
+    y = 1/2 + 1/2 s(2 x^gamma - 1)    s(u) = k u - (k - 1) u^3, k: contrast, the slope at middle grey
+    z = black + (white - black) y     each channel has its own black and white
+    v = Y' + saturation (z - Y')      Y' = w . z, luma by the weights of the plate's matrix
+
+s blends the identity with smoothstep (k = 1.5): it keeps black, middle grey and white. Beyond them it goes on straight,
+and x^gamma as an odd function, so that v = g(x) has an inverse for all codes. Both directions use the same g:
+
+    reading the light    L = D(g^-1(v))     D = E^-1: of the plate, for environment, sun, veil and receiver
+    laying in            v = g(E(L'))       L': the composite in that light
+
+So the composite over a graded plate is the grade of the composite over the ungraded one. Shadows, caustics and shafts
+change L and reach the file through g: they are as strong as in the graded picture, scaled by the slope of g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import (
+    ColorSpec,
+    decode_signal,
+    encode_signal,
+    in_plate_primaries,
+    in_rec709,
+    ycbcr_from_rgb,
+)
+from mr360uw.types import Floats
+
+if TYPE_CHECKING:
+    from mr360uw.composite.grading.grade_tables import GradeTables
+
+Three = tuple[float, float, float]
+LEAST_CONTRAST, MOST_CONTRAST = 0.3, 1.45
+"""Slopes at middle grey. At 1.5 black and white have the slope 0, from which no light can be read; 1.45 leaves 0.1."""
+_ODD_CUBIC = 1.5 * np.sqrt(3.0)
+"""Factor in the trigonometric and hyperbolic solutions of u^3 -+ p u = q."""
+
+
+def graded_spec(spec: ColorSpec) -> ColorSpec:
+    """Return how the codes are read that a plate is graded in: its own, but of linear numbers those of a display."""
+    return ColorSpec("bt709", True, "srgb", primaries=spec.gamut) if spec.transfer == "linear" else spec
+
+
+def code_of(linear: Floats, spec: ColorSpec) -> NDArray[np.floating]:
+    """Return the R'G'B' (..., 3) that a plate is graded in, of linear Rec.709 light (..., 3)."""
+    return encode_signal(in_plate_primaries(linear, graded_spec(spec)), graded_spec(spec))
+
+
+def luma_weights_of(spec: ColorSpec) -> Floats:
+    """Return the weights (3,) of the luma that a plate is saturated about."""
+    weights: Floats = ycbcr_from_rgb(graded_spec(spec).matrix)[0]
+    return weights
+
+
+@dataclass(frozen=True, slots=True)
+class ColourGrade:
+    """Levels, curve and saturation of a grade; the defaults change nothing.
+
+    black, white: R'G'B' that black and white have become. gamma: exponent of the curve, below 1 brighter. contrast:
+    slope of its S at middle grey. saturation: factor on the distance from luma.
+    """
+
+    black: Three = (0.0, 0.0, 0.0)
+    white: Three = (1.0, 1.0, 1.0)
+    gamma: float = 1.0
+    contrast: float = 1.0
+    saturation: float = 1.0
+
+    @classmethod
+    def of_numbers(cls, numbers: Floats) -> ColourGrade:
+        """Return the grade of its nine numbers (9,): black, white, gamma, contrast, saturation."""
+        found = [float(number) for number in numbers]
+        return cls((found[0], found[1], found[2]), (found[3], found[4], found[5]), *found[6:])
+
+    @property
+    def numbers(self) -> Floats:
+        """Its nine numbers (9,), see `of_numbers`."""
+        return np.array([*self.black, *self.white, *astuple(self)[2:]])
+
+    @property
+    def changes(self) -> bool:
+        """Whether it changes a code."""
+        return self != ColourGrade()
+
+    def graded(self, code: Floats, weights: Floats | None = None) -> NDArray[np.floating]:
+        """Return the graded R'G'B' (..., 3) of codes (..., 3), 0 black and 1 white, not clipped.
+
+        weights: (3,) of luma; by default those of ITU-R BT.709.
+        """
+        low, span = self._levels(code)
+        z = low + span * self._curve(code)
+        return self._saturated(z, self.saturation, weights)
+
+    def ungraded(self, code: Floats, weights: Floats | None = None) -> NDArray[np.floating]:
+        """Return the codes (..., 3) of graded R'G'B' (..., 3): the inverse of `graded`."""
+        z = self._saturated(code, 1.0 / self.saturation, weights)
+        low, span = self._levels(code)
+        return self._uncurve((z - low) / span)
+
+    def lay_on(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the light (..., 3) that the graded codes show, of light (..., 3); both linear Rec.709, float32."""
+        return self._through(linear, spec, laid_on=True)
+
+    def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`."""
+        return self._through(linear, spec, laid_on=False)
+
+    def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
+        from mr360uw.composite.grading.grade_tables import BRIGHTEST
+
+        own = graded_spec(spec)
+        light = in_plate_primaries(np.asarray(linear, np.float32), own)
+        if own.is_wide or np.max(np.abs(light), initial=0.0) > BRIGHTEST:
+            change = self.graded if laid_on else self.ungraded
+            changed = decode_signal(change(encode_signal(light, own), luma_weights_of(own)), own)
+        else:
+            changed = _tables(self, own, laid_on)(light)
+        return np.asarray(in_rec709(changed, own), np.float32)
+
+    def saturation_matrix(self, weights: Floats) -> Floats:
+        """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""
+        return self.saturation * np.eye(3) + (1.0 - self.saturation) * np.outer(np.ones(3), weights)
+
+    def _levels(self, code: Floats) -> tuple[Floats, Floats]:
+        low = np.array(self.black, code.dtype)
+        return low, np.array(self.white, code.dtype) - low
+
+    @staticmethod
+    def _saturated(code: Floats, factor: float, weights: Floats | None) -> Floats:
+        if factor == 1.0:
+            return code
+        by = ycbcr_from_rgb("bt709")[0] if weights is None else weights
+        luma = (code @ by.astype(code.dtype))[..., None]
+        return luma + code.dtype.type(factor) * (code - luma)
+
+    def _curve(self, code: Floats) -> Floats:
+        if self.gamma != 1.0:
+            code = np.copysign(np.abs(code) ** code.dtype.type(self.gamma), code)
+        if self.contrast == 1.0:
+            return code
+        k = code.dtype.type(self.contrast)
+        u = 2.0 * code - 1.0
+        inside = np.clip(u, -1.0, 1.0)
+        return 0.5 + 0.5 * (k * inside - (k - 1.0) * inside**3 + (3.0 - 2.0 * k) * (u - inside))
+
+    def _uncurve(self, code: Floats) -> Floats:
+        if self.contrast != 1.0:
+            s = 2.0 * code - 1.0
+            inside = np.clip(s, -1.0, 1.0)
+            beyond = (s - inside) / code.dtype.type(3.0 - 2.0 * self.contrast)
+            code = 0.5 + 0.5 * (_inverse_s(inside, self.contrast) + beyond)
+        if self.gamma == 1.0:
+            return code
+        return np.copysign(np.abs(code) ** code.dtype.type(1.0 / self.gamma), code)
+
+
+NO_GRADE = ColourGrade()
+
+
+@lru_cache(maxsize=8)
+def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
+    """Return the tables of a grade in one direction, of codes that are read by `spec`."""
+    from mr360uw.composite.grading.grade_tables import GradeTables, table_codes, table_light
+
+    mixed, codes = grade.saturation_matrix(luma_weights_of(spec)), table_codes()
+    plain, grey = replace(grade, saturation=1.0), codes[:, None] * np.ones(3)
+    encode = encode_signal(table_light(), spec)
+    steps: tuple[Floats, ...]
+    if laid_on:
+        steps = encode, np.eye(3), plain.graded(grey).T, mixed, decode_signal(codes, spec)
+    else:
+        steps = encode, np.linalg.inv(mixed), decode_signal(plain.ungraded(grey), spec).T, np.eye(3), np.empty(0)
+    return GradeTables(*(np.ascontiguousarray(step, np.float32) for step in steps))
+
+
+def _inverse_s(s: Floats, contrast: float) -> Floats:
+    """Return u (...) in [-1, 1] with contrast u - (contrast - 1) u^3 = s, by the closed forms of a depressed cubic."""
+    k = abs(contrast - 1.0)
+    p = contrast / k
+    scale = s.dtype.type(2.0 * np.sqrt(p / 3.0))
+    inner = s * s.dtype.type(_ODD_CUBIC / k * p**-1.5)
+    if contrast > 1.0:
+        return scale * np.sin(np.arcsin(np.clip(inner, -1.0, 1.0)) / 3.0)
+    return scale * np.sinh(np.arcsinh(inner) / 3.0)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solves the colour of a grade from patches of known reflectance in its plate.
+
+    v = g(E(e r))        e: light on the patches, one number a channel, unknown; r: reflectance, 0 of black
+
+Patches stand in one light, close to the camera. n of them give 3 n equations for the three of e and the numbers of g
+(`colour_grade`). The numbers are taken in one by one, the best told first (black, then gamma ...), as long as all of
+those taken in are known to better than `TOLD`; the others keep their value.
+
+Greys tell no saturation: codes follow nearly a power of light, and in these a saturated grey is one in other light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mr360uw.color import ColorSpec, decode_signal, encode_signal
+from mr360uw.composite.grading.colour_grade import (
+    LEAST_CONTRAST,
+    MOST_CONTRAST,
+    ColourGrade,
+    graded_spec,
+    luma_weights_of,
+)
+from mr360uw.composite.grading.settings import number_words
+from mr360uw.errors import ParameterError
+from mr360uw.types import Floats
+
+CODE_ERROR = 1.0 / 255.0
+"""Standard error of a patch's mean code, one 8-bit code: uneven light and the encoder, not noise. Twice as large, a
+number must be twice as well determined."""
+ORDER = ("black", "gamma", "contrast", "saturation", "white")
+"""Order in which the numbers are tried: by how often plates have them, and by how well patches tell them."""
+TOLD = {"black": 0.01, "gamma": 0.08, "contrast": 0.08, "saturation": 0.1, "white": 0.03}
+"""Standard error below which a number counts as told: it moves a code of the middle by about three."""
+DISAGREE_CODES = 4.0
+"""Root mean square difference [8-bit codes] from which patches count as contradicting each other."""
+_DARKEST = 0.01
+"""Least reflectance, and least light, that the light on patches is first guessed from."""
+_RANGES = {
+    "black": (-0.3, 0.5), "gamma": (0.3, 3.0), "contrast": (LEAST_CONTRAST, MOST_CONTRAST),
+    "saturation": (0.1, 4.0), "white": (0.5, 1.6),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A patch: its mean R'G'B' in the plate, 0 to 1, and what it reflects of each channel."""
+
+    code: tuple[float, float, float]
+    reflectance: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """The grade that patches tell. told: names of its numbers that they do. rms_codes: difference left, 8-bit codes."""
+
+    colour: ColourGrade
+    told: tuple[str, ...]
+    rms_codes: float
+
+
+def solve_patches(
+    patches: Sequence[Patch], start: ColourGrade, open_keys: Sequence[str], spec: ColorSpec | None = None
+) -> Solved:
+    """Return the grade of a plate with patches: the numbers of `open_keys` that these tell, the others as `start` has.
+
+    spec: how the plate's codes are read; by default sRGB's curve with the luma of ITU-R BT.709. Raises
+    `ParameterError` without a patch.
+    """
+    if not patches:
+        raise ParameterError("patches - none to solve a grade from (got 0) - give one at least")
+    problem = _Problem(patches, start, ColorSpec() if spec is None else graded_spec(spec))
+    names: tuple[str, ...] = ()
+    best, _, rms = problem.solve(names)
+    for name in (name for name in ORDER if name in open_keys):
+        found, errors, left = problem.solve((*names, name))
+        if all(errors[one] <= TOLD[one] for one in (*names, name)):
+            names, best, rms = (*names, name), found, left
+    return Solved(best, names, rms)
+
+
+class _Problem:
+    """The equations of patches; unknown: the logarithms of the light (3,), where a patch reflects any, and numbers."""
+
+    def __init__(self, patches: Sequence[Patch], start: ColourGrade, spec: ColorSpec) -> None:
+        self._code = np.array([patch.code for patch in patches], float)
+        self._reflectance = np.array([patch.reflectance for patch in patches], float)
+        self._start, self._spec, self._weights = start, spec, luma_weights_of(spec)
+        self._lit = bool(np.any(self._reflectance > 0.0))
+        # one black: of all channels, where the scene has one
+        self._blacks = 1 if not np.any(np.all(self._reflectance == 0.0, axis=1)) else 3
+
+    def solve(self, names: tuple[str, ...]) -> tuple[ColourGrade, dict[str, float], float]:
+        """Return the grade with some numbers free, their standard errors, and the difference left [8-bit codes]."""
+        from scipy.optimize import least_squares
+
+        first, low, high = self._first(names)
+        if len(first) == 0:
+            return self._start, {}, float(255.0 * np.sqrt(np.mean(self._residual(first, names) ** 2)))
+        if len(first) > self._code.size:
+            return self._start, dict.fromkeys(names, np.inf), np.inf
+        found = least_squares(self._residual, first, bounds=(low, high), args=(names,), x_scale="jac", xtol=1e-12)
+        singular, turn = np.linalg.svd(np.asarray(found.jac), full_matrices=False)[1:]
+        inverse = np.where(singular > 1e-9 * singular[0], CODE_ERROR / np.maximum(singular, 1e-300), np.inf)
+        with np.errstate(invalid="ignore"):
+            error = np.sqrt(np.nansum((turn * inverse[:, None]) ** 2, axis=0))
+        place, errors = self._light, {}
+        for name in names:
+            count = self._count(name)
+            errors[name] = float(error[place : place + count].max())
+            place += count
+        return self._grade(found.x, names), errors, float(255.0 * np.sqrt(np.mean(found.fun**2)))
+
+    @property
+    def _light(self) -> int:
+        return 3 if self._lit else 0
+
+    def _count(self, name: str) -> int:
+        return self._blacks if name == "black" else 1
+
+    def _first(self, names: tuple[str, ...]) -> tuple[Floats, Floats, Floats]:
+        values, ranges = [], []
+        if self._lit:
+            plain = decode_signal(np.clip(self._start.ungraded(self._code, self._weights), 0.02, 1.0), self._spec)
+            light = np.median(plain / np.maximum(self._reflectance, _DARKEST), axis=0)
+            values += list(np.log(np.maximum(light, _DARKEST)))
+            ranges += [(-12.0, 6.0)] * 3
+        for name in names:
+            number = np.mean(getattr(self._start, name))
+            values += [float(number)] * self._count(name)
+            ranges += [_RANGES[name]] * self._count(name)
+        low, high = np.array(ranges, float).reshape(-1, 2).T
+        return np.clip(np.array(values), low + 1e-6, high - 1e-6), low, high
+
+    def _grade(self, unknown: Floats, names: tuple[str, ...]) -> ColourGrade:
+        place, found = self._light, {}
+        for name in names:
+            count = self._count(name)
+            values = tuple(float(value) for value in unknown[place : place + count])
+            found[name] = values if count == 3 else values * 3 if name in ("black", "white") else values[0]
+            place += count
+        return replace(self._start, **found)  # type: ignore[arg-type]
+
+    def _residual(self, unknown: Floats, names: tuple[str, ...]) -> Floats:
+        light = self._reflectance * (np.exp(unknown[:3]) if self._lit else 0.0)
+        shown = self._grade(unknown, names).graded(encode_signal(light, self._spec), self._weights)
+        return np.asarray(shown - self._code).ravel()
+
+
+def solved_in_words(solved: Solved, patches: int) -> str:
+    """Return one line on what a number of patches tell."""
+    numbers = ", ".join(f"{name} {number_words(getattr(solved.colour, name))}" for name in solved.told)
+    line = f"{patches} patch{'es' if patches > 1 else ''}: {numbers or 'tell nothing of the grade'}"
+    missing = ", ".join(name for name in ORDER[:-1] if name not in solved.told)
+    line += f"; not told by them: {missing}" if missing else ""
+    if solved.rms_codes > DISAGREE_CODES:
+        line += f"; they contradict each other by {solved.rms_codes:.0f} codes"
+    return line
