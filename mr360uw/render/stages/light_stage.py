@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light of a clip's frames: measured at knots in time, and interpolated between two that show the same.
+
+A sun that is followed over the clip keeps its own values in every frame. Where exposure or picture change between two
+knots, the frames between them are measured too. Frame k is the same in every run, since knots are numbered from the
+start of the clip: a range reads the knot before its first frame and that after its last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from mr360uw.composite.shot import BetweenKnots, KnotLight
+from mr360uw.errors import DamagedFrameError
+from mr360uw.ibl import SunTrack
+from mr360uw.ibl.lighting import light_between, sun_between, turned
+from mr360uw.medium.fit.exposure import changed
+from mr360uw.render.exposed_water import exposed_water
+from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.frame import finite
+from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_light import FrameLight, plate_light
+from mr360uw.time_knots import knot_step
+from mr360uw.types import Sun
+from mr360uw.video import VideoFrame, VideoReader
+
+_WAITING = 1 << 26
+"""Pixels of frames that may wait for the next knot, 100 MB of 8-bit 4:2:0: knots are closer in larger plates."""
+LitFrame = tuple[VideoFrame, FrameLight | None]
+"""A plate's frame, and its light; None where it is to be measured in that frame alone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Knot:
+    """A frame whose light was measured. lit: the same as bodies are lit by it."""
+
+    plate: VideoFrame
+    light: FrameLight
+    lit: KnotLight
+
+
+class LightKnots:
+    """Finds the light of the frames of a clip. read: decodes its frames [a, b)."""
+
+    def __init__(
+        self,
+        loaded: Loaded,
+        facts: ClipFacts,
+        video: VideoReader,
+        read: Callable[[int, int], Iterator[VideoFrame]],
+    ) -> None:
+        self._loaded, self._facts, self._read = loaded, facts, read
+        self._end = video.intact_frames or 0
+        most = _WAITING // (video.width * video.height * (1 if loaded.scene.plate.eye != "both" else 2))
+        self._step = min(knot_step(float(video.frame_rate)), max(most, 1)) if self._tracked(video) else 1
+        still = not any(o.moves or o.afloat is not None for o in loaded.objects)
+        self._bodies_stand = still and not loaded.scene.keys
+
+    def frames(self, start: int, stop: int) -> Iterator[LitFrame]:
+        """Yield frames start <= index < stop, each with its light. Raises what `read` raises, but in other frames."""
+        if self._step == 1:
+            yield from ((plate, None) for plate in self._read(start, stop))
+            return
+        before: _Knot | None = None
+        waiting: list[VideoFrame] = []
+        try:
+            for plate in self._around(start, stop):
+                if not self._is_knot(plate.index):
+                    waiting.append(plate)
+                    continue
+                after = self._measured(plate)
+                lit = [*self._between(before, waiting, after), (plate, self._at(after, after, plate))]
+                before, waiting = after, []
+                yield from (one for one in lit if start <= one[0].index < stop)
+        except DamagedFrameError:
+            yield from ((plate, None) for plate in waiting if start <= plate.index)
+            raise
+        yield from ((plate, None) for plate in waiting if start <= plate.index < stop)
+
+    def _tracked(self, video: VideoReader) -> bool:
+        """Return whether a clip's facts hold what single frames would be measured for but the environment."""
+        loaded, facts, scene = self._loaded, self._facts, self._loaded.scene
+        if video.is_still or video.intact_frames is None or not loaded.plan.environment.runs:
+            return False
+        sun = facts.sun is not None or not loaded.plan.sun.runs or scene.light.sun != "detect"
+        return sun and (facts.gain is not None or not scene.water.fits_gain or loaded.surroundings.medium is None)
+
+    def _is_knot(self, index: int) -> bool:
+        return index % self._step == 0 and index < self._end
+
+    def _around(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        """Yield the frames of a range, from the knot before it to that after it as far as they can be decoded."""
+        step = self._step
+        begin, after = start // step * step, -(-(stop - 1) // step) * step
+        end = after + 1 if self._is_knot(after) else stop
+        while True:
+            try:
+                yield from self._read(begin, end)
+            except DamagedFrameError as error:
+                if start <= error.index < stop:
+                    raise
+                if error.index < start:
+                    begin = error.index + 1
+                    continue
+            return
+
+    def _measured(self, plate: VideoFrame) -> _Knot:
+        now, time_s = self._loaded.at(plate.time_s), plate.time_s
+        light: FrameLight = finite("light", plate.index, plate_light(now, self._facts, plate))
+        view = now.view(time_s)
+        of_world = turned(light.environment, view.world_from_camera)
+        suns = () if of_world.sun is None else (of_world.sun,)
+        water = exposed_water(now.surroundings, light, time_s)
+        return _Knot(plate, light, KnotLight(of_world, suns, water, view.position))
+
+    def _between(self, before: _Knot | None, waiting: list[VideoFrame], after: _Knot) -> Iterator[LitFrame]:
+        """Yield the frames between two knots."""
+        alike = before is not None and self._alike(before, after)
+        for plate in waiting:
+            yield plate, self._at(before, after, plate) if before is not None and alike else None
+
+    def _alike(self, before: _Knot, after: _Knot) -> bool:
+        """Return whether the light of the frames between two knots may be interpolated."""
+        facts, (first, last) = self._facts, (before.plate.index, after.plate.index)
+        suns = {facts.sun_at(index) is None for index in range(first, last + 1)}
+        suns |= {before.light.environment.sun is None, after.light.environment.sun is None}
+        cut = isinstance(facts.sun, SunTrack) and any(first < facts.first + at <= last for at in facts.sun.cuts)
+        one, other = (self._loaded.at(knot.plate.time_s).scene for knot in (before, after))
+        same = (one.light, one.water, one.camera) == (other.light, other.water, other.camera)
+        shown = before.light.environment.residual, after.light.environment.residual
+        return same and len(suns) == 1 and not cut and not changed(*shown)
+
+    def _at(self, before: _Knot, after: _Knot, plate: VideoFrame) -> FrameLight:
+        """Return the light of a frame between two knots, or at one that is both."""
+        knots, light = None, before.light
+        passed_s, step_s = plate.time_s - before.plate.time_s, after.plate.time_s - before.plate.time_s
+        share = passed_s / step_s if step_s > 0.0 else 0.0
+        if self._bodies_stand:
+            knots = BetweenKnots(before.lit, after.lit, share)
+        if before is after:
+            return replace(light, knots=knots)
+        gain = None if light.gain is None else self._facts.gain_at(plate.index)
+        environment = light_between(
+            light.environment, after.light.environment, share, self._sun(before, after, plate, share)
+        )
+        shown = light.plate_map
+        if shown is not None and after.light.plate_map is not None:
+            shown = (1.0 - share) * shown + share * after.light.plate_map
+        return FrameLight(environment, shown, gain, knots)
+
+    def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float) -> Sun | None:
+        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two knots."""
+        known = self._facts.sun_at(plate.index)
+        a, b = before.light.environment.sun, after.light.environment.sun
+        if a is None or b is None:
+            return None
+        if isinstance(known, Sun):
+            rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
+            return replace(known, direction=known.direction @ rotation)
+        return sun_between(a, b, share)
