@@ -35,8 +35,8 @@ _LEAST_CHANGE = 0.02
 """Least log change of exposure from frame to frame: moving water alone changes the picture as much."""
 CUT, _CUT_MEDIANS = 0.25, 6.0
 """A cut changes the log luminance by at least this much, and by this many medians of the clip's changes."""
-_UNCHANGED = 0.5 * CUT
-"""Change of the picture up to which two knots show the same: half of that of a cut."""
+UNCHANGED = 0.5 * CUT
+"""Change of the picture up to which two knots in time show the same: half of that of a cut."""
 _FLASH_FRAMES = 2
 """Half window [frames] of the median filter of the exposure: shorter changes are ignored as flashes."""
 _PASSING_S = 1.0
@@ -96,14 +96,6 @@ def picture_change(before: Floats, after: Floats) -> float:
         return np.inf if max(told_x.mean(), told_y.mean()) >= _ENOUGH else 0.0
     change = np.log(y[both] / x[both])
     return float(np.median(np.abs(change - np.median(change))))
-
-
-def changed(before: Floats, after: Floats) -> bool:
-    """Return whether exposure or picture changed between maps (H, W, 3) of two knots.
-
-    Then the frames between them are measured too, so that steps and cuts are found to the frame.
-    """
-    return picture_change(before, after) > _UNCHANGED or exposure_change(before, after) != 0.0
 
 
 def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame_rate: float) -> Array:

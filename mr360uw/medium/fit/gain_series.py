@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from mr360uw.medium.fit.exposure import changed, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, steady_gain
 from mr360uw.time_knots import knot_step
 from mr360uw.types import Floats
 
@@ -49,10 +49,10 @@ class GainSeries(Generic[Frame]):
         here = self._measure(frame)
         if self._waiting and self._last is not None:
             last, count = self._last, len(self._waiting) + 1
-            if changed(last.shown, here.shown):
+            moved = picture_change(last.shown, here.shown)
+            if moved > UNCHANGED or exposure_change(last.shown, here.shown) != 0.0:
                 self._measure_waiting()
             else:
-                moved = picture_change(last.shown, here.shown)
                 for share in np.arange(1, count) / count:
                     gain = (1.0 - share) * last.gain + share * here.gain
                     self._append(gain, (1.0 - share) * last.residual + share * here.residual, (0.0, moved / count))
