@@ -27,6 +27,7 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
+from mr360uw.render.plate_map import plate_map
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.time_knots import knot_step
 from mr360uw.types import Floats, Sun
@@ -84,9 +85,10 @@ class LightKnots:
                     waiting.append(plate)
                     continue
                 after = self._measured(plate)
-                lit = [*self._between(before, waiting, after), (plate, self._at(after, after, plate))]
+                yield from self._between(before, [one for one in waiting if start <= one.index < stop], after)
+                if start <= plate.index < stop:
+                    yield plate, self._at(after, after, plate)
                 before, waiting = after, []
-                yield from (one for one in lit if start <= one[0].index < stop)
         except DamagedFrameError:
             yield from ((plate, None) for plate in waiting if start <= plate.index)
             raise
@@ -159,23 +161,23 @@ class LightKnots:
         knots = BetweenKnots(before.lit, after.lit, share) if self._bodies_stand else None
         if before is after:
             return replace(light, knots=knots)
+        rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
+        sun = self._sun(before, after, plate, share, rotation)
+        environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        environment = light_between(
-            light.environment, after.light.environment, share, self._sun(before, after, plate, share)
-        )
-        shown = light.plate_map
-        if shown is not None and after.light.plate_map is not None:
-            shown = (1.0 - share) * shown + share * after.light.plate_map
+        shown = None if light.plate_map is None else plate_map(plate.pixels, rotation[1])
         return FrameLight(environment, shown, gain, knots)
 
-    def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float) -> Sun | None:
-        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two knots."""
+    def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
+        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two knots.
+
+        rotation: (3, 3) of the camera.
+        """
         known = self._facts.sun_at(plate.index)
         a, b = before.light.environment.sun, after.light.environment.sun
         if a is None or b is None:
             return None
         if isinstance(known, Sun):
-            rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
             return replace(known, direction=known.direction @ rotation)
         return sun_between(a, b, share)
 
