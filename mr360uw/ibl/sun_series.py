@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from mr360uw.ibl.sun.track import PICTURE_CHANGE, SunMeasurement
-from mr360uw.time_knots import knot_step
+from mr360uw.types.time_knots import knot_step
 
 Frame = TypeVar("Frame")
 

@@ -18,8 +18,8 @@ from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.stages.light_stage import LightKnots
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.time_knots import knot_step
 from mr360uw.types import Floats
+from mr360uw.types.time_knots import knot_step
 from mr360uw.video import VideoFrame, write_exr
 from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import FLOAT32

@@ -14,8 +14,8 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, steady_gain
-from mr360uw.time_knots import knot_step
 from mr360uw.types import Floats
+from mr360uw.types.time_knots import knot_step
 
 Frame = TypeVar("Frame")
 

@@ -29,8 +29,8 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.plate_map import plate_map
 from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.time_knots import knot_step
 from mr360uw.types import Floats, Sun
+from mr360uw.types.time_knots import knot_step
 from mr360uw.video import VideoFrame, VideoReader
 
 _WAITING = 1 << 26
