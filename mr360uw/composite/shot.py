@@ -72,6 +72,28 @@ class Receiver:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class KnotLight:
+    """Light and water of a knot in time, for which the ambient light of bodies is solved.
+
+    environment: in world axes. lights: its sun, if any. position: (3,) [m] of the camera in the world.
+    """
+
+    environment: Environment
+    lights: tuple[Light, ...]
+    medium: MediumTable | None
+    position: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BetweenKnots:
+    """Place of an instant between two knots in time. share: 0 at the knot before, 1 at that after."""
+
+    before: KnotLight
+    after: KnotLight
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Shot:
     """One instant of a frame: view, objects, light, water and sampling settings.
 
@@ -79,7 +101,8 @@ class Shot:
     water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer, the textures of
     `mr360uw.caustics.gl.renderer`. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
     holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
-    receiver, which shadows remove; None leaves them.
+    receiver, which shadows remove; None leaves them. knots: the light of two knots in time about this instant, between
+    which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
     """
 
     view: View
@@ -93,6 +116,7 @@ class Shot:
     holdout_distance_m: Floats | None = None
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
+    knots: BetweenKnots | None = None
 
     @property
     def casters(self) -> tuple[PlacedObject, ...]:

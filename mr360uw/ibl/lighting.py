@@ -135,6 +135,42 @@ def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ())
     )
 
 
+def light_between(before: Environment, after: Environment, share: float, sun: Sun | None) -> Environment:
+    """Return the light of an instant between two, whose maps are interpolated linearly.
+
+    share: 0 at `before`, 1 at `after`. sun: of the instant, in the axes of the maps.
+    """
+    residual, ambient, glossy = (
+        ((1.0 - share) * a + share * b).astype(np.float32)
+        for a, b in (
+            (before.residual, after.residual),
+            (before.ambient, after.ambient),
+            (before.glossy, after.glossy),
+        )
+    )
+    return replace(
+        before,
+        radiance=residual if sun is None else with_sun(residual, sun),
+        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
+        sun=sun,
+        residual=residual,
+        ambient=ambient,
+        glossy=glossy,
+    )
+
+
+def sun_between(before: Sun, after: Sun, share: float) -> Sun:
+    """Return the sun of an instant between two, every value of which is interpolated linearly. share: 0 at `before`."""
+    direction, irradiance, half_angle_rad, confidence = (
+        (1.0 - share) * a + share * b for a, b in zip(_values(before), _values(after), strict=True)
+    )
+    return Sun(unit(direction), irradiance.astype(np.float32), float(half_angle_rad), float(confidence))
+
+
+def _values(sun: Sun) -> tuple[Floats, ...]:
+    return tuple(np.asarray(v, np.float64) for v in (sun.direction, sun.irradiance, sun.half_angle_rad, sun.confidence))
+
+
 def turned(light: Environment, world_from_camera: Floats) -> Environment:
     """Return the light that a camera saw, in the axes of the world."""
     if np.array_equal(world_from_camera, np.eye(3)):

@@ -13,11 +13,10 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from mr360uw.ibl.sun.track import PICTURE_CHANGE, SunMeasurement
+from mr360uw.types.time_knots import knot_step
 
 Frame = TypeVar("Frame")
 
-_RATE_HZ = 8.0
-"""Frames measured in a second. Waves of 2 s, the shortest that move the sun much, are sampled 16 times."""
 _UNCHANGED = 0.5 * PICTURE_CHANGE
 """Change of the thumbnail up to which two measured frames show the same: half of that of a cut."""
 
@@ -26,7 +25,7 @@ class SunSeries(Generic[Frame]):
     """Measurements of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], SunMeasurement], frame_rate: float) -> None:
-        self._measure, self._step = measure, max(round(frame_rate / _RATE_HZ), 1)
+        self._measure, self._step = measure, knot_step(frame_rate)
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 

@@ -69,10 +69,12 @@ def frame_stages(
     *,
     variables: bool = False,
     kept: Cache | None = None,
+    light: FrameLight | None = None,
 ) -> Stages:
     """Compute a frame from what is loaded, the clip's facts and the plate's frame alone; return it.
 
-    shutter_s: exposure time [s], for motion blur. kept: results of the same backend's frames, each under all that it
+    shutter_s: exposure time [s], for motion blur. light: between knots of a clip (`stages.light_stage`); None measures
+    it in this frame. kept: results of the same backend's frames, each under all that it
     depends on: a stage runs unless its result is there. Yields after the plate's light is measured and after the layer
     is drawn.
     """
@@ -82,11 +84,12 @@ def frame_stages(
     plate = ungraded(now, facts.look, filed, kept)
     eyes = eyes_of(now.scene, plate)
     patterns: list[PlatePattern | None] = [None for _ in eyes]
-    light = water = None
+    water = None
     drawn: list[list[Drawn]] = [[] for _ in eyes]
     if plan.environment.runs:
-        of_light = light_key(now, facts, plate)
-        light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
+        if light is None:
+            of_light = light_key(now, facts, plate)
+            light = kept.get("light", of_light, lambda: finite("light", index, plate_light(now, facts, plate)))
         patterns = [_pattern(now, facts, eye, kept) for eye in eyes]
     yield  # from here on the thread of the backend
 

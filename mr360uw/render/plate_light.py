@@ -7,6 +7,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 from mr360uw.cache import Same
+from mr360uw.composite.shot import BetweenKnots
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.render.first_pass import ClipFacts
@@ -23,11 +24,13 @@ class FrameLight:
 
     environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled, or None if the water
     does not need it. gain: (3,) of the veil, from a clip's track or from this frame; None where it is not fitted.
+    knots: in world axes, see `Shot`; None where the frame's own light is measured and no other.
     """
 
     environment: Environment
     plate_map: Floats | None = None
     gain: Floats | None = None
+    knots: BetweenKnots | None = None
 
 
 def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:

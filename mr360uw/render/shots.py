@@ -69,6 +69,7 @@ def shot_at(
         lights=(*suns, *lamps),
         medium=medium,
         draw=loaded.scene.draw,
+        knots=light.knots,
     )
 
 
@@ -192,7 +193,7 @@ def layer_key(shot: Shot, shafts: ShaftLight | None, variables: bool) -> Hashabl
         shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(by_value, shot.lights)),
         shot.medium, Same(shot.caustics), shot.receiver, mattes, shot.pattern,
         shot.draw.model_copy(update=_NOT_OF_LAYERS),
-        None if shafts is None else shafts.key, variables,
+        None if shafts is None else shafts.key, variables, shot.knots,
     )  # fmt: skip
 
 

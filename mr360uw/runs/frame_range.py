@@ -16,8 +16,9 @@ from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import Frame, Stages, finished, frame_stages
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.stages.light_stage import LightKnots
 from mr360uw.threads import Behind, one_blas_thread, prefetch
-from mr360uw.video import VideoReader, write_exr
+from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.images import numbered
 from mr360uw.video.write.writer import VideoWriter
 
@@ -58,7 +59,7 @@ class RunTimes:
 
 @dataclass(frozen=True)
 class RangeRenderer:
-    """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate's frame alone.
+    """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate about it alone.
 
     layers: pattern of layered EXR files that are written beside the frames, or None; scratch: folder of incomplete
     ones, None for their own. times: are added to.
@@ -89,15 +90,22 @@ class RangeRenderer:
         """Yield the stages of frames, decoded and with their light measured."""
         rate, times = self.video.frame_rate, self.times
         shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
-        since = time.perf_counter()
-        for plate in self.video.frames(start, stop):
-            since = times.add("decode", since)
+        knots = LightKnots(self.loaded, self.facts, self.video, self._decoded)
+        since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
+        for plate, light in knots.frames(start, stop):
             stages = frame_stages(
-                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None
+                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None, light=light
             )
             next(stages)
-            times.add("light", since)
+            times.add("light", since + times.seconds["decode"] - decoding_s)
             yield stages
+            since, decoding_s = time.perf_counter(), times.seconds["decode"]
+
+    def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        since = time.perf_counter()
+        for plate in self.video.frames(start, stop):
+            self.times.add("decode", since)
+            yield plate
             since = time.perf_counter()
 
     def _write(self, stages: Stages, sink: VideoWriter) -> None:

@@ -13,10 +13,11 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_layout, ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.shot import BetweenKnots, KnotLight, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, environment, placed, shot, sphere
+from tests.tolerances import FLOAT32
 
 GREY = Material(base_color=(0.6, 0.5, 0.4, 1.0), roughness=1.0)
 BALL, OTHER, BOX = (
@@ -77,6 +78,21 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
         assert other is not None
         for kept, fresh in zip((*one.values, *one.sent), (*other.values, *other.sent), strict=True):
             np.testing.assert_array_equal(kept, fresh)
+
+
+def test_light_solved_at_knots_in_time_is_interpolated() -> None:
+    scene, cache = reef((0.0, 0.0, 0.0)), Cache()
+    knots = [KnotLight(environment(level), scene.lights, scene.medium, scene.view.position) for level in (0.4, 0.6)]
+    first, last = (ambient_light(replace(scene, environment=knot.environment), Cache()) for knot in knots)
+    assert first is not None
+    assert last is not None
+    for share in (0.0, 0.25, 1.0):
+        light = ambient_light(replace(scene, knots=BetweenKnots(knots[0], knots[1], share)), cache)
+        assert light is not None
+        parts = [(*one.values, *one.sent, one.table, one.ambient) for one in (light, first, last)]
+        for found, a, b in zip(*parts, strict=True):
+            np.testing.assert_allclose(found, (1.0 - share) * a + share * b, rtol=FLOAT32, atol=FLOAT32)
+    assert cache.made["ambient at knot"] == len(knots)
 
 
 def test_bodies_that_move_together_keep_what_they_see() -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +14,13 @@ from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
 from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
-from mr360uw.composite.ambient.solver import AmbientLight, Solver
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
+from mr360uw.composite.shot import KnotLight, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
 _PLACES_AT_ONCE = 1 << 14
+_KEPT_KNOTS = 2
 _KEPT_PLACES, _KEPT_SWEEPS = 1 << 17, 8
 """Sets of places, 650 bytes a place and body, whose sweeps are kept."""
 
@@ -50,7 +52,19 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
         and not layout.ground_bodies
     ):
         return None
-    return Solver(shot, layout, cache).solve()
+    knots = shot.knots
+    if knots is None:
+        return Solver(shot, layout, cache).solve()
+    before, after = (_at_knot(shot, layout, knot, cache) for knot in (knots.before, knots.after))
+    return interpolated(before, after, knots.share) if knots.share > 0.0 else before
+
+
+def _at_knot(shot: Shot, layout: Layout, knot: KnotLight, cache: Cache) -> AmbientLight:
+    """Return the light of a shot's bodies, which stand still, as it is in a knot of time; kept in `cache`."""
+    view = replace(shot.view, position=knot.position)
+    then = replace(shot, view=view, environment=knot.environment, lights=knot.lights, medium=knot.medium, knots=None)
+    key = knot, layout, shot.draw.ambient_occlusion, view.surface_y_m
+    return cache.get("ambient at knot", key, lambda: Solver(then, layout, cache).solve(), _KEPT_KNOTS)
 
 
 def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:

@@ -64,6 +64,23 @@ class AmbientLight:
         return fraction_left(share, lost, environment_lookup(self.ambient, normal))
 
 
+def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
+    """Return the light between two solutions of one layout: linear in the environment and in the sun, as they are.
+
+    share: 0 at `before`, 1 at `after`.
+    """
+
+    def mixed(a: Any, b: Any) -> Any:
+        return a + np.asarray(share, a.dtype) * (b - a)
+
+    values = tuple(
+        None if a is None or b is None else mixed(a, b) for a, b in zip(before.values, after.values, strict=True)
+    )
+    sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
+    table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
+    return AmbientLight(before.layout, values, table, sent, ambient)
+
+
 def light_lost(
     layout: Layout,
     table: NDArray[np.float64],

@@ -13,15 +13,11 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from mr360uw.medium.fit.exposure import CUT, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, steady_gain
 from mr360uw.types import Floats
+from mr360uw.types.time_knots import knot_step
 
 Frame = TypeVar("Frame")
-
-_RATE_HZ = 8.0
-"""Frames measured in a second; the gain is smoothed over two to four seconds afterwards, so over 16 or more of them."""
-_UNCHANGED = 0.5 * CUT
-"""Change of the picture up to which two measured frames show the same: half of that of a cut."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +33,7 @@ class GainSeries(Generic[Frame]):
     """Gains of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], MeasuredGain], frame_rate: float) -> None:
-        self._measure, self._rate, self._step = measure, frame_rate, max(round(frame_rate / _RATE_HZ), 1)
+        self._measure, self._rate, self._step = measure, frame_rate, knot_step(frame_rate)
         self._last: MeasuredGain | None = None
         self._waiting: list[Frame] = []
         self._gains: list[Floats] = []
@@ -54,7 +50,7 @@ class GainSeries(Generic[Frame]):
         if self._waiting and self._last is not None:
             last, count = self._last, len(self._waiting) + 1
             moved = picture_change(last.shown, here.shown)
-            if moved > _UNCHANGED or exposure_change(last.shown, here.shown) != 0.0:
+            if moved > UNCHANGED or exposure_change(last.shown, here.shown) != 0.0:
                 self._measure_waiting()
             else:
                 for share in np.arange(1, count) / count:
