@@ -105,7 +105,7 @@ def test_the_shader_interpolates_knots_as_python_does(rng: np.random.Generator) 
     knots, shares = knots_at(lattice.places[triangle], weights)
     want = np.einsum("nk,nkc->nc", shares, table[knots, 0, :3].astype(float))
     got = glsl_call(
-        "composite/gl/shaders/light.glsl", "among_bodies(list, 0, places, weights).ratio", 3,
+        "composite/gl/shaders/light.glsl", "among_bodies(list, 0, 3, places, weights).ratio", 3,
         "uniform sampler2D list;", {"list": list_texture(table.reshape(-1))},
         places=lattice.places[triangle].astype(float), weights=weights,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.composite.ambient.knot_values import UNTOUCHED
+from mr360uw.composite.ambient.knot_values import UNTOUCHED, whole_values
 from mr360uw.composite.ambient.lattice import knots_at
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.raycast.geometry import Hits
@@ -28,5 +28,5 @@ def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
         knots, shares = knots_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
         if lattice.two_sided:
             knots = knots + lattice.knots * hits.behind[of, None]
-        values[of] = np.einsum("nk,nkc->nc", shares, known[knots].astype(np.float64))
+        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[knots].astype(np.float64))
     return values

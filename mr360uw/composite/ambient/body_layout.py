@@ -24,7 +24,7 @@ from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES,
 from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
-from mr360uw.composite.ambient.pair_view import near_sites, pair_view, share_shown
+from mr360uw.composite.ambient.pair_view import may_show, near_sites, pair_view, share_shown
 from mr360uw.composite.ambient.relative_pose import RelativePose, relative_pose, rounded
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
@@ -146,7 +146,8 @@ def make_layout(
 
     bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
     first = np.concatenate([[0], np.cumsum([len(body.transfer.lookouts.site) for body in bodies])]).astype(np.int64)
-    views = tuple(_view(k, bodies, first, cache) for k in range(len(bodies)))
+    center, radius = np.array([body.center for body in bodies]), np.array([body.radius for body in bodies])
+    views = tuple(_view(k, bodies, may_show(center, radius, k), first, cache) for k in range(len(bodies)))
     own = block_diag([body.own.sites[body.transfer.lookouts.site] for body in bodies], format="csr")
     sites = vstack([view.lookouts.sites for view in views], format="csr") + own
     nodes = tuple(_nodes(body, NODES) + body.origin for body in bodies)
@@ -179,14 +180,16 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     return Body(placed, transfer, own, rotation, field, ground, center, mesh.radius_m * placed.scale)
 
 
-def _view(number: int, bodies: tuple[Body, ...], first: NDArray[np.int64], cache: Cache) -> BodyView:
-    """Return what one of several bodies sees. first: where the lookouts of each begin."""
+def _view(
+    number: int, bodies: tuple[Body, ...], near: NDArray[np.bool_], first: NDArray[np.int64], cache: Cache
+) -> BodyView:
+    """Return what one of several bodies sees. near: (B,) those it may see. first: where the lookouts of each begin."""
     body, total, keep = bodies[number], int(first[-1]), _kept(len(bodies))
     inverse, scale = np.linalg.inv(body.placed.world_from_object), body.placed.scale
     others = [
-        (int(first[k]), other.transfer, _pose(body, inverse, scale, other))
-        for k, other in enumerate(bodies)
-        if k != number and other.placed.casts_shadow
+        (int(first[k]), bodies[k].transfer, _pose(body, inverse, scale, bodies[k]))
+        for k in np.flatnonzero(near).tolist()
+        if bodies[k].placed.casts_shadow
     ]
     shown = [(begin, other, pose) for begin, other, pose in others if share_shown(body.transfer, other, pose) > 0.0]
     of = tuple((begin, other.lattice, pose.key) for begin, other, pose in shown)

@@ -47,6 +47,14 @@ def share_shown(transfer: Transfer, other: Transfer, pose: RelativePose) -> floa
     return t * t * (3.0 - 2.0 * t)
 
 
+def may_show(center: Floats, radius: Floats, number: int) -> NDArray[np.bool_]:
+    """Return which of the bodies in balls (n, 3), (n,) may show in the light of one of them, never that one itself."""
+    gap = np.maximum(np.linalg.norm(center - center[number], axis=-1) - radius[number], radius)
+    shown = (radius / gap) ** 2 > 0.999 * _UNNOTICED
+    shown[number] = False
+    return np.asarray(shown)
+
+
 def _norm(way: Floats) -> float:
     return math.hypot(*way.tolist())
 

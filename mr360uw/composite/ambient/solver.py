@@ -11,6 +11,7 @@ white box.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,7 @@ from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import Body, Outlook
 from mr360uw.composite.ambient.directions import blurred, radiance_towards
 from mr360uw.composite.ambient.ground_light import GroundLight
-from mr360uw.composite.ambient.knot_values import CHANNELS
+from mr360uw.composite.ambient.knot_values import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left, gather
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
@@ -45,7 +46,7 @@ _BRIGHTEST = 16.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
-    """Solved ambient light of a shot. values: for each object the values (K, CHANNELS) of its knots, float32, or None
+    """Solved ambient light of a shot. values: for each object those of its knots (knot_values.py), float32, or None
     where nothing is in its way. table: of the environment, as `ground_kernel.gather` takes it. sent: for each body that
     the ground sees the mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
     """
@@ -153,7 +154,10 @@ class Solver:
         if self._shot.draw.ambient_occlusion:
             change = ground.change(sent)
             added = ground.added(change)
-            values = tuple(self._values(k, plain[k], sent, change[k], added[k]) for k in range(len(bodies)))
+            everywhere = self._everywhere()
+            values = tuple(
+                self._values(k, (plain[k], *everywhere[k]), sent, change[k], added[k]) for k in range(len(bodies))
+            )
         down = tuple(layout.sent_down(k, sent).reshape(NODES, NODES, 3) for k in layout.ground_bodies)
         return AmbientLight(layout, values, self._table, down, self._shot.environment.ambient)
 
@@ -180,11 +184,28 @@ class Solver:
         """Return the radiance (all, 3) that lookouts send to all sides, over the ambient light's fall with depth."""
         return (self._reflected * (irradiance + self._sun) / np.pi + self._emitted).astype(np.float32)
 
+    def _everywhere(self) -> list[tuple[Floats, ...]]:
+        """Return for each body that takes light of its own the irradiance (S, 3) of all its sites were nothing in the
+        way, and what the body itself keeps off; nothing of others.
+        """
+        needs = [
+            (k, matrix)
+            for k, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True))
+            if body.own.lost is not None and not view.nothing(body)
+            for matrix in (body.transfer.cosine, body.own.lost)
+        ]
+        products = _products([matrix for _, matrix in needs], [self._radiance[k] for k, _ in needs])
+        found: list[tuple[Floats, ...]] = [()] * len(self._layout.bodies)
+        for (k, _), product in zip(needs, products, strict=True):
+            found[k] = (*found[k], product)
+        return found
+
     def _values(
-        self, number: int, at_lookouts: Floats, sent: Floats, change: Floats, added: Floats
+        self, number: int, own_light: tuple[Floats, ...], sent: Floats, change: Floats, added: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values (K, CHANNELS) of a body's knots, None where nothing is in its way. at_lookouts: (C, 3)
-        irradiance were nothing in the way. sent: radiance of all lookouts; change, added: of the nodes.
+        """Return the values of a body's knots (knot_values.py), None where nothing is in its way. own_light: (C, 3)
+        irradiance of its lookouts were nothing in the way, then `_everywhere`. sent: radiance of all lookouts; change,
+        added: of the nodes.
         """
         body, view, light = self._layout.bodies[number], self._layout.views[number], self._radiance[number]
         if view.nothing(body):
@@ -194,22 +215,22 @@ class Solver:
         if own.lost is None:
             near = transfer.cosine[view.near_site] @ light
             both = view.spread(
-                body, *(np.append(a, b, axis=1) for a, b in zip(others, (at_lookouts, near), strict=True))
+                body, *(np.append(a, b, axis=1) for a, b in zip(others, (own_light[0], near), strict=True))
             )
             plain = both[:, 3:]
             irradiance = plain + both[:, :3]
         else:
-            plain, first = _product(transfer.cosine, light), self._layout.first[number]
+            (at_lookouts, plain, lost), first = own_light, self._layout.first[number]
             inside = own.sites @ sent[first : first + len(at_lookouts)]
-            irradiance = plain - _product(own.lost, light) + inside + view.spread(body, *others)
+            irradiance = plain - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
         ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
         from_sites = transfer.lattice.from_sites
-        values = np.zeros((from_sites.shape[0], CHANNELS), np.float32)
+        met = view.met if len(self._shot.environment.glossy) else None
+        values = np.zeros((from_sites.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
         values[:, :3] = from_sites @ ratio
-        values[:, 4:7] = values[:, :3]
-        if view.met is not None and len(self._shot.environment.glossy):
-            mirrored = from_sites @ reflected_among(body, view.met, self._shot.view.position, light, sent, change)
+        if met is not None:
+            mirrored = from_sites @ reflected_among(body, met, self._shot.view.position, light, sent, change)
             values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
         return values
 
@@ -221,7 +242,19 @@ class Solver:
         return np.asarray(look.sites @ sent + look.ground @ added - look.lost @ light)
 
 
+def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
+    """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once."""
+    sharing: dict[int, list[int]] = {}
+    for number, matrix in enumerate(matrices):
+        sharing.setdefault(id(matrix), []).append(number)
+    found: dict[int, NDArray[np.float32]] = {}
+    for numbers in sharing.values():
+        product = _product(matrices[numbers[0]], np.concatenate([light[k] for k in numbers], axis=1))
+        found |= {k: product[:, 3 * place : 3 * place + 3] for place, k in enumerate(numbers)}
+    return [found[k] for k in range(len(matrices))]
+
+
 def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the product of matrices (n, k) and (k, 3)."""
+    """Return the product of matrices (n, k) and (k, m)."""
     parts = [matrix[k : k + _ROWS_AT_ONCE] @ light for k in range(0, len(matrix), _ROWS_AT_ONCE)]
     return np.concatenate(parts)

@@ -12,7 +12,7 @@ from mr360uw.cache import Cache, Same
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
-from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_uniforms
+from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_grid, sun_uniforms
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
@@ -129,6 +129,8 @@ class LightTextures:
         atlas = self._atlas.of(frames, size)
         slots = np.cumsum([len(of_sun), *(len(group) for group in of_lamps)]).tolist()
         table = shadow_table(shot, atlas, slots, 1 + len(lamps))
+        of_grid, rows = sun_grid(shot, atlas, len(table))
+        table = np.concatenate([table, rows])
         self.textures |= {
             "sun_map": atlas.texture,
             "casters": self._cache.get("casters", table.tobytes(), lambda: texture_from_array(table)),
@@ -137,6 +139,7 @@ class LightTextures:
             "shadows__slot_size": float(size),
             "shadows__bias_scale": max(_BIASED_SLOT / size, 1.0),
             "first_lamp": len(atlas.table),
+            **of_grid,
         }
 
 

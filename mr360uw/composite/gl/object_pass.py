@@ -8,7 +8,7 @@ Objects that share a mesh are shaded together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
-from mr360uw.composite.ambient.knot_values import UNTOUCHED
+from mr360uw.composite.ambient.knot_values import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
@@ -24,9 +24,12 @@ from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
 from mr360uw.composite.gl.fragment_kernel import take_lanes
 from mr360uw.composite.gl.fragments import Fragments, add_behind, through
 from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.mesh_fragments import MeshFragments, mesh_fragments
+from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture
+from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -40,22 +43,8 @@ _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
 """Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
 _SEEN = 3
 """Number of the last of them."""
-_AT_ONCE = 1 << 19
 _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshFragments:
-    """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all. entries: texture of the list.
-
-    name: of this part of the shot's fragments.
-    """
-
-    mesh: Mesh
-    chosen: NDArray[np.int64]
-    entries: moderngl.Texture
-    name: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +81,7 @@ class ObjectPass:
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            parts = kept.get(f"parts {number}", None, partial(_parts, objects, fragments, first, body, number))
+            parts = kept.get(f"parts {number}", None, partial(mesh_fragments, objects, fragments, first, body, number))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, kept)
             values = self._light_up(*lit, 0)
             if frame is not None:
@@ -124,8 +113,8 @@ class ObjectPass:
             assert ambient is not None
             lattice = ambient.layout.bodies[shot.objects.index(placed)].transfer.lattice
             knots = lattice.knots * (2 if lattice.two_sided else 1)
-            own = np.tile(np.array(UNTOUCHED, np.float32), (knots, 1)) if known is None else known
-            row[3, 1:3] = texels, lattice.knots if lattice.two_sided else 0
+            own = np.tile(np.array(UNTOUCHED[:FEW_CHANNELS], np.float32), (knots, 1)) if known is None else known
+            row[3, 1:4] = texels, lattice.knots if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own.reshape(-1))
             texels += own.size // 4
         return BodyList(list_texture(np.concatenate(values)), frozenset(changed))
@@ -159,8 +148,19 @@ class ObjectPass:
 
     def _see_sun(self, shot: Shot, part: MeshFragments, bodies: BodyList) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
-        seen = gl_context().texture((LANE_COLUMNS, lane_rows(len(part.chosen))), 2, dtype="f4")
-        self._shade(shot, part, bodies, gl_context().framebuffer([seen]), {}, {}, _SEEN)
+        sun, objects = sun_of(shot), [placed for placed in shot.objects if placed.visible]
+        assert sun is not None
+        groups = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
+        count, rows = len(part.chosen), lane_rows(len(part.chosen))
+        found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
+        if len(groups.listed):
+            few = replace(part, chosen=np.arange(len(groups.listed)), entries=list_texture(groups.listed, 3))
+            self._shade(shot, few, bodies, found, {}, {}, _SEEN)
+        seen = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
+        shader = self._targets.program("spread", {})
+        bind(shader, {"groups": list_texture(groups.of, 1), "values": found.color_attachments[0]})
+        set_uniforms(shader, count=count)
+        self._targets.fill(gl_context().framebuffer([seen]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
         return seen
 
     def _shade(
@@ -202,27 +202,6 @@ class ObjectPass:
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))
-
-
-def _parts(
-    objects: Sequence[PlacedObject],
-    fragments: Fragments,
-    first: NDArray[np.int64],
-    body: NDArray[np.int64],
-    number: int,
-) -> list[MeshFragments]:
-    """Return the fragments of layer `number` by mesh. first: number of each object's first triangle. body: (n,)."""
-    triangle = fragments.triangle - first[body]
-    entries = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
-    meshes = list(dict.fromkeys(placed.mesh for placed in objects))
-    of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
-    parts = []
-    for k, mesh in enumerate(meshes):
-        chosen = np.flatnonzero(of_mesh == k)
-        for start in range(0, len(chosen), _AT_ONCE):
-            part = chosen[start : start + _AT_ONCE]
-            parts.append(MeshFragments(mesh, part, list_texture(entries[part], 3), f"{number} {k} {start}"))
-    return parts
 
 
 def _add_variables(

@@ -136,8 +136,8 @@ class ShadowAtlas:
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._cache, self._buffers = cache, buffers
         stages = {
-            "vertex": "composite/gl/shaders/shadow_atlas.vert",
-            "fragment": "composite/gl/shaders/shadow_atlas.frag",
+            "vertex": "composite/gl/shaders/atlas/shadow_atlas.vert",
+            "fragment": "composite/gl/shaders/atlas/shadow_atlas.frag",
         }
         self._bodies = {
             (masked, projected): program(
@@ -146,7 +146,7 @@ class ShadowAtlas:
             for masked in (False, True)
             for projected in (False, True)
         }
-        self._columns = program(fragment="composite/gl/shaders/shadow_columns.frag")
+        self._columns = program(fragment="composite/gl/shaders/atlas/shadow_columns.frag")
 
     def of(self, frames: Sequence[LightFrame], size: int) -> Atlas:
         """Return the atlas of frames in slots of `size` texels."""

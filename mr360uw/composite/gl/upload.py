@@ -36,13 +36,15 @@ class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
     corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
-    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say.
+    pieces it has. order: (T,) of the mesh's triangles on the device. triangles, materials, store: as geometry.glsl and
+    texture.glsl say.
     """
 
     mesh: Mesh
     corners: moderngl.Buffer
     ranges: dict[AlphaMode, tuple[int, int]]
     pieces: int
+    order: NDArray[np.int64]
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
@@ -105,6 +107,7 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
         corners=gl_context().buffer(corners),
         ranges=still.ranges,
         pieces=still.pieces,
+        order=still.order,
         triangles=texture_from_array(rows),
         materials=still.materials,
         store=still.store,

@@ -1,4 +1,4 @@
-// Values of ambient light at a place of a body, three texels of a list for each knot. Held to composite/ambient/knot_kernel.py
+// Values of ambient light at a place of a body, three texels of a list for each knot, or one: the ratio of all light. Held to composite/ambient/knot_kernel.py
 // and composite/ambient/knot_values.py.
 struct Among {
     vec3 ratio;  // of irradiance
@@ -23,16 +23,19 @@ ivec3 knots_at(vec4 places, vec3 weights, out vec3 shares) {
     return steps == 1 ? ivec3(places.xyz) : int(places.x) + ivec3(upper ? below + 1 : row, below, row + 1);
 }
 
-Among among_bodies(sampler2D list, int first, vec4 places, vec3 weights) {
+Among among_bodies(sampler2D list, int first, int texels, vec4 places, vec3 weights) {
     vec3 shares;
-    ivec3 knots = first + 3 * knots_at(places, weights, shares);
+    ivec3 knots = first + texels * knots_at(places, weights, shares);
     Among among = Among(vec3(0.0), vec3(0.0), vec3(0.0));
     for (int k = 0; k < 3; ++k) {
         among.ratio += shares[k] * listed(list, knots[k]).rgb;
 #if defined(GLOSSY)
-        among.kept += shares[k] * listed(list, knots[k] + 1).rgb;
-        among.instead += shares[k] * listed(list, knots[k] + 2).rgb;
+        if (texels > 1) {
+            among.kept += shares[k] * listed(list, knots[k] + 1).rgb;
+            among.instead += shares[k] * listed(list, knots[k] + 2).rgb;
+        }
 #endif
     }
+    if (texels == 1) among.kept = among.ratio;
     return among;
 }

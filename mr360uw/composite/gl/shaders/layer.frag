@@ -109,7 +109,7 @@ void main() {
     int body = 4 * int(more.x);
     mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
                                  texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
-    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first knot value, knots of the front if two-sided
+    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first knot value, knots of the front if two-sided, texels a knot
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
     vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));
@@ -132,8 +132,8 @@ void main() {
 #else
     Among among = Among(vec3(1.0), vec3(1.0), vec3(0.0));
 #if defined(AMONG_BODIES)
-    int first_value = int(numbers.y) + (s.behind ? 3 * int(numbers.z) : 0);
-    among = among_bodies(bodies, first_value, listed(triangles, triangle.first + 10), s.weights);
+    int first_value = int(numbers.y) + (s.behind ? int(numbers.w) * int(numbers.z) : 0);
+    among = among_bodies(bodies, first_value, int(numbers.w), listed(triangles, triangle.first + 10), s.weights);
 #endif
     Parts p = light_surface(s, among, area, numbers.x);
     vec3 through = vec3(1.0), haze = vec3(0.0);

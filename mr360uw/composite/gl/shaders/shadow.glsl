@@ -110,24 +110,30 @@ vec2 ray_places(int count) {
     return sqrt(max(1.0 - vec2(grain * grain, widening * widening / 3.0), 0.0));
 }
 
-// bits of the bodies that may occlude part of the light's disc from part of a ball about p. gap: distance [m] to the
-// nearest of them. umbra: whether one of them occludes all of the disc from all of the ball
-int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, float radius,
+// number of the lowest set bit; 0 if there is none
+int lowest_slot(int bits) {
+    return bits == 0 ? 0 : int(log2(float(bits & -bits)) + 0.5);
+}
+
+// those of the bodies `listed` (bits) that may occlude part of the light's disc from part of a ball about p. gap:
+// distance [m] to the nearest of them. umbra: whether one of them occludes all of the disc from all of the ball
+int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_size, vec3 p, float radius,
                    float spread, out float gap, out bool umbra) {
-    int near = 0, between = 0, number = 0;
+    int near = 0, between = 0;
     gap = 1e9;
     umbra = false;
     do {
-        Caster caster = fetch_caster(casters, number);
+        int lowest = listed & -listed;
+        Caster caster = fetch_caster(casters, lowest_slot(listed));
         float above = caster.reach.y - p.z + radius;
         vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        if (above > 0.0 && max(across.x, across.y) <= radius + spread * above) near |= 1 << number;
-        ++number;
-    } while (number < caster_count);
+        if (above > 0.0 && max(across.x, across.y) <= radius + spread * above) near |= lowest;
+        listed &= ~lowest;
+    } while (listed != 0);
     // a filtered column is empty, or full, only if everything within a texel of that level is
     do {
         int lowest = near & -near;
-        Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
+        Caster caster = fetch_caster(casters, lowest_slot(near));
         float wide = (radius + spread * (caster.reach.y - p.z + radius)) * slot_size;
         float texels = max(2.0 * power_below(max(wide / min(caster.half_size.x, caster.half_size.y), 0.5)), 1.0);
         bool known = texels * SMALLEST <= slot_size;
@@ -145,16 +151,17 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int caster_count, float
 }
 
 // visible fraction of the sun's disc, a mean over a footprint about p, in the map's axes (two across, one along);
-// undefined unless `wanted`, and free where a whole block of pixels does not want it. middle: slope of the disc's centre.
+// undefined unless `wanted`, and free where a whole block of pixels does not want it. listed: bits of the bodies that may
+// occlude it. middle: slope of the disc's centre.
 // rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
 // tangent of the disc's radius
-float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, float slot_size, vec3 p, mat2x3 sides,
+float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slot_size, vec3 p, mat2x3 sides,
                      vec2 middle, vec4 rays[MAXIMUM_SUN_RAYS], int count, int every, float spread, bool wanted) {
     float gap, blocked = 0.0, widening = spread * ray_widening(count);
     vec2 places = ray_places(count);
     float grain = ray_grain(count) * sqrt(abs(determinant(mat2(sides[0].xy, sides[1].xy))));
     bool umbra;
-    int between = bodies_between(sun_map, casters, caster_count, slot_size, p, footprint_radius(sides),
+    int between = bodies_between(sun_map, casters, listed, slot_size, p, footprint_radius(sides),
                                  spread + length(middle), gap, umbra);
     int k = !wanted || between == 0 || umbra ? count : 0;
     do {
@@ -165,7 +172,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int caster_count, flo
         vec2 slope = middle + places.y * spread * ray.xy;
         do {
             int lowest = left & -left;
-            Caster caster = fetch_caster(casters, lowest == 0 ? 0 : int(log2(float(lowest)) + 0.5));
+            Caster caster = fetch_caster(casters, lowest_slot(left));
             float one = sun_blocked(sun_map, caster, slot_size, start, slope, grain, widening);
             if (lowest != 0 && k < count) most = max(most, one);
             left &= ~lowest;

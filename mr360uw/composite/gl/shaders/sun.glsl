@@ -6,7 +6,8 @@
 #include "caustic_lookup.glsl"
 
 // axes: rows (across, across, along) in the world's axes, the last one near the sun's direction. slope: that direction
-// in these axes, across over along. up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad]
+// in these axes, across over along. up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad].
+// grid_*: of caster_grid.py, whose table begins in the row grid_row of `casters`
 struct Sun {
     vec3 irradiance;
     vec3 direction;
@@ -16,7 +17,15 @@ struct Sun {
     mat3 axes;
     vec2 slope;
     int casters;
+    vec3 grid_low;
+    vec3 grid_scale;
+    vec3 grid_last;
+    vec3 grid_steps;
+    float grid_radius;
+    int grid_row;
 };
+
+const int HALF_BITS = 15;  // twin: caster_grid.py
 
 vec3 beam_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
 #if !defined(SUN)
@@ -66,10 +75,21 @@ vec3 in_sun_axes(Sun sun, View view, vec3 point) {
     return sun.axes * (point + view.position);
 }
 
+// bits of the bodies that may occlude part of the sun from part of a ball about p, in the sun's axes, and of some that
+// do not; held to composite/gl/caster_grid.py
+int bodies_listed(Sun sun, sampler2D casters, vec3 p, float radius) {
+    vec3 cell = clamp(floor((p - sun.grid_low) * sun.grid_scale), vec3(0.0), sun.grid_last);
+    int number = int(dot(cell, sun.grid_steps));
+    vec4 two = texelFetch(casters, ivec2((number >> 1) & 3, sun.grid_row + (number >> 3)), 0);
+    ivec2 halves = ivec2((number & 1) == 0 ? two.xy : two.zw);
+    return radius <= sun.grid_radius ? halves.x | halves.y << HALF_BITS : (1 << sun.casters) - 1;
+}
+
 // visible fraction of a disc about the sun, a mean over a footprint about p, in the sun's axes, over each `every`-th ray
 float disc_seen(Sun sun, Shadows shadows, sampler2D sun_map, sampler2D casters, vec4 rays[MAXIMUM_SUN_RAYS], vec3 p,
                 mat2x3 sides, float half_angle, int every, bool wanted) {
-    return sun_visibility(sun_map, casters, sun.casters, shadows.slot_size, p, sides, sun.slope, rays,
+    int listed = bodies_listed(sun, casters, p, footprint_radius(sides));
+    return sun_visibility(sun_map, casters, listed, shadows.slot_size, p, sides, sun.slope, rays,
                           (shadows.samples + every - 1) / every, every, tan(half_angle), wanted);
 }
 

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Groups of fragments that share what they see of the sun: neighbours on a body's surface in one pixel.
+
+Where several small triangles meet in a pixel, each is a fragment of a few samples. Shadow rays are cast once for all of
+them: from the fragment with most samples, over the area of the group. Fragments that face away from the sun get none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite.gl.mesh_fragments import MeshFragments
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.types import Floats
+
+_APART = 3.0
+"""Fragments of a group follow each other within this distance along the ray, in widths of a pixel. Three times as much
+joins parts of a body one behind the other: one pixel of a hundred changes by a code value; half as much saves less."""
+_BEND = 0.7
+"""Least cosine between the normals of fragments that follow each other in a group."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SunGroups:
+    """m groups of n fragments. of: (n,) group of each, -1 of those that face away from the sun. listed: (m, 9) of each
+    group as of a fragment of `MeshFragments`.
+    """
+
+    of: NDArray[np.int64]
+    listed: Floats
+
+
+def sun_groups(
+    shot: Shot, objects: Sequence[PlacedObject], part: MeshFragments, order: NDArray[np.int64], sun: Floats
+) -> SunGroups:
+    """Return the groups of fragments of one mesh.
+
+    objects: by their numbers in `part`. order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
+    world.
+    """
+    view = shot.view
+    linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
+    eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
+    in_body = [np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape))]
+    turn = np.einsum("bkj,kl->bjl", linear, view.world_from_camera)
+    beside = np.array([view.eye_m / placed.scale for placed in objects])
+    surface = np.empty((len(part.listed), 5))
+    _meet(part.listed, part.mesh.positions, order, *in_body, turn, beside, view.width, view.height, surface)
+    apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
+    of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
+    area = np.zeros((len(part.listed), 5))
+    count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
+    listed = part.listed[chosen[:count]]
+    listed[:, 4:] = area[:count]
+    return SunGroups(of, listed)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _meet(
+    listed: Any,
+    corners: Any,
+    order: Any,
+    eye: Any,
+    sun: Any,
+    turn: Any,
+    beside: Any,
+    width: Any,
+    height: Any,
+    surface: Any,
+) -> None:
+    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
+
+    eye, sun: (b, 3) the camera and the sun's direction in the axes of bodies; turn: (b, 3, 3) the camera's axes to
+    theirs; beside: (b,) of a stereo eye to the right of the camera, in the metres of the mesh.
+    """
+    for n in range(len(listed)):
+        t, b = order[int(listed[n, 0])], int(listed[n, 3])
+        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
+        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
+        normal = surface[n, :3]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            normal[k] = (corners[t, 1, i] - corners[t, 0, i]) * (corners[t, 2, j] - corners[t, 0, j])
+            normal[k] -= (corners[t, 1, j] - corners[t, 0, j]) * (corners[t, 2, i] - corners[t, 0, i])
+        size = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-300)
+        above, along, lit = 0.0, 0.0, 0.0
+        for k in range(3):
+            normal[k] /= size
+            start = eye[b, k] + beside[b] * (turn[b, k, 2] * dx - turn[b, k, 0] * dz)
+            above += normal[k] * (start - corners[t, 0, k])
+            along += normal[k] * (turn[b, k, 0] * dx + turn[b, k, 1] * dy + turn[b, k, 2] * dz)
+            lit += normal[k] * sun[b, k]
+        surface[n, 3] = -above / along if along != 0.0 else 0.0
+        surface[n, 4] = 1.0 if (lit > 0.0) == (above > 0.0) else 0.0
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _follows(listed: Any, pixel: Any, surface: Any, apart: Any, before: Any, n: Any) -> Any:
+    """Return whether a fragment belongs to the group of the one before it."""
+    if pixel[n] != pixel[before] or listed[n, 3] != listed[before, 3]:
+        return False
+    cosine = 0.0
+    for k in range(3):
+        cosine += surface[n, k] * surface[before, k]
+    return cosine >= _BEND and abs(surface[n, 3] - surface[before, 3]) <= apart * surface[before, 3]
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _group(listed: Any, pixel: Any, weight: Any, surface: Any, apart: Any, of: Any, chosen: Any, area: Any) -> Any:
+    """Set the group (n,) of each fragment, and of each group the fragment with most samples (m,) and the area (m, 5) of
+    all, as `sampling.frame_areas`; return their number m.
+    """
+    count, before = 0, -1
+    moments = np.zeros((len(listed), 6))  # of groups: weight, mean, and second moments about the place of `origin`
+    origin = np.zeros((len(listed), 2))
+    most = np.zeros(len(listed))
+    for n in range(len(listed)):
+        if surface[n, 4] == 0.0:
+            continue
+        if before < 0 or not _follows(listed, pixel, surface, apart, before, n):
+            origin[count, 0], origin[count, 1] = listed[n, 1], listed[n, 2]
+            count += 1
+        k, w = count - 1, weight[n]
+        x, y = listed[n, 1] + listed[n, 4] - origin[k, 0], listed[n, 2] + listed[n, 5] - origin[k, 1]
+        a, b, c = listed[n, 6], listed[n, 7], listed[n, 8]
+        parts = (1.0, x, y, x * x + (a * a + b * b) / 12.0, x * y + (a + c) * b / 12.0, y * y + (b * b + c * c) / 12.0)
+        for m in range(6):
+            moments[k, m] += w * parts[m]
+        if w > most[k]:
+            most[k], chosen[k] = w, n
+        of[n], before = k, n
+    for k in range(count):
+        x, y = moments[k, 1] / moments[k, 0], moments[k, 2] / moments[k, 0]
+        xx, xy = moments[k, 3] / moments[k, 0] - x * x, moments[k, 4] / moments[k, 0] - x * y
+        yy = moments[k, 5] / moments[k, 0] - y * y
+        root = np.sqrt(max(xx * yy - xy * xy, 0.0))
+        scale = np.sqrt(12.0 / max(xx + yy + 2.0 * root, 1e-18))
+        area[k, 0], area[k, 1] = origin[k, 0] + x - listed[chosen[k], 1], origin[k, 1] + y - listed[chosen[k], 2]
+        area[k, 2], area[k, 3], area[k, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
+    return count
