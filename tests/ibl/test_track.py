@@ -54,6 +54,19 @@ def test_a_parabola_passes_through_unchanged() -> None:
     np.testing.assert_allclose(got, values, atol=FLOAT64**0.5)
 
 
+@pytest.mark.parametrize("seen", [[40, 41, 42, 43, 44], [0, 1, 2, 119], [3, 60, 61, 118], [119, 118, 117, 116, 7]])
+def test_a_signal_stays_what_it_is_before_its_first_and_after_its_last_sample(
+    seen: list[int], rng: np.random.Generator
+) -> None:
+    first, last = min(seen), max(seen)
+    weight = np.zeros(120)
+    weight[seen] = rng.uniform(0.02, 1.0, len(seen))
+    got = smooth(rng.normal(size=(120, 3)), weight, 1e9)  # singular to rounding at the greatest strengths
+    assert np.all(np.isfinite(got))
+    np.testing.assert_array_equal(got[:first], np.broadcast_to(got[first], (first, 3)))
+    np.testing.assert_array_equal(got[last:], np.broadcast_to(got[last], (120 - last, 3)))
+
+
 def test_gaps_are_bridged_and_lose_confidence(rng: np.random.Generator) -> None:
     true, suns = clip(rng)
     for k in range(60, 90):

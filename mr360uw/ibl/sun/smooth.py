@@ -9,6 +9,8 @@ The model is a random walk in acceleration plus white noise:
 for that random walk; here one banded Cholesky factorisation eliminates forward and
 substitutes backward. Lambda maximises the restricted likelihood, so a still camera is averaged over the whole shot
 and a turning one is followed. Samples of weight 0 are bridged; outliers lose their weight by iteration (Student's t).
+Before the first sample of some weight and after the last the signal stays what it is there: a third-order model would
+leave them along a parabola.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ Array = NDArray[np.float64]
 _ORDER = 3
 """Order of the differences that are penalised. With 2 curved paths would be pulled straight."""
 _LAMBDAS = 10.0 ** np.arange(-2.0, 11.1, 0.5)
-"""Strengths that are tried, up to where the factorisation still holds in double precision."""
+"""Strengths that are tried, up to where the factorisation still holds in double precision, if most samples are seen."""
 _OUTLIER = 3.0
 """Residual, in standard deviations, at which a sample's weight is halved."""
 _ROUNDS = 4
@@ -59,15 +61,25 @@ def smooth(values: Array, weight: Array, least_strength: float = 0.0) -> Array:
     """Return values (n, k) smoothed over n equidistant samples of weight (n,) >= 0, bridging those of weight 0.
 
     least_strength: the smoothing is at least so strong, whatever the data say (`strength_of_period`). With no more than
-    three samples of some weight: their weighted mean throughout. NaN where no sample has any.
+    three samples of some weight, or too few for their distance: their weighted mean throughout. NaN where no sample has
+    any.
     """
     values, weight = np.asarray(values, np.float64), np.asarray(weight, np.float64)
+    seen = np.flatnonzero(weight > 0.0)
+    if not len(seen):
+        return np.full_like(values, np.nan)
+    first, last = int(seen[0]), int(seen[-1])
+    among = _smoothed(values[first : last + 1], weight[first : last + 1], least_strength)
+    return among[np.clip(np.arange(len(values)) - first, 0, last - first)]
+
+
+def _smoothed(values: Array, weight: Array, least_strength: float) -> Array:
+    """Return values (n, k) smoothed, of which the first and the last have some weight."""
     count, channels = values.shape
     seen = weight > 0.0
+    mean = np.broadcast_to(np.average(values[seen], axis=0, weights=weight[seen]), values.shape)
     if np.count_nonzero(seen) <= _ORDER:
-        if not seen.any():
-            return np.full_like(values, np.nan)
-        return np.broadcast_to(np.average(values[seen], axis=0, weights=weight[seen]), values.shape).copy()
+        return mean
     z = np.where(seen[:, None], values, 0.0)
     penalty = _penalty(count)
     degrees = np.count_nonzero(seen) - _ORDER
@@ -75,9 +87,12 @@ def smooth(values: Array, weight: Array, least_strength: float = 0.0) -> Array:
     trust = w
     strengths = np.unique(np.clip(_LAMBDAS, min(least_strength, _LAMBDAS[-1]), None))
     for _ in range(_ROUNDS):
-        best = (np.inf, z)
+        best = (np.inf, mean)
         for strength in strengths:
-            x, log_determinant = _fit(z, trust, strength, penalty)
+            try:
+                x, log_determinant = _fit(z, trust, strength, penalty)
+            except np.linalg.LinAlgError:
+                break  # singular to rounding, and so with all that are stronger
             rough = np.diff(x, _ORDER, axis=0)
             loss = float((trust[:, None] * (z - x) ** 2).sum() + strength * (rough**2).sum())
             variance = max(loss / (channels * degrees), 1e-30)
