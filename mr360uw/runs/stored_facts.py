@@ -69,9 +69,12 @@ def save_facts(facts: ClipFacts, path: Path) -> None:
 
 
 def load_facts(path: Path) -> ClipFacts | None:
-    """Return the facts of a file, or None where there is none or it is damaged."""
+    """Return the facts of a file, or None where there is none, or it is damaged or lacks some."""
     arrays = read_arrays(path)
-    return None if arrays is None else facts_of_arrays(arrays)
+    try:
+        return None if arrays is None else facts_of_arrays(arrays)
+    except KeyError:
+        return None
 
 
 def _stored_look(arrays: Mapping[str, NDArray[Any]]) -> PlateGrade:

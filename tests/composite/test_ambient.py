@@ -16,7 +16,7 @@ from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.on_ground.ground_kernel import gather
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh

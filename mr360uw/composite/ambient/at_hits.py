@@ -7,7 +7,7 @@ import numpy as np
 
 from mr360uw.composite.ambient.knot_values import UNTOUCHED, whole_values
 from mr360uw.composite.ambient.lattice import knots_at
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats

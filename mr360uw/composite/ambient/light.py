@@ -14,7 +14,8 @@ from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
 from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
-from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
+from mr360uw.composite.ambient.solved_light import AmbientLight, interpolated
+from mr360uw.composite.ambient.solver import Solver
 from mr360uw.composite.shot import KnotLight, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats

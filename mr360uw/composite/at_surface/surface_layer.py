@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.at_surface.air_light import in_air
 from mr360uw.composite.at_surface.body_rays import first_surfaces
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
