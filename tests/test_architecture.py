@@ -115,7 +115,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     files = {
         ROOT / "files.py": {"contextlib", "os", "secrets"},
         ROOT / "reading" / "extras.py": {"importlib"},
-        ROOT / "reading" / "disk_cache.py": {"hashlib", "io", "os", "zipfile"},
+        ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
         ROOT / "reading" / "files_read.py": {"contextlib", "contextvars"},
         ROOT / "reading" / "input_files.py": {"os", "stat"},
         ROOT / "reading" / "limits.py": {"os"},

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.bench.workbench import Workbench
+from mr360uw.reading.disk_cache import nothing_kept
 from mr360uw.scene.model import Scene
 
 Knobs = Mapping[str, Any]
@@ -96,9 +97,10 @@ def measure(stage: Stage, bench: Workbench, tick: Callable[[], None] = lambda: N
     """Return the measurements of a stage at its settings. tick: called after each of them."""
     work, found = stage.open(bench), []
     for knobs in stage.settings(quick=bench.quick):
-        run = work.prepare(knobs)
-        error = work.error(run(0))
-        cpu, wall = timed(run, bench.runs)
+        with nothing_kept():
+            run = work.prepare(knobs)
+            error = work.error(run(0))
+            cpu, wall = timed(run, bench.runs)
         names = tuple(word for word, point in stage.named.items() if point == knobs)
         found.append(Measurement(dict(knobs), 1e3 * cpu, 1e3 * wall, error, bench.runs, names))
         tick()

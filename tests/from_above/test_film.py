@@ -150,7 +150,7 @@ def test_a_film_that_fails_leaves_nothing(sea: Path, tmp_path: Path, monkeypatch
 def test_gerstner_seas_are_chosen_by_name(sea: Path) -> None:
     assert load_aerial(sea).sea.model == "spectral"
     assert AerialScene.model_validate({"sea": {"model": "gerstner", "wind_speed": 3.0}}).sea.model == "gerstner"
-    with pytest.raises(SceneError, match=r"sea\.toml:6 sea\.wind_speed - must be"):
+    with pytest.raises(SceneError, match=r"--set sea\.wind_speed - must be"):
         load_aerial(sea, ["sea.wind_speed=-1"])
 
 

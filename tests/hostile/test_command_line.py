@@ -165,7 +165,7 @@ def put_odd_files(bench: Bench) -> None:
 def test_plates_that_are_no_files(name: str, bench: Bench) -> None:
     put_odd_files(bench)
     found_later = any(sign in PLATES[name] for sign in "%*")
-    bench.refuses_with(f'plate.path="{PLATES[name]}"', says=(PLATES[name] if found_later else "toml:2 plate.path - ",))
+    bench.refuses_with(f'plate.path="{PLATES[name]}"', says=(PLATES[name] if found_later else "--set plate.path - ",))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="makes pipes and sockets")

@@ -181,6 +181,7 @@ def test_the_clip_is_read_twice_only_where_the_gain_is_sought(
         frames=(0, 1),
         backend="reference",
         progress=lambda *step: seen.append(step),
+        fresh=True,
     )
     assert len(seen) == (passes - 1) * FRAMES + 1
 
