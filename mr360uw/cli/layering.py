@@ -31,6 +31,7 @@ def layer(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write what a composite laid over its plate as a video with alpha, from its EXR layers."""
+    from mr360uw.runs.run_report import counted
     from mr360uw.video.write.layer_video import layer_video
 
     count, empty = layer_video(
@@ -38,4 +39,4 @@ def layer(
         overwrite=overwrite,
     )  # fmt: skip
     note = f", {empty} of them transparent for want of a file" if empty else ""
-    typer.echo(f"wrote {out}: {count} frames{note}, {alpha.value} alpha")
+    typer.echo(f"wrote {out}: {counted(count)}{note}, {alpha.value} alpha")

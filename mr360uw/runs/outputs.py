@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.runs.run_report import counted
 from mr360uw.runs.sinks import Part, segment_bounds
 from mr360uw.runs.work_folder import WorkFolder
 from mr360uw.scene.inputs import keep_inputs
@@ -118,7 +119,9 @@ class Output:
         if self.is_pictures:
             count = len(work.pictures())
             return (
-                f"finished: {count} frames, as {self.path} - the same command does not make them again" if count else ""
+                f"finished: {counted(count)}, as {self.path} - the same command does not make them again"
+                if count
+                else ""
             )
         segments = _leading([s for s in work.segments() if s.stop <= self.span[1]], start)
         if not segments:
@@ -129,8 +132,8 @@ class Output:
         try:
             self._join(segments, path, work.path, overwrite=True)
         except VideoError as error:
-            return f"finished: {count} frames, kept in {work.path} - {again} (they cannot be joined yet: {error})"
-        return f"finished: frames {start}:{start + count} ({count} frames), playable as {path} - {again}"
+            return f"finished: {counted(count)}, kept in {work.path} - {again} (they cannot be joined yet: {error})"
+        return f"finished: frames {start}:{start + count} ({counted(count)}), playable as {path} - {again}"
 
     def _join(self, segments: list[Segment], path: Path, folder: Path, *, overwrite: bool) -> tuple[str, ...]:
         from mr360uw.video.write.container_writer import ContainerWriter

@@ -43,23 +43,23 @@ class Report:
     def __str__(self) -> str:
         made = self.frames - self.kept_frames
         rate = made / self.seconds if self.seconds > 0 else 0.0
-        lines = [f"wrote {self.out}: {self.frames} frames in {self.seconds:.1f} s ({rate:.1f} frames/s)"]
+        lines = [f"wrote {self.out}: {counted(self.frames)} in {self.seconds:.1f} s ({rate:.1f} frames/s)"]
         if self.kept_frames:
             lines.append(f"  {self.kept_frames} of them were there already, from the run that was stopped")
         lines.append(f"  renderer {self.backend} ({self.device})" + f", {self.workers} workers" * (self.workers > 1))
         lines.append("  " + ", ".join(f"{name} {1e3 * s / max(made, 1):.0f} ms" for name, s in self.stage_s.items()))
         if self.empty_frames:
-            lines.append(f"  in {self.empty_frames} frames nothing was visible: they went through untouched")
+            lines.append(f"  in {counted(self.empty_frames)} nothing was visible: they went through untouched")
         if self.sunless_frames:
-            lines.append(f"  in {self.sunless_frames} frames no sun was found: no caustics, no shadows there")
+            lines.append(f"  in {counted(self.sunless_frames)} no sun was found: no caustics, no shadows there")
         if self.held_frames:
             lines.append(
-                f"  {self.held_frames} frames of the plate could not be decoded: the last good one is repeated"
+                f"  {counted(self.held_frames)} of the plate could not be decoded: the last good one is repeated"
             )
         if self.concealed_frames:
-            lines.append(f"  in {self.concealed_frames} frames of the plate the decoder guessed what is damaged")
+            lines.append(f"  in {counted(self.concealed_frames)} of the plate the decoder guessed what is damaged")
         if len(self.renderers) > 1:
-            lines += [f"  {frames} frames by {name}" for name, frames in sorted(self.renderers.items())]
+            lines += [f"  {counted(frames)} by {name}" for name, frames in sorted(self.renderers.items())]
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -90,3 +90,8 @@ class Report:
             "python": platform.python_version(),
             "system": platform.platform(),
         }
+
+
+def counted(frames: int) -> str:
+    """Return a number of frames in words."""
+    return f"{frames} frame{'' if frames == 1 else 's'}"
