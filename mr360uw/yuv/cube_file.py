@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads .cube files (Adobe's Cube LUT Specification 1.0, and Resolve's with ranges and a shaper), and checks that the
-table can be inverted.
+"""Reads .cube lookup tables and checks that they can be inverted.
 
-A table is refused where it folds back (two codes have one value, with others between)
-or where it makes colours equal that are not clipped: light could then not be written as the plate's codes.
+Formats: Adobe's Cube LUT Specification 1.0, and Resolve's with input ranges and a 1D table before the cube. A table is
+refused where it is not monotonic, or where colours that are not clipped become equal: the output's light could then
+not be written as the plate's codes.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ log tables would seem flat near black."""
 
 
 def read_cube(path: Path, to: DisplayTransfer, levels: Levels) -> CubeLut:
-    """Return the lookup table of a .cube file, which can be inverted; raise `VideoError`.
+    """Return the lookup table of a .cube file; VideoError where the file is damaged or cannot be inverted.
 
-    to: space of its output. levels: what its input is.
+    to: encoding of its output. levels: "video": its input is 0 at black and 1 at white; "data": 1 is full scale.
     """
     text = read_text(path, VideoError)
     stages = tuple(_stages(path, *_parsed(path, text)))
