@@ -9,7 +9,6 @@ not be written as the plate's codes.
 from __future__ import annotations
 
 import hashlib
-from array import array
 from collections.abc import Iterator
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -48,7 +47,7 @@ def read_cube(path: Path, to: DisplayTransfer, levels: Levels) -> CubeLut:
 def _parsed(path: Path, text: str) -> tuple[dict[str, list[float]], Array]:
     """Return the numbers after each keyword of a file, and its rows (n, 3)."""
     found: dict[str, list[float]] = {}
-    rows = array("d")
+    rows: list[float] = []
     for number, line in enumerate(text.splitlines(), 1):
         word, *rest = line.split() or ["#"]
         where = f"{path} line {number}"
@@ -63,7 +62,7 @@ def _parsed(path: Path, text: str) -> tuple[dict[str, list[float]], Array]:
                 f"{where} - is neither a keyword nor a row of numbers (got {line.strip()!r:.60}) - export the table "
                 "again, or remove the line (plate.levels says what LUT_IN_VIDEO_RANGE does)"
             )
-    return found, np.array(rows).reshape(-1, 3)
+    return found, np.array(rows, np.float64).reshape(-1, 3)
 
 
 def _size(where: str, words: list[str], most: int) -> int:
