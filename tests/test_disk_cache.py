@@ -90,6 +90,20 @@ def test_without_a_folder_results_are_made_each_time(
     assert make.count == 2
 
 
+def test_a_user_without_a_home_keeps_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv(FOLDER, "~/kept")
+    assert cache_folder() == tmp_path / "kept"
+
+    def no_home(_: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "expanduser", no_home)
+    monkeypatch.delenv(FOLDER)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    assert cache_folder() is None
+
+
 def test_results_used_longest_ago_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
     make = Made()
     paths = [cache_file("test", (number,)) for number in range(3)]

@@ -32,12 +32,19 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def cache_folder() -> Path | None:
-    """Return where results are kept: $MR360UW_CACHE, or mr360uw below $XDG_CACHE_HOME or ~/.cache; None for nowhere."""
+    """Return where results are kept: $MR360UW_CACHE, or mr360uw below $XDG_CACHE_HOME or ~/.cache.
+
+    None for nowhere: the variable is empty, or the user has no home.
+    """
     named = os.environ.get(FOLDER)
-    if named is not None:
-        return Path(named) if named else None
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "mr360uw"
+    if named == "":
+        return None
+    try:
+        if named is not None:
+            return Path(named).expanduser()
+        return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "mr360uw"
+    except RuntimeError:  # there is no home, as in some containers
+        return None
 
 
 def cache_file(kind: str, depends_on: Sequence[object]) -> Path | None:

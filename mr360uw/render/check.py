@@ -24,6 +24,7 @@ from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.write.creating import check_target
+from mr360uw.video.write.delivery import resolved
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")
@@ -127,7 +128,10 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> tuple[str, tu
         raise VideoError(problem)
     if out is not None:
         return str(out), notes
-    return f"{' or '.join(kinds)} can hold {scene.output.codec} and the plate's sound; or pictures", notes
+    return (
+        f"{' or '.join(kinds)} can hold {resolved(scene.output, video).codec} and the plate's sound; or pictures",
+        notes,
+    )
 
 
 def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backend: Backend, fallback: str) -> str:

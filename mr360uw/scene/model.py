@@ -76,6 +76,14 @@ class PlateSettings(Parameters):
         curve = [name for name in ("transfer", "primaries") if getattr(self, name) is not None]
         if len(named) + bool(curve) > 1:
             raise ValueError(f"{' and '.join(named + curve)} all say what the plate's values mean; keep one of them")
+        if self.lut is None and self.lut_to != "srgb":
+            raise ValueError(
+                f"lut_to - is of a lookup table, and there is none (got {self.lut_to!r}) - name one by lut or remove it"
+            )
+        if not named and self.levels != "video":
+            raise ValueError(
+                f"levels - is of lut or ocio, and there is neither (got {self.levels!r}) - name one, or remove levels"
+            )
         return self
 
     @property

@@ -20,6 +20,9 @@ from mr360uw.scene.file_lines import Lines, Location, line_of, place
 _WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
 }  # fmt: skip
+_TYPES = ("int", "float", "str", "bool", "tuple", "none", "constrained-int", "constrained-float", "constrained-str")
+"""Names of types in pydantic's locations."""
+_BOUNDS = ("greater_than_equal", "less_than_equal", "greater_than", "less_than")
 _LENGTHS = ("missing", "too_long", "too_short")
 _SHAPES = ("_type", "_parsing", "_from_float", *_LENGTHS)
 """Ends of pydantic's names of errors about lengths, and about types."""
@@ -58,7 +61,7 @@ def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Locat
 
 def _is_key(part: str) -> bool:
     """Return whether a part of a pydantic location is a key of a file rather than the name of a type."""
-    return re.fullmatch(r"[\w\-]+", part) is not None and part not in ("int", "float", "str", "bool", "tuple", "none")
+    return re.fullmatch(r"[\w\-]+", part) is not None and part not in _TYPES
 
 
 def _kinds(model: type[BaseModel]) -> dict[str, str]:
@@ -184,7 +187,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         elif item["type"] in ("literal_error", "union_tag_invalid"):
             what = f"must be {context.get('expected') or context['expected_tags']}"
             todo = _near(value, what) or help_text
-        elif item["type"] in ("greater_than_equal", "less_than_equal", "greater_than", "less_than"):
+        elif item["type"] in _BOUNDS:
             ranged = bounds.startswith(("in ", ">", "<"))
             what = f"must be {bounds}" if ranged else item["msg"].replace("Input should", "must")
             todo = help_text
@@ -196,8 +199,16 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             todo = f"{help_text} [{bounds}]" if bounds else help_text
         line = line_of(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
+        if item["type"] in _BOUNDS:
+            found[location] = line, text  # of a union: its other types do not fit either
         found.setdefault(location, (line, text))
-    return [text for _, text in sorted(found.values())]
+    deeper = {location[:k] for location in found for k in range(len(location)) if isinstance(location[k], int)}
+    listed = {loc for loc in deeper & found.keys() if models_of(_locate(root, loc, "")[2].annotation) == []}
+    return [text for location, (_, text) in sorted(found.items(), key=_by_line) if location not in listed]
+
+
+def _by_line(item: tuple[Location, tuple[int, str]]) -> tuple[int, str]:
+    return item[1]
 
 
 def _near(value: Any, allowed: str) -> str:

@@ -9,14 +9,26 @@ from fractions import Fraction
 from pathlib import Path
 
 from mr360uw.color import ColorSpec
+from mr360uw.errors import VideoError
 from mr360uw.video.metadata.hdr import HdrMetadata
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
+
+_FASTEST = 1000  # frames per second, as in a scene
 
 
 def not_copied(kind: str, index: int) -> str:
     """Return the note on a track of a plate that no output holds, unless its container can."""
     return f"the {kind} track {index} is not copied"
+
+
+def checked_rate(frame_rate: Fraction | float, path: Path) -> Fraction:
+    """Return frames per second as a fraction of denominator 1001 or less; VideoError unless above 0, at most 1000."""
+    if not 0 < frame_rate <= _FASTEST or (rate := Fraction(frame_rate).limit_denominator(1001)) <= 0:
+        raise VideoError(
+            f"{path} - frame rate must be above 0 and at most {_FASTEST} (got {frame_rate}) - give frames per second"
+        )
+    return rate
 
 
 @dataclass(kw_only=True, eq=False)

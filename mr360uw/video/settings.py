@@ -72,9 +72,16 @@ class EncodeSettings(Parameters):
     def _one_choice(self) -> Self:
         if self.lossless and self.encoder != "software":
             raise ValueError(f"lossless is not available with {self.encoder}; take the encoder software")
-        named = [name for name in ("codec", "pixel_format", "lossless") if getattr(self, name) != _default(name)]
+        decided = ("codec", "pixel_format", "lossless", "quality", "faststart")
+        named = [name for name in decided if getattr(self, name) != _default(name)]
         if self.target != "none" and named:
-            raise ValueError(f"target {self.target} decides {' and '.join(named)}; leave out one or the other")
+            raise ValueError(
+                f"target - decides {' and '.join(named)} (got {self.target!r} beside) - leave out one or the other"
+            )
+        if self.encoder != "software" and self.preset != _default("preset"):
+            raise ValueError(
+                f"preset - is of software encoders, {self.encoder} has none (got {self.preset!r}) - leave it out"
+            )
         if self.encoder != "software" and self.codec not in ("h264", HARDWARE[self.encoder]):
             raise ValueError(
                 f"encoder {self.encoder} makes {HARDWARE[self.encoder]}, not {self.codec}; leave out codec"

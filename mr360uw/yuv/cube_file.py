@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads .cube files (Adobe's Cube LUT Specification 1.0, and Resolve's with ranges and a shaper), and checks that the
-table can be turned around.
+"""Reads .cube lookup tables and checks that they can be inverted.
 
-colour-science reads the values. A table is refused where it folds back (two codes have one value, with others between)
-or where it makes colours equal that are not clipped: light could then not be written as the plate's codes.
+Formats: Adobe's Cube LUT Specification 1.0, and Resolve's with input ranges and a 1D table before the cube. A table is
+refused where it is not monotonic, or where colours that are not clipped become equal: the output's light could then
+not be written as the plate's codes.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from itertools import pairwise, permutations
 from pathlib import Path
 
@@ -19,77 +20,103 @@ from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_text
 from mr360uw.yuv.cube_lut import Array, CubeLut, Stage
 from mr360uw.yuv.plate_mapping import Levels
-from mr360uw.yuv.wide_curves import library
 
 _MOST = {"LUT_1D_SIZE": 65536, "LUT_3D_SIZE": 256}  # of the specification
+_COUNTS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2, "LUT_3D_INPUT_RANGE": 2}
+"""Numbers after each keyword of a domain."""
+_LARGEST = 65504.0
+"""Largest value of a table or a domain: that of a half float, which no picture's light exceeds."""
 _FLAT = 1e-7
 """Step of a value, of the table's range, below which it does not change: files have 6 digits. Ten times as large, steep
 log tables would seem flat near black."""
 
 
 def read_cube(path: Path, to: DisplayTransfer, levels: Levels) -> CubeLut:
-    """Return the lookup table of a .cube file, which can be inverted; raise `VideoError`.
+    """Return the lookup table of a .cube file; VideoError where the file is damaged or cannot be inverted.
 
-    to: space of its output. levels: what its input is.
+    to: encoding of its output. levels: "video": its input is 0 at black and 1 at white; "data": 1 is full scale.
     """
     text = read_text(path, VideoError)
-    sizes = _sizes(path, text)
-    stages = tuple(_stages(path, ranged="_INPUT_RANGE" in text))
-    for stage, size in zip(stages, sizes, strict=False):
-        if len(stage.table) != size or len(stages) != len(sizes):
-            raise VideoError(f"{path} - its size and its values disagree (got {len(stage.table)}) - export it again")
+    stages = tuple(_stages(path, *_parsed(path, text)))
+    for stage in stages:
         _check_values(path, stage)
         _check_invertible(path, stage)
     return CubeLut(stages, hashlib.sha256(text.encode()).hexdigest(), to, levels == "data")
 
 
-def _sizes(path: Path, text: str) -> list[int]:
-    """Return the sizes of the tables, the one-dimensional first; VideoError where the number of rows is another."""
-    found, rows = {}, 0
+def _parsed(path: Path, text: str) -> tuple[dict[str, list[float]], Array]:
+    """Return the numbers after each keyword of a file, and its rows (n, 3)."""
+    found: dict[str, list[float]] = {}
+    rows: list[float] = []
     for number, line in enumerate(text.splitlines(), 1):
         word, *rest = line.split() or ["#"]
+        where = f"{path} line {number}"
         if word in _MOST:
-            size = int(rest[0]) if len(rest) == 1 and rest[0].isdecimal() and len(rest[0]) < 8 else 0
-            if not 2 <= size <= _MOST[word]:
-                raise VideoError(
-                    f"{path} line {number} - {word} must be a whole number from 2 to {_MOST[word]} (got "
-                    f"{' '.join(rest)!r:.40}) - export the table again"
-                )
-            found[word] = size
+            found[word] = [_size(f"{where} - {word}", rest, _MOST[word])]
+        elif word in _COUNTS:
+            found[word] = _numbers(f"{where} - {word}", rest, _COUNTS[word])
         elif word[0] in "+-.0123456789":
-            rows += 1
-            if len(rest) != 2:
-                raise VideoError(
-                    f"{path} line {number} - must hold three numbers (got {line.strip()!r:.60}) - export it again"
-                )
-    if not found:
-        raise VideoError(f"{path} - is no .cube table (it has no LUT_1D_SIZE or LUT_3D_SIZE) - export it as .cube")
-    wanted = found.get("LUT_1D_SIZE", 0) + found.get("LUT_3D_SIZE", 0) ** 3
-    if rows != wanted:
-        raise VideoError(f"{path} - should hold {wanted} rows of numbers (got {rows}) - export or copy it again")
-    return [found[name] for name in _MOST if name in found]
+            rows.extend(_numbers(f"{where} - a row", [word, *rest], 3))
+        elif word != "TITLE" and word[0] != "#":
+            raise VideoError(
+                f"{where} - is neither a keyword nor a row of numbers (got {line.strip()!r:.60}) - export the table "
+                "again, or remove the line (plate.levels says what LUT_IN_VIDEO_RANGE does)"
+            )
+    return found, np.array(rows, np.float64).reshape(-1, 3)
 
 
-def _stages(path: Path, ranged: bool) -> list[Stage]:
-    luts = library().io
+def _size(where: str, words: list[str], most: int) -> int:
+    size = int(words[0]) if len(words) == 1 and words[0].isdecimal() and len(words[0]) < 8 else 0
+    if not 2 <= size <= most:
+        raise VideoError(
+            f"{where} must be a whole number from 2 to {most} (got {' '.join(words)!r:.40}) - export the table again"
+        )
+    return size
+
+
+def _numbers(where: str, words: list[str], count: int) -> list[float]:
     try:
-        lut = luts.read_LUT_ResolveCube(str(path)) if ranged else luts.read_LUT_IridasCube(str(path))
-    except (ValueError, TypeError, IndexError, AssertionError) as error:
-        raise VideoError(f"{path} - cannot be read (got {error!s:.80}) - export it as .cube again") from error
-    parts = list(lut) if hasattr(lut, "sequence") else [lut]
-    stages = []
-    for part in parts:
-        table = np.ascontiguousarray(part.table, np.float64)
-        if table.ndim == 1:
-            table = np.repeat(table[:, None], 3, axis=1)
-        domain = np.asarray(part.domain, np.float64).reshape(2, -1)
-        stages.append(Stage(table, *(np.broadcast_to(end, 3).copy() for end in domain)))
-    return stages
+        found = [float(word) for word in words]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise VideoError(f"{where} must hold {count} numbers (got {' '.join(words)!r:.60}) - export the table again")
+    return found
+
+
+def _stages(path: Path, found: dict[str, list[float]], rows: Array) -> Iterator[Stage]:
+    """Yield the tables, the one-dimensional first; VideoError where the number of rows is another."""
+    sizes = {name: int(found[name][0]) for name in _MOST if name in found}
+    if not sizes:
+        raise VideoError(f"{path} - is no .cube table (it has no LUT_1D_SIZE or LUT_3D_SIZE) - export it as .cube")
+    curves, cube = sizes.get("LUT_1D_SIZE", 0), sizes.get("LUT_3D_SIZE", 0)
+    if len(rows) != curves + cube**3:
+        raise VideoError(
+            f"{path} - should hold {curves + cube**3} rows of numbers (got {len(rows)}) - export or copy it again"
+        )
+    low, high = found.get("DOMAIN_MIN", [0.0] * 3), found.get("DOMAIN_MAX", [1.0] * 3)
+    if curves:
+        ends = found.get("LUT_1D_INPUT_RANGE")
+        yield Stage(rows[:curves], *_domain(ends, low, high))
+        low, high = [0.0] * 3, [1.0] * 3  # DOMAIN is the input of the whole
+    if cube:  # red changes fastest in the file
+        table = np.ascontiguousarray(rows[curves:].reshape(cube, cube, cube, 3).transpose(2, 1, 0, 3))
+        yield Stage(table, *_domain(found.get("LUT_3D_INPUT_RANGE"), low, high))
+
+
+def _domain(ends: list[float] | None, low: list[float], high: list[float]) -> tuple[Array, Array]:
+    """Return the ends (3,) of a domain: a range of all channels, or those of each."""
+    if ends is not None:
+        low, high = [ends[0]] * 3, [ends[1]] * 3
+    return np.array(low), np.array(high)
 
 
 def _check_values(path: Path, stage: Stage) -> None:
     if not (np.isfinite(stage.table).all() and np.isfinite([stage.low, stage.high]).all()):
         raise VideoError(f"{path} - holds values that are no numbers (got NaN or infinity) - export it again")
+    largest = max(float(np.abs(part).max()) for part in (stage.table, stage.low, stage.high))
+    if largest > _LARGEST:
+        raise VideoError(f"{path} - its values must be at most {_LARGEST:g} (got {largest:g}) - export it again")
     if not np.all(stage.low < stage.high):
         raise VideoError(
             f"{path} - its domain must rise (got {stage.low.tolist()} to {stage.high.tolist()}) - export it again"
@@ -130,6 +157,9 @@ def _bad_cells(table: Array, span: float) -> tuple[str, Array, Array] | None:
     Tetrahedra that touch the ends of the values are clipped ones: they may be flat, or turned.
     """
     low, high = table.min(axis=(0, 1, 2)), table.max(axis=(0, 1, 2))
+    whole = np.zeros(3), np.full(3, len(table) - 1)
+    if not np.all(high > low):
+        return ("different colours become one", *whole)
     edge = np.any((table - low <= _FLAT * span) | (high - table <= _FLAT * span), axis=-1)
     turned, flat = (np.zeros(tuple(n - 1 for n in table.shape[:3]), np.bool_) for _ in range(2))
     for order in permutations(range(3)):
@@ -150,7 +180,6 @@ def _bad_cells(table: Array, span: float) -> tuple[str, Array, Array] | None:
         if bad.any():
             cells = np.argwhere(bad)
             return what, cells.min(axis=0), cells.max(axis=0) + 1
-    whole = np.zeros(3), np.full(3, len(table) - 1)
     return ("different colours become one", *whole) if edge[1:-1, 1:-1, 1:-1].all() and edge.size > 8 else None
 
 

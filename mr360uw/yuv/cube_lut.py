@@ -106,7 +106,7 @@ class CubeLut:
 
 
 def clipped_greys(lut: CubeLut) -> str:
-    """Return which grey values a table shows as one black or one white, in words; "" where there are none."""
+    """Return the ranges of grey input that a table clips to black or white, in words; "" where it clips none."""
     first = lut.stages[0]
     part = np.linspace(0.0, 1.0, _GREYS)[:, None]
     light = lut.to_light(first.low + part * (first.high - first.low))

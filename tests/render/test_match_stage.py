@@ -17,6 +17,7 @@ from mr360uw.color import ColorSpec, decode, encode
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.composite.grading.settings import MatchSettings
+from mr360uw.errors import VideoError
 from mr360uw.render.first_pass import clip_facts
 from mr360uw.render.loaded import load
 from mr360uw.render.stages.match_stage import asked_look, clip_look
@@ -87,6 +88,21 @@ def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -
         assert load(scene_of(tmp_path, whale, **match), *SIZE).plan.match.runs == runs
     given = load(scene_of(tmp_path, whale, **(plain | {"softness": 1.0, "black": 0.05})), *SIZE)
     assert given.plan.match.why == "the grade as set: black 0.050, softness 1"
+
+
+def test_patches_must_be_read_and_lie_within_the_clip(tmp_path: Path, whale: Path) -> None:
+    patch = {"azimuth_deg": 0.0, "elevation_deg": 0.0}
+    numbers = dict.fromkeys(("white", "gamma", "contrast", "saturation"), 1.0) | {"black": 0.0}
+    unread = load(scene_of(tmp_path, whale, patch=[patch], softness=1.0, **numbers), *SIZE)
+    assert unread.plan.match.why == "the grade as set: softness 1; 1 patch not read, as every number is set"
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"late_{number}.png"), np.full((*SIZE[::-1], 3), 90, np.uint8))
+    late = load(scene_of(tmp_path, whale, patch=[patch, patch | {"time_s": 0.1}]), *SIZE)
+    with (
+        open_video(tmp_path / "late_%d.png") as video,
+        pytest.raises(VideoError, match=r"match\.patch\[1\]\.time_s - is after the plate's end, 0\.07 s \(got 0\.1\)"),
+    ):
+        clip_facts(late, video, frames=(0, 2))
 
 
 GRADED = {"black": (0.06, 0.05, 0.04), "white": 0.92, "gamma": 0.9, "contrast": 1.2, "saturation": 1.3}

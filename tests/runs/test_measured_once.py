@@ -7,6 +7,7 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mr360uw as uw
@@ -54,6 +55,14 @@ def test_a_second_run_measures_nothing_and_is_the_same(plate: Path, tmp_path: Pa
     composited(load_scene(plate, ["object.0.scale=0.5"]), tmp_path / "small.png")
     assert len(PASSES) == 1
     assert composited(scene, tmp_path / "again.png", fresh=True) == first
+    assert len(PASSES) == 2
+
+
+def test_facts_of_another_kind_are_measured_anew(plate: Path, tmp_path: Path) -> None:
+    first = composited(load_scene(plate), tmp_path / "out.png")
+    (kept,) = (tmp_path / "kept").glob("first-pass-*.npz")
+    np.savez(kept, other=np.zeros(1))
+    assert composited(load_scene(plate), tmp_path / "again.png") == first
     assert len(PASSES) == 2
 
 

@@ -123,6 +123,26 @@ def test_a_value_of_the_wrong_type_is_told_what_it_may_be(text: str, expected: s
     assert messages(text) == [expected]
 
 
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("'no'", "match.black - must be 'auto', a number or a list of 3 numbers (got 'no')"),
+        ("-1", "match.black - must be greater than or equal to -0.3 (got -1)"),
+        ("[0, 0]", "match.black - must be 'auto', a number or a list of 3 numbers (got [0, 0])"),
+        ("[0, 0, 'auto']", "match.black[2] - must be a number (got 'auto')"),
+        ("[0, 0, 0.7]", "match.black[2] - must be less than or equal to 0.5 (got 0.7)"),
+    ],
+)
+def test_a_value_of_many_types_has_one_problem(tmp_path: Path, value: str, expected: str) -> None:
+    (tmp_path / "plate.png").touch()
+    path = tmp_path / "scene.toml"
+    path.write_text(f'plate = "plate.png"\n[match]\nblack = {value}\n', "utf-8")
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    (problem,) = caught.value.problems
+    assert problem.startswith(f"{path}:3 {expected} - ")
+
+
 def test_tables_within_tables_of_a_list_have_lines() -> None:
     text = "[[fish]]\nmesh = 'a'\n[[fish]]\nmesh = 'b'\n[[fish.key]]\ntime_s = 0\n[[fish.key]]\ntime_s = 1\n"
     lines = key_lines(text)

@@ -97,8 +97,10 @@ def test_bit_rates_are_those_of_the_table(size: tuple[int, int], rate: int, tran
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"target": "youtube-360", "codec": "av1"}, "target youtube-360 decides codec"),
+        ({"target": "youtube-360", "codec": "av1"}, "target - decides codec"),
         ({"target": "quest", "pixel_format": "yuv444p"}, "decides pixel_format"),
+        ({"target": "quest", "quality": 20, "faststart": False}, "decides quality and faststart"),
+        ({"encoder": "hevc_nvenc", "preset": "slow"}, "preset - is of software encoders"),
         ({"encoder": "hevc_nvenc", "codec": "av1"}, "makes h265, not av1"),
         ({"encoder": "h264_qsv", "lossless": True}, "lossless is not available with h264_qsv"),
         ({"encoder": "h264_voodoo"}, "encoder"),
@@ -116,6 +118,13 @@ def test_targets_take_their_kind_of_file_and_encoder(tmp_path: Path) -> None:
     with pytest.raises(VideoError, match=r"takes h265 for this plate \(got h264_nvenc\) - take one of hevc_nvenc"):
         transcode(plate, tmp_path / "out.mp4", EncodeSettings(target="quest", encoder="h264_nvenc"))
     assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]
+
+
+def test_check_names_the_codec_of_a_target(tmp_path: Path, run: Callable[..., Any]) -> None:
+    write_clip(tmp_path / "plate.mp4", 2)
+    (tmp_path / "scene.toml").write_text('plate = "plate.mp4"\n[output]\ntarget = "quest"\n', "utf-8")
+    code, said, _ = run("check", tmp_path / "scene.toml", "--backend", "reference")
+    assert (code, said.splitlines()[-1]) == (0, "output    .mp4 can hold h265 and the plate's sound; or pictures")
 
 
 def test_a_card_s_encoder_is_tried_first(

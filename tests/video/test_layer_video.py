@@ -61,7 +61,11 @@ def test_layers_become_a_video_with_alpha(tmp_path: Path, run: Callable[..., Any
     [
         ("rgba", ("none_%04d.exr", "out.mov"), "names no numbered EXR files"),
         ("rgba", ("layer_%04d.exr", "out.mp4"), "ProRes with alpha is a .mov (got .mp4) - name it out.mov"),
-        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "0"), "frame rate must be positive"),
+        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "0"), "frame rate must be above 0"),
+        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "nan"), "at most 1000 (got nan)"),
+        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "inf"), "at most 1000 (got inf)"),
+        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "1e300"), "at most 1000 (got 1e+300)"),
+        ("rgba", ("layer_%04d.exr", "out.mov", "--frame-rate", "1e-9"), "above 0"),
         ("rgba.left", ("layer_%04d.exr", "out.mov"), "has no part rgba (got rgba.left) - name an eye"),
         ("rgba", ("layer_%04d.exr", "missing/out.mov"), "the output folder is missing"),
     ],
@@ -71,7 +75,7 @@ def test_what_cannot_be_written_is_said(
 ) -> None:
     layers(tmp_path, name=name)
     before = sorted(p.name for p in tmp_path.iterdir())
-    code, _, errors = run("layer", *(tmp_path / a if a[0] != "-" and not a.isdigit() else a for a in arguments))
+    code, _, errors = run("layer", *(tmp_path / a for a in arguments[:2]), *arguments[2:])
     assert code == 2
     assert message in errors
     assert sorted(p.name for p in tmp_path.iterdir()) == before

@@ -187,8 +187,13 @@ BAD = {
     "no table": ("TITLE nothing\n", "LUT_3D_SIZE"),
     "size": ("LUT_3D_SIZE 100000\n", "line 1 - LUT_3D_SIZE must be a whole number from 2 to 256"),
     "rows": ("LUT_1D_SIZE 3\n0 0 0\n1 1 1\n", "should hold 3 rows"),
-    "columns": ("LUT_1D_SIZE 2\n0 0 0\n1 1\n", "line 3 - must hold three numbers"),
-    "text": ("LUT_1D_SIZE 2\n0 0 0\n1 1 0x\n", "cannot be read"),
+    "columns": ("LUT_1D_SIZE 2\n0 0 0\n1 1\n", "line 3 - a row must hold 3 numbers"),
+    "text": ("LUT_1D_SIZE 2\n0 0 0\n1 1 0x\n", "line 3 - a row must hold 3 numbers"),
+    "keyword": ("LUT_IN_VIDEO_RANGE\nLUT_1D_SIZE 2\n0 0 0\n1 1 1\n", "line 1 - is neither a keyword nor a row"),
+    "short domain": ("DOMAIN_MAX 1\nLUT_1D_SIZE 2\n0 0 0\n1 1 1\n", "line 1 - DOMAIN_MAX must hold 3 numbers"),
+    "endless domain": ("LUT_1D_SIZE 2\nDOMAIN_MAX inf 1 1\n0 0 0\n1 1 1\n", "no numbers"),
+    "huge": ("LUT_1D_SIZE 2\n0 0 0\n1e300 1e300 1e300\n", "at most 65504 (got 1e+300)"),
+    "constant cube": ("LUT_3D_SIZE 2\n" + "0 0 0\n" * 8, "become one"),
     "infinite": ("LUT_1D_SIZE 2\n0 0 0\n1 1 1e999\n", "no numbers"),
     "domain": ("DOMAIN_MIN 1 1 1\nDOMAIN_MAX 0 0 0\nLUT_1D_SIZE 2\n0 0 0\n1 1 1\n", "must rise"),
     "falls": ("LUT_1D_SIZE 4\n0 0 0\n.6 .6 .6\n.4 .4 .4\n1 1 1\n", "a curve falls"),
@@ -219,12 +224,31 @@ def test_tables_that_cannot_be_used_are_refused(tmp_path: Path, run: Callable[..
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffLUT_1D_SIZE 2\n{}", "LUT_1D_SIZE 2\r\n{}", 'TITLE "é LUT_3D_SIZE 9"\n  LUT_1D_SIZE\t2\n{}',
+        "LUT_1D_SIZE 2\nLUT_3D_SIZE 2\n{}" + rows(grid(2).transpose(2, 1, 0, 3)),
+    ],
+    ids=["byte order mark", "other line ends", "title and tabs", "shaper without ranges"],
+)  # fmt: skip
+def test_tables_as_other_programs_write_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.cube"
+    path.write_bytes(text.format("0 0 0\n1 .5 1\n").encode())
+    values = np.array([0.2, 0.4, 0.6])
+    light = read_cube(path, "linear", "video").to_light(values)
+    np.testing.assert_allclose(light, [0.2, 0.2, 0.6], atol=1e-12)  # a line, in double precision
+
+
+@pytest.mark.parametrize(
     ("plate", "message"),
     [
         ({"lut": "a.cube", "transfer": "slog3"}, "lut and transfer all say"),
         ({"lut": "a.cube", "ocio": {"input": "ACEScg"}}, "lut and ocio all say"),
         ({"ocio": {"input": "ACEScg", "config": "studio"}}, "config must begin with ocio://"),
         ({"ocio": {}}, "input"),
+        ({"lut_to": "linear"}, "lut_to - is of a lookup table, and there is none"),
+        ({"ocio": {"input": "ACEScg"}, "lut_to": "linear"}, "lut_to - is of a lookup table"),
+        ({"levels": "data"}, "levels - is of lut or ocio, and there is neither"),
     ],
 )
 def test_only_one_thing_says_what_values_mean(tmp_path: Path, plate: dict[str, Any], message: str) -> None:

@@ -151,9 +151,11 @@ class MatchSettings(Parameters):
             if getattr(self, name) not in (0.0, "auto")
         ]
         open_ = [*(["softness"] if self.softness == "auto" else []), *self.open_keys]
-        source = f" in {len(self.patch)} patches and" * bool(self.patch)
+        patches = f"{len(self.patch)} patch{'es' * (len(self.patch) > 1)}"
+        source = f" in {patches} and" * bool(self.patch and self.open_keys)
         found = f"looked for{source} in the plate: {', '.join(open_)}" if open_ else ""
-        return "; ".join(filter(None, ["the grade as set: " + ", ".join(parts) if parts else "", found]))
+        unread = f"{patches} not read, as every number is set" if self.patch and not self.open_keys else ""
+        return "; ".join(filter(None, ["the grade as set: " + ", ".join(parts) if parts else "", found, unread]))
 
 
 def number_words(value: float | Three) -> str:

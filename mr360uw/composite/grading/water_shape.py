@@ -49,9 +49,9 @@ class WaterView:
 
 
 def bent_by(view: WaterView, start: ColourGrade, keys: Sequence[str]) -> tuple[str, float] | None:
-    """Return the name and the value of the one number of a grade that the shape of the water tells, or None.
+    """Return the name and the value of the one unknown number that makes the water fit the medium, or None.
 
-    start: the grade that is known. keys: names of the numbers that are not.
+    start: the known numbers of the grade. keys: names of the unknown ones.
     """
     if _left(view, start) < FAR:
         return None
@@ -80,7 +80,7 @@ def _best(view: WaterView, start: ColourGrade, name: str) -> tuple[float, str, f
 
 
 def _left(view: WaterView, colour: ColourGrade) -> float:
-    """Return the root mean square of r that a grade leaves."""
+    """Return the root mean square of r (see above) once a grade is removed."""
     plain = colour.ungraded(view.codes, luma_weights_of(view.spec))
     light = in_rec709(decode_signal(plain, graded_spec(view.spec)), view.spec)
     ratio = np.log(np.maximum(light, _LEAST)) - np.log(np.maximum(view.model, _LEAST))

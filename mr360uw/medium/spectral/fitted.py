@@ -187,16 +187,16 @@ def cache_directory() -> Path:
 def _read_cache(key: str) -> dict[str, Any] | None:
     try:
         return json.loads((cache_directory() / f"bands-{key}.json").read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RuntimeError):  # RuntimeError: a user without a home
         return None
 
 
 def _write_cache(key: str, found: dict[str, Any]) -> None:
-    path = cache_directory() / f"bands-{key}.json"
     try:
+        path = cache_directory() / f"bands-{key}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(f".{os.getpid()}")
         part.write_text(json.dumps(found))
         part.replace(path)
-    except OSError:
+    except (OSError, RuntimeError):
         return  # a cache that cannot be written costs the search again, nothing else

@@ -17,7 +17,7 @@ from mr360uw.cache import Cache
 from mr360uw.color import code_range, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade, code_of
 from mr360uw.composite.grading.plate_grade import PlateGrade
-from mr360uw.errors import DamagedFrameError
+from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import plate_map
 from mr360uw.types import Floats, Layer
@@ -42,6 +42,12 @@ def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
     places = [video.entry_before(int(index)) for index in np.linspace(0, count - 1, FRAMES)]
     seen = list(_intact(video, places))
     rate = float(video.frame_rate) if video.frame_rate else 0.0
+    for k, patch in enumerate(settings.patch):
+        if video.frame_count and patch.time_s * rate > video.frame_count:
+            raise VideoError(
+                f"match.patch[{k}].time_s - is after the plate's end, {video.frame_count / rate:.2f} s (got "
+                f"{patch.time_s:g}) - give the time of a frame that shows the patch"
+            )
     shown = [min(round(patch.time_s * rate), count - 1) for patch in settings.patch]
     at = {frame.index: frame for frame in _intact(video, shown)}
     if not seen or not all(index in at for index in shown):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
+from mr360uw.video.clip import checked_rate
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye, Layout
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection, projection_of
@@ -52,7 +53,7 @@ def open_video(
         return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged)
     files = picture_files(Path(path))
     if files is not None:
-        rate = Fraction(frame_rate).limit_denominator(1001)
+        rate = checked_rate(frame_rate, Path(path))
         return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth, layout)
     from mr360uw.video.read.container import ContainerReader
 

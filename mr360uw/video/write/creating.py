@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.video.clip import Clip
+from mr360uw.video.clip import Clip, checked_rate
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.write.image_writer import ImageWriter
@@ -61,9 +61,7 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
         raise VideoError(
             f"{path} - a panorama must be 2:1 with an even height (got {width}x{height}) - take 2048x1024 or 3840x1920"
         )
-    rate = Fraction(frame_rate).limit_denominator(1001)
-    if rate <= 0:
-        raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
+    rate = checked_rate(frame_rate, path)
     return Clip(
         path=Path(),
         width=width,

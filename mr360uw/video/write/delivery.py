@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What places that play 360 video recommend for the files that they are given: `output.target`.
+"""Codec, bit rate and key frames that YouTube and Meta recommend for 360 uploads: `output.target`.
 
 youtube-360: Google, "YouTube recommended upload encoding settings", answer 1722171 of its help: MP4 with the index in
 front, H.264 High with two B frames, 4:2:0, closed groups of half a second, the upper ends of its bit rates; for high

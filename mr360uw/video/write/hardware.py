@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Encoders of graphics cards: whether one opens on this machine is only known by opening it."""
+"""Availability of the hardware encoders of graphics cards, tested by encoding one grey picture with each."""
 
 from __future__ import annotations
 

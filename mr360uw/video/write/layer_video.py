@@ -23,6 +23,7 @@ from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.reading.limits import FRAMES
 from mr360uw.types import Floats
+from mr360uw.video.clip import checked_rate
 from mr360uw.video.exr import read_exr
 from mr360uw.video.metadata.spherical import SphericalMetadata, write_spherical
 from mr360uw.video.metadata.tags import BT709_TAGS
@@ -56,9 +57,7 @@ def layer_video(
     files = dict(matching_files(layers)) if is_pattern(layers) else {}
     if not files or layers.suffix.lower() != ".exr":
         raise VideoError(f"{layers} - names no numbered EXR files - give the pattern of --layers, as layers_%04d.exr")
-    rate = Fraction(frame_rate).limit_denominator(1001)
-    if rate <= 0:
-        raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
+    rate = checked_rate(frame_rate, path)
     if path.suffix.lower() != ".mov":
         raise VideoError(f"{path} - ProRes with alpha is a .mov (got {path.suffix}) - name it {path.stem}.mov")
     check_target(path.absolute(), Path())

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plate's file holds besides pictures and sound, and which of it an output keeps: data, time code, chapters.
+"""Selects the data tracks, time code and chapters of a plate's file that an output can keep.
 
 MP4 and QuickTime keep tracks of data (GoPro's GPMF) packet by packet, the time code (tmcd) and the chapters; Matroska
-keeps the chapters. What is not kept is said.
+keeps the chapters. Each track that is lost has a note.
 """
 
 from __future__ import annotations
