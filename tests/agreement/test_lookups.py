@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
-from mr360uw.caustics.gl.stack import upload
+from mr360uw.caustics.gl.stack import AtlasRoom, upload
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
@@ -47,3 +47,25 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
     limit = FLOAT32_LOOKUP if gl_device().software else FILTER_WEIGHTS
     np.testing.assert_allclose(got, expected, atol=limit)
     np.testing.assert_allclose(on_device.download().ratio, stack.ratio, rtol=FLOAT32_TWIN)
+
+
+@pytest.mark.usefixtures("gl")
+def test_memory_of_stacks_is_used_again_only_once_they_are_gone(rng: np.random.Generator) -> None:
+    def stack(planes: int) -> CausticStack:
+        ratio = rng.uniform(0.5, 2.0, (planes, 8, 8, 1))
+        return CausticStack(
+            np.broadcast_to(ratio, (planes, 8, 8, 3)), np.arange(1.0, planes + 1.0), 8.0, unit([0.3, 0.9, -0.2])
+        )
+
+    room, first, second = AtlasRoom(), stack(4), stack(4)
+    held = upload(first, room)
+    other, texture = upload(second, room), held.texture
+    assert other.texture is not texture
+    np.testing.assert_allclose(held.download().ratio, first.ratio, rtol=FLOAT32_TWIN)
+    del held
+    again = upload(second, room)
+    assert again.texture is texture
+    np.testing.assert_array_equal(again.download().ratio, other.download().ratio)
+    del again
+    larger = stack(7)
+    np.testing.assert_allclose(upload(larger, room).download().ratio, larger.ratio, rtol=FLOAT32_TWIN)

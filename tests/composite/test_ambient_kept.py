@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_layout, ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.shot import BetweenKnots, KnotLight, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
@@ -121,3 +123,13 @@ def test_lookouts_interpolate_a_ball() -> None:
     np.testing.assert_allclose(spread.sum(axis=1), 1.0, atol=tol.FLOAT32_LOOKUP)
     between = spread @ lattice.normal[transfer.lookouts.site]
     assert np.abs(between - lattice.normal).max() < tol.LOOKOUT_PLANE
+
+
+@pytest.mark.parametrize("of_matrix", ["float32", "float64"])
+@pytest.mark.parametrize("columns", [3, 6])
+def test_products_of_sparse_matrices_are_those_of_scipy(rng: np.random.Generator, of_matrix: str, columns: int) -> None:
+    matrix = scipy.sparse.random(40, 30, 0.2, "csr", dtype=of_matrix, random_state=1)
+    values = rng.random((30, columns)).astype(np.float32)
+    found = product(matrix, values)
+    assert found.dtype == (matrix @ values).dtype
+    np.testing.assert_array_equal(found, matrix @ values)

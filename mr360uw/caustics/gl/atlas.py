@@ -25,20 +25,21 @@ def layer_planes(count: int) -> NDArray[np.int64]:
     return np.minimum(first[:, None] + np.arange(channels), count - 1)
 
 
-def mip_atlas(*stacks: Sequence[Floats]) -> NDArray[np.float32]:
+def mip_atlas(*stacks: Sequence[Floats], room: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
     """Return the levels (D, size, size, C) of stacks in the texture's layout, (layers C, 2 size + 2 levels, size + 2,
     1, 2 or 4).
 
     A pixel holds up to four planes, of one colour; colours follow each other as layers, and stacks after each other.
     The levels lie below each other, each with the pixels of its other side around it, so that one filtered fetch is
     right at its edges. They all lie in level 0 of the texture: drivers may take the level of a fetch from one pixel of
-    each 2 x 2 block.
+    each 2 x 2 block. room: an earlier atlas, written over if its shape fits: pages of new memory take longer to get
+    than to fill.
     """
     count, size = stacks[0][0].shape[:2]
     planes = layer_planes(count)
     colours = [levels[0].shape[3] for levels in stacks]
     shape = (len(planes) * sum(colours), 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
-    atlas, first = np.zeros(shape, np.float32), 0
+    atlas, first = (room if room is not None and room.shape == shape else np.zeros(shape, np.float32)), 0
     for levels, of_stack in zip(stacks, colours, strict=True):
         top = 0
         for level in levels:

@@ -31,7 +31,7 @@ from mr360uw.caustics.gl.passes import Passes, Textures
 from mr360uw.caustics.gl.plane import Plane
 from mr360uw.caustics.gl.published.mesh_drawing import draw_mesh, scrolled
 from mr360uw.caustics.gl.sea_textures import field_image, wave_table
-from mr360uw.caustics.gl.stack import GlCausticStack, on_device, upload
+from mr360uw.caustics.gl.stack import AtlasRoom, GlCausticStack, on_device, upload
 from mr360uw.caustics.published.scrolling import scroll
 from mr360uw.caustics.sea.base import check_time
 from mr360uw.caustics.sea.gerstner import GerstnerSea
@@ -59,7 +59,7 @@ class CausticRenderer:
 
     def __init__(self, *, draws_stacks: bool | None = None) -> None:
         self._draws_stacks = not gl_device().software if draws_stacks is None else draws_stacks
-        self._passes = Passes()
+        self._passes, self._atlases = Passes(), AtlasRoom()
         self._point_limit = float(gl_context().info["GL_POINT_SIZE_RANGE"][1])
 
     def map(
@@ -104,7 +104,8 @@ class CausticRenderer:
         depths = np.asarray(depths_m, np.float64)
         gl_context().gc()
         if not self._draws_stacks:
-            return upload(blurred_stack(sea, sun, depths, time_s, s, refractive_index, spread))
+            made = blurred_stack(sea, sun, depths, time_s, s, refractive_index, spread)
+            return upload(made, self._atlases)
         sun_in_water = refract_to_water(sun, refractive_index)
         indices, planes = pass_indices(s.chromatic, refractive_index), layer_planes(len(depths))
         turned = spread if is_soft(spread, depths[-1], sun_in_water) else None

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +15,39 @@ from numpy.typing import NDArray
 from mr360uw.caustic_lookup import mip_levels
 from mr360uw.caustics.gl.atlas import layer_planes, mip_atlas, plane_steps
 from mr360uw.gl.context import texture_array_from_array, texture_from_array
-from mr360uw.types import CausticStack
+from mr360uw.types import CausticStack, Floats
 
 Array = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True, slots=True)
+class AtlasRoom:
+    """Memory of one context for the atlases of stacks: an array, and the textures of stacks that are no longer used.
+
+    Getting pages of memory takes the processor ten times as long as writing them.
+    """
+
+    def __init__(self) -> None:
+        self._free: list[moderngl.TextureArray] = []
+        self._atlas: NDArray[np.float32] | None = None
+
+    def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
+        """Return a texture of the `mip_atlas` of stacks."""
+        self._atlas = mip_atlas(*stacks, room=self._atlas)
+        count, height, width, channels = self._atlas.shape
+        if self._free:
+            texture = self._free.pop()
+            if (texture.size, texture.components) == ((width, height, count), channels):
+                texture.write(self._atlas, alignment=1)
+                return texture
+            self._free.clear()  # of another size
+        return texture_array_from_array(self._atlas)
+
+    def take_back(self, stack: GlCausticStack) -> None:
+        """Free the texture of a stack as soon as nothing refers to the stack."""
+        weakref.finalize(stack, self._free.append, stack.texture).atexit = False
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class GlCausticStack:
     """A `CausticStack` on the GPU, as lookup.glsl reads it.
 
@@ -55,15 +84,18 @@ def _of_layers(level: Array, planes: NDArray[np.int64], count: int) -> Array:
     return maps
 
 
-def upload(stack: CausticStack) -> GlCausticStack:
-    """Return a stack on the device, with its mip levels."""
+def upload(stack: CausticStack, room: AtlasRoom | None = None) -> GlCausticStack:
+    """Return a stack on the device, with its mip levels. room: None takes new memory."""
     ratio = np.asarray(stack.ratio, np.float32)
     grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
     stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
     if stack.soft is not None:
         stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
-    texture = texture_array_from_array(mip_atlas(*stacks))
-    return on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction, softened=stack.softened)
+    room = AtlasRoom() if room is None else room
+    texture = room.filled(*stacks)
+    held = on_device(texture, stack.depth_m, stack.tile_m, stack.sun_direction, softened=stack.softened)
+    room.take_back(held)
+    return held
 
 
 def on_device(

@@ -16,6 +16,7 @@ from mr360uw.composite.ambient.on_ground.ground_view import NODES, Ground
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.pair_view import PairView
 from mr360uw.composite.ambient.relative_pose import rounded
+from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -119,7 +120,7 @@ class BodyView:
 
     def spread(self, body: Body, at_lookouts: Floats, at_near: Floats) -> Floats:
         """Return values (S, n) at all sites from those at the lookouts (C, n) and at the near sites (e, n)."""
-        values: Floats = body.transfer.lookouts.spread @ at_lookouts.astype(np.float32)
+        values = product(body.transfer.lookouts.spread, at_lookouts.astype(np.float32))
         values[self.near_site] += self.near_part * (at_near - values[self.near_site])
         return values
 

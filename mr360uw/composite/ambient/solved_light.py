@@ -18,8 +18,9 @@ from mr360uw.types import Floats
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
     """Solved ambient light of a shot. values: for each object those of its knots (knot_values.py), float32, or None
-    where nothing is in its way. table: of the environment, as `ground_kernel.gather` takes it. sent: for each body that
-    the ground sees the mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    where nothing is in its way. table: of the environment, as `ground_kernel.gather` takes it; empty without a
+    receiver. sent: for each body that the ground sees the mean radiance (NODES, NODES, 3) of what it hides, at the
+    nodes below it. ambient: (H, W, 3).
     """
 
     layout: Layout

@@ -26,6 +26,7 @@ from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
 from mr360uw.composite.ambient.on_ground.light_table import light_table
 from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats
@@ -39,6 +40,8 @@ _ROWS_AT_ONCE = 256
 """Rows of a product of matrices that is too small for BLAS to wake other threads, which cost more than they save."""
 _BRIGHTEST = 16.0
 """Most that neighbours multiply the ambient light of a place by."""
+_NO_TABLE = np.zeros((0, 0, 3, 4))
+"""Table of the environment of shots without a receiver, which is what it is for."""
 
 
 class Solver:
@@ -55,7 +58,7 @@ class Solver:
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
         self._sun = np.concatenate([self._sunlight.at_lookouts(k) for k in range(len(bodies))])
-        self._table = light_table(shot.environment)
+        self._table = _NO_TABLE if shot.receiver is None else light_table(shot.environment)
 
     def solve(self) -> AmbientLight:
         """Return the light after the last step; the ground's shade is found from the first."""
@@ -75,7 +78,7 @@ class Solver:
             if step == 1:
                 added = ground.added(ground.change(sent))
                 shade = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, added, strict=True)])
-            before, irradiance = irradiance, direct + layout.sites @ sent + shade
+            before, irradiance = irradiance, direct + product(layout.sites, sent) + shade
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
@@ -125,8 +128,8 @@ class Solver:
         ]
         products = _products([matrix for _, matrix in needs], [self._radiance[k] for k, _ in needs])
         found: list[tuple[Floats, ...]] = [()] * len(self._layout.bodies)
-        for (k, _), product in zip(needs, products, strict=True):
-            found[k] = (*found[k], product)
+        for (k, _), of_matrix in zip(needs, products, strict=True):
+            found[k] = (*found[k], of_matrix)
         return found
 
     def _values(
@@ -150,16 +153,16 @@ class Solver:
             irradiance = plain + both[:, :3]
         else:
             (at_lookouts, plain, lost), first = own_light, self._layout.first[number]
-            inside = own.sites @ sent[first : first + len(at_lookouts)]
+            inside = product(own.sites, sent[first : first + len(at_lookouts)])
             irradiance = plain - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
         ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
         from_sites = transfer.lattice.from_sites
         met = view.met if len(self._shot.environment.glossy) else None
         values = np.zeros((from_sites.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
-        values[:, :3] = from_sites @ ratio
+        values[:, :3] = product(from_sites, ratio)
         if met is not None:
-            mirrored = from_sites @ reflected_among(body, met, self._shot.view.position, light, sent, change)
+            mirrored = product(from_sites, reflected_among(body, met, self._shot.view.position, light, sent, change))
             values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
         return values
 
@@ -168,7 +171,7 @@ class Solver:
         """Return at r sites (r, 3) how other bodies and the ground change the irradiance. light: (COUNT, 3) radiance;
         the others are those of `_values`.
         """
-        return np.asarray(look.sites @ sent + look.ground @ added - look.lost @ light)
+        return np.asarray(product(look.sites, sent) + look.ground @ added - look.lost @ light)
 
 
 def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
