@@ -30,6 +30,7 @@ from mr360uw.composite.receiver.block_light import (
     set_plate_light,
 )
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.receiver.plate_blur import Room
 from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
@@ -123,9 +124,9 @@ class ReceiverPass:
         """
         if changes is None:
             return
-        light = self._block_light(shot, changes, ambient, gaps)
+        light, room = self._block_light(shot, changes, ambient, gaps), self._cache.get("plate room", None, Room)
         for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, room)
 
     # --- cached geometry ---------------------------------------------------------------------------------------------
 

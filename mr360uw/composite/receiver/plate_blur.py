@@ -37,6 +37,22 @@ class Picture(Protocol):
         """Return the same, read-only, of a part that is read again when the frame is composited."""
 
 
+class Room:
+    """Memory for pictures that are made anew for every part of a frame: to take it from the system costs as much as to
+    fill it.
+    """
+
+    def __init__(self) -> None:
+        self._flat: dict[str, NDArray[np.float32]] = {}
+
+    def picture(self, name: str, rows: int, columns: int) -> NDArray[np.float32]:
+        """Return a picture (rows, columns, 3) of any contents; it is the caller's until the same name is asked for."""
+        size = 3 * rows * columns
+        if name not in self._flat or self._flat[name].size < size:
+            self._flat[name] = np.empty(size, np.float32)
+        return self._flat[name][:size].reshape(rows, columns, 3)
+
+
 class PlateBlur:
     """Blurs of one frame, a panorama closed over the seam. The values do not depend on how it is cut into parts."""
 
@@ -46,6 +62,14 @@ class PlateBlur:
 
     def of(self, part: Rectangle, sigma: float) -> Floats:
         """Return a part (h, w, 3), float32, under a Gaussian of a standard deviation [px]."""
+        image, row, column = self.around(part, sigma, Room())
+        return image[row : row + part.height, column : column + part.width]
+
+    def around(self, part: Rectangle, sigma: float, room: Room) -> tuple[Floats, int, int]:
+        """Return a picture that holds what `of` returns, contiguous, and the row and column where that begins.
+
+        room: has the picture, until it is used again.
+        """
         import cv2
 
         height, width = self._picture.shape
@@ -59,14 +83,15 @@ class PlateBlur:
         first, last = max(part.row // factor - beside, 0), min(-(-(part.row + part.height) // factor) + beside, rows)
         begin, end = part.column // factor - beside, -(-(part.column + part.width) // factor) + beside
         cells = self._cells(factor, top, bottom, np.arange(left, right) % across)
-        small = cv2.GaussianBlur(cells, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)
-        small = small[first - top : last - top, begin - left : end - left]
+        small = cv2.GaussianBlur(
+            cells, (0, 0), sigma / factor, room.picture("blurred", *cells.shape[:2]), borderType=cv2.BORDER_REPLICATE
+        )
         if factor == 1:
-            return np.asarray(small)
+            return small, first - top, begin - left
+        small = small[first - top : last - top, begin - left : end - left]
         size = factor * (end - begin), factor * (last - first)
-        large = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
-        row, column = part.row - factor * first, part.column - factor * begin
-        return np.asarray(large[row : row + part.height, column : column + part.width])
+        large = cv2.resize(small, size, room.picture("enlarged", *size[::-1]), interpolation=cv2.INTER_LINEAR)
+        return large, part.row - factor * first, part.column - factor * begin
 
     def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:
         """Return rows from `top` to before `bottom`, and columns (n,), of the frame reduced by a factor."""
