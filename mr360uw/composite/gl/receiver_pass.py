@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, Room, Same
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
@@ -30,7 +30,6 @@ from mr360uw.composite.receiver.block_light import (
     set_plate_light,
 )
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
-from mr360uw.composite.receiver.plate_blur import Room
 from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (

@@ -17,7 +17,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.receiver.plate_blur import Picture, PlateBlur, Room
+from mr360uw.cache import Room
+from mr360uw.composite.receiver.plate_blur import Picture, PlateBlur
 from mr360uw.types import Floats, Rectangle
 
 LEAST_LIGHT = 1e-3
@@ -76,7 +77,7 @@ class PlatePattern:
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
-        smooth, begun = room.picture("smooth", part.height, part.width), np.zeros(part.height, np.bool_)
+        smooth, begun = room.floats("smooth", part.height, part.width, 3), np.zeros(part.height, np.bool_)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
             rows = np.flatnonzero(weight)

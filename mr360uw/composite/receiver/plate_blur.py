@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0
@@ -35,22 +36,6 @@ class Picture(Protocol):
 
     def lent(self, rectangle: Rectangle) -> Floats:
         """Return the same, read-only, of a part that is read again when the frame is composited."""
-
-
-class Room:
-    """Memory for pictures that are made anew for every part of a frame: to take it from the system costs as much as to
-    fill it.
-    """
-
-    def __init__(self) -> None:
-        self._flat: dict[str, NDArray[np.float32]] = {}
-
-    def picture(self, name: str, rows: int, columns: int) -> NDArray[np.float32]:
-        """Return a picture (rows, columns, 3) of any contents; it is the caller's until the same name is asked for."""
-        size = 3 * rows * columns
-        if name not in self._flat or self._flat[name].size < size:
-            self._flat[name] = np.empty(size, np.float32)
-        return self._flat[name][:size].reshape(rows, columns, 3)
 
 
 class PlateBlur:
@@ -84,13 +69,13 @@ class PlateBlur:
         begin, end = part.column // factor - beside, -(-(part.column + part.width) // factor) + beside
         cells = self._cells(factor, top, bottom, np.arange(left, right) % across)
         small = cv2.GaussianBlur(
-            cells, (0, 0), sigma / factor, room.picture("blurred", *cells.shape[:2]), borderType=cv2.BORDER_REPLICATE
+            cells, (0, 0), sigma / factor, room.floats("blurred", *cells.shape), borderType=cv2.BORDER_REPLICATE
         )
         if factor == 1:
             return small, first - top, begin - left
         small = small[first - top : last - top, begin - left : end - left]
         size = factor * (end - begin), factor * (last - first)
-        large = cv2.resize(small, size, room.picture("enlarged", *size[::-1]), interpolation=cv2.INTER_LINEAR)
+        large = cv2.resize(small, size, room.floats("enlarged", *size[::-1], 3), interpolation=cv2.INTER_LINEAR)
         return large, part.row - factor * first, part.column - factor * begin
 
     def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:

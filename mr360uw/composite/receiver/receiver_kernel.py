@@ -16,9 +16,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.composite.receiver.ground import BLOCK
 from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
-from mr360uw.composite.receiver.plate_blur import Room
 from mr360uw.types import Tile
 
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
