@@ -7,12 +7,15 @@ settings count by value; what was loaded or computed before counts by identity, 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import fields
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -66,6 +69,18 @@ class Cache:
             values.pop(next(iter(values)))
         return value
 
+    def get_all(
+        self, name: str, keys: Sequence[Hashable], make: Callable[[list[Any]], Sequence[T]], keep: int = 1
+    ) -> list[T]:
+        """Return the values of a name for several keys; `make` is called once, with the keys of those that it returns.
+
+        Otherwise as `get`.
+        """
+        missing = [key for key in dict.fromkeys(keys) if not self.holds(name, key)]
+        held = {key: self._kept[name][key] for key in keys if self.holds(name, key)}
+        held |= zip(missing, make(missing), strict=True) if missing else ()
+        return [self.get(name, key, partial(held.__getitem__, key), keep) for key in keys]
+
     def holds(self, name: str, key: Hashable) -> bool:
         """Return whether a value of a name is there for a key."""
         return key in self._kept.get(name, {})
@@ -80,3 +95,17 @@ class Cache:
     def clear(self) -> None:
         """Remove all values."""
         self._kept.clear()
+
+
+class Room:
+    """Memory for arrays that are made anew in every frame: to take it from the system costs as much as to fill it."""
+
+    def __init__(self) -> None:
+        self._flat: dict[str, NDArray[np.float32]] = {}
+
+    def floats(self, name: str, *shape: int) -> NDArray[np.float32]:
+        """Return an array of any contents; it is the caller's until the same name is asked for."""
+        size = math.prod(shape)
+        if name not in self._flat or self._flat[name].size < size:
+            self._flat[name] = np.empty(size, np.float32)
+        return self._flat[name][:size].reshape(shape)

@@ -37,6 +37,20 @@ def test_the_last_values_of_a_name_are_kept() -> None:
     assert made[6:] == ["a", "b"]
 
 
+def test_values_of_several_keys_are_made_together() -> None:
+    cache, made = Cache(), []
+
+    def make(keys: list[str]) -> list[str]:
+        made.append("".join(keys))
+        return [key.upper() for key in keys]
+
+    assert cache.get_all("letter", "abca", make, keep=3) == ["A", "B", "C", "A"]
+    assert cache.get_all("letter", "cdb", make, keep=3) == ["C", "D", "B"]
+    assert cache.get_all("letter", "bdc", make, keep=3) == ["B", "D", "C"]
+    assert cache.get_all("letter", "efghe", make, keep=2) == ["E", "F", "G", "H", "E"]  # more than are kept
+    assert made == ["abc", "d", "efgh"]
+
+
 def test_a_value_whose_making_drops_its_name_is_kept() -> None:
     cache, made = Cache(room=2), []
 

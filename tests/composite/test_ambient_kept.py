@@ -11,6 +11,7 @@ import pytest
 import scipy.sparse
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient import pair_view
 from mr360uw.composite.ambient.light import ambient_layout, ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product
@@ -80,6 +81,18 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
         assert other is not None
         for kept, fresh in zip((*one.values, *one.sent), (*other.values, *other.sent), strict=True):
             np.testing.assert_array_equal(kept, fresh)
+
+
+def test_rays_of_pairs_find_the_same_together_and_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = shot(*(placed(BALL, (1.2 * k - 1.2, 0.1 * k, -2.0)) for k in range(3)), environment=environment(0.5))
+    together = ambient_light(scene, Cache())
+    monkeypatch.setattr(pair_view, "_RAYS_AT_ONCE", 1)
+    alone = ambient_light(scene, Cache())
+    assert together is not None
+    assert alone is not None
+    for one, other in zip(together.values, alone.values, strict=True):
+        assert one is not None
+        np.testing.assert_array_equal(one, other)
 
 
 def test_light_solved_at_knots_in_time_is_interpolated() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.cache import Room
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.over import over
@@ -110,6 +111,15 @@ def test_without_a_mean_detail_of_the_size_of_caustics_goes() -> None:
     np.testing.assert_allclose(over_seam, pattern.light(Rectangle(256 - 64, 90, 24, 20))[1], atol=tol.FLOAT32)
     half = PlatePattern(Still(plate), None, 1.5, 0.5).light(part)[1]
     np.testing.assert_allclose(half, 0.5 * (calm + plate[90:110, 40:100]), atol=tol.FLOAT32)
+
+
+def test_memory_that_is_used_again_changes_no_value(rng: np.random.Generator) -> None:
+    """Parts of other sizes, near the horizon and far below it, that were drawn into the same memory before."""
+    plate, room = rng.uniform(0.1, 0.9, (128, 256, 3)).astype(np.float32), Room()
+    for part in (Rectangle(40, 70, 60, 58), Rectangle(200, 64, 56, 12), Rectangle(0, 90, 24, 20)):
+        calm, again = (PlatePattern(Still(plate), None, 1.5, 0.7).light(part, of)[1] for of in (None, room))
+        assert np.array_equal(calm, again)
+        again[:] = np.nan
 
 
 def test_a_mean_is_the_calm_state_whatever_the_strength(rng: np.random.Generator) -> None:

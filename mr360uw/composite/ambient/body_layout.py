@@ -16,16 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.body_view import Body, BodyView, outlook
-from mr360uw.composite.ambient.lobe_occlusion import met_by
-from mr360uw.composite.ambient.mesh_transfer import Transfer, make_transfer, shape_key
+from mr360uw.composite.ambient.body_looks import body_views
+from mr360uw.composite.ambient.body_view import Body, BodyView
+from mr360uw.composite.ambient.mesh_transfer import make_transfer, shape_key
 from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, Ground
 from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
-from mr360uw.composite.ambient.pair_view import may_show, near_sites, pair_view, share_shown
-from mr360uw.composite.ambient.relative_pose import RelativePose, relative_pose, rounded
+from mr360uw.composite.ambient.relative_pose import rounded
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -146,8 +145,7 @@ def make_layout(
 
     bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
     first = np.concatenate([[0], np.cumsum([len(body.transfer.lookouts.site) for body in bodies])]).astype(np.int64)
-    center, radius = np.array([body.center for body in bodies]), np.array([body.radius for body in bodies])
-    views = tuple(_view(k, bodies, may_show(center, radius, k), first, cache) for k in range(len(bodies)))
+    views = body_views(bodies, first, cache, _kept(len(bodies)))
     own = block_diag([body.own.sites[body.transfer.lookouts.site] for body in bodies], format="csr")
     sites = vstack([view.lookouts.sites for view in views], format="csr") + own
     nodes = tuple(_nodes(body, NODES) + body.origin for body in bodies)
@@ -178,60 +176,3 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
         height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)
         ground = Ground(rounded(rotation), float(height))
     return Body(placed, transfer, own, rotation, field, ground, center, mesh.radius_m * placed.scale)
-
-
-def _view(
-    number: int, bodies: tuple[Body, ...], near: NDArray[np.bool_], first: NDArray[np.int64], cache: Cache
-) -> BodyView:
-    """Return what one of several bodies sees. near: (B,) those it may see. first: where the lookouts of each begin."""
-    body, total, keep = bodies[number], int(first[-1]), _kept(len(bodies))
-    inverse, scale = np.linalg.inv(body.placed.world_from_object), body.placed.scale
-    others = [
-        (int(first[k]), bodies[k].transfer, _pose(body, inverse, scale, bodies[k]))
-        for k in np.flatnonzero(near).tolist()
-        if bodies[k].placed.casts_shadow
-    ]
-    shown = [(begin, other, pose) for begin, other, pose in others if share_shown(body.transfer, other, pose) > 0.0]
-    of = tuple((begin, other.lattice, pose.key) for begin, other, pose in shown)
-    what = body.transfer.lattice, body.transfer.mesh.glossy, body.placed.casts_shadow
-    key = (*what, body.on_ground, body.ground_key, of, total, first[number])
-    make = functools.partial(_look, body, int(first[number]), shown, total, functools.partial(cache.get, keep=keep))
-    return cache.get("ambient view", key, make, keep=keep)
-
-
-def _pose(body: Body, inverse: Floats, scale: float, other: Body) -> RelativePose:
-    """Return where another body lies in the frame of one, with its inverse matrix (4, 4) and scale."""
-    least = min(body.radius, other.radius) / scale
-    return relative_pose(inverse, other.placed.world_from_object, other.placed.scale / scale, least)
-
-
-def _look(body: Body, begin: int, others: list[tuple[int, Transfer, RelativePose]], total: int, kept: Any) -> BodyView:
-    """Return what a body sees. begin: where its lookouts begin among all, `total`; others: the same of each other, and
-    its pose. kept: gets a value from the cache.
-    """
-    transfer, shape, glossy = body.transfer, body.transfer.lattice, body.transfer.mesh.glossy
-    part = np.zeros(len(transfer.cosine))
-    for _, other, pose in others:
-        of_other = near_sites(transfer, other, pose)
-        part = part if of_other is None else np.maximum(part, of_other)
-    if glossy:
-        part[:] = 1.0  # every site has a lobe of its own
-    near, looks, sunk = np.flatnonzero(part), [], body.sunk_key
-    near_cosine = np.where(body.own.open[near], transfer.cosine[near], np.float32(0.0))
-    for site, cosine in ((transfer.lookouts.site, body.own.direct), (near, near_cosine)):
-        place, pairs, node, which = body.places(site), [], None, site.tobytes()
-        for first, other, pose in others if len(site) else ():
-            key = (shape, other.lattice, pose.key, body.placed.casts_shadow, which, sunk)
-            make = functools.partial(pair_view, transfer, place, cosine > 0.0, other, pose)
-            pairs.append((kept("ambient pair", key, make), first))
-        if body.ground is not None and body.on_ground:
-            make_seen = functools.partial(body.ground.node_seen, transfer, place)
-            node = kept("ambient nodes seen", (shape, body.ground_key, site.tobytes()), make_seen)
-        looks.append(outlook(cosine, node, pairs, total))
-    down = np.zeros((0, len(transfer.lookouts.site)), np.float32)
-    if body.ground is not None and body.on_ground:
-        down = kept("ambient down", (shape, body.ground_key), functools.partial(body.ground.mean_sent, transfer))
-    lost = body.own.plain - body.own.direct + looks[0].lost
-    openness = 1.0 - lost.sum(axis=1, keepdims=True) / transfer.whole[transfer.lookouts.site, None]
-    met = met_by(body, looks[1], near_cosine, node, begin) if glossy else None
-    return BodyView(looks[0], looks[1], near, part[near, None].astype(np.float32), down, openness, met)

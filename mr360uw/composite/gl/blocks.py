@@ -9,7 +9,9 @@ so neither the seam nor the poles are special. The device reads the lists with b
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,19 +73,11 @@ def make_blocks(
         top, bottom, places, kinds = (np.concatenate([a, a[over]]) for a in (top, bottom, places, kinds))
         left = np.concatenate([left, np.zeros(len(over), np.int32)])
         right = np.concatenate([np.minimum(right, width - 1), right[over] - width])
-    column, row = left // BLOCK, top // BLOCK
-    columns = right // BLOCK - column + 1
-    meetings = columns * (bottom // BLOCK - row + 1)
-    triangle = np.repeat(np.arange(len(left), dtype=np.int32), meetings)
-    step = np.arange(len(triangle), dtype=np.int32) - (np.cumsum(meetings, dtype=np.int32) - meetings)[triangle]
-    wide = columns[triangle]
-    down = step // wide
-    r, c = row[triangle] + down, column[triangle] + step - down * wide
-    masks = _masks(
-        left[triangle] - BLOCK * c, top[triangle] - BLOCK * r, right[triangle] - BLOCK * c, bottom[triangle] - BLOCK * r
-    )
+    meetings = (right // BLOCK - left // BLOCK + 1) * (bottom // BLOCK - top // BLOCK + 1)
+    begin = np.cumsum(meetings, dtype=np.int64) - meetings
+    key = np.empty(int(meetings.sum(dtype=np.int64)), np.uint64)
     code = (kinds.astype(np.uint64) << np.uint64(_KIND_AT)) | (places.astype(np.uint64) << np.uint64(_MASK_BITS))
-    key = ((r * across + c).astype(np.uint64) << np.uint64(_BLOCK_AT)) | code[triangle] | masks.astype(np.uint64)
+    _set_keys(left, top, right, bottom, code, begin, across, key)
     key.sort()
     block = (key >> np.uint64(_BLOCK_AT)).astype(np.int64)
     first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -101,13 +95,20 @@ def make_blocks(
     )
 
 
-def _masks(
-    left: NDArray[np.int32], top: NDArray[np.int32], right: NDArray[np.int32], bottom: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """Return the mask of the pixels of a block at (0, 0) that a rectangle overlaps."""
-    in_a_row = (2 << np.minimum(right, BLOCK - 1)) - (1 << np.maximum(left, 0))
-    row_starts = _ROW_STARTS[np.minimum(bottom, BLOCK - 1) + 1] - _ROW_STARTS[np.maximum(top, 0)]
-    return in_a_row * row_starts
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _set_keys(left: Any, top: Any, right: Any, bottom: Any, code: Any, begin: Any, across: Any, key: Any) -> None:
+    """Set the sort keys of all blocks that rectangles (T,) overlap, those of the t-th from begin[t] on.
+
+    code: (T,) what the key has besides the block and the mask of its pixels. across: blocks in a row of the frame.
+    """
+    for t in range(len(left)):
+        n = begin[t]
+        for r in range(top[t] // BLOCK, bottom[t] // BLOCK + 1):
+            rows = _ROW_STARTS[min(bottom[t] - BLOCK * r, BLOCK - 1) + 1] - _ROW_STARTS[max(top[t] - BLOCK * r, 0)]
+            for c in range(left[t] // BLOCK, right[t] // BLOCK + 1):
+                in_a_row = (2 << min(right[t] - BLOCK * c, BLOCK - 1)) - (1 << max(left[t] - BLOCK * c, 0))
+                key[n] = (np.uint64(r * across + c) << np.uint64(_BLOCK_AT)) | code[t] | np.uint64(in_a_row * rows)
+                n += 1
 
 
 def in_lane_order(image: Floats) -> Floats:

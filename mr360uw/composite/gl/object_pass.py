@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, Room, Same
 from mr360uw.composite.ambient.knot_values import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
@@ -28,7 +28,7 @@ from mr360uw.composite.gl.mesh_fragments import MeshFragments, mesh_fragments
 from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
-from mr360uw.composite.gl.upload import MeshBuffers, list_texture
+from mr360uw.composite.gl.upload import MeshBuffers, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
@@ -102,7 +102,7 @@ class ObjectPass:
     def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
         """Return where bodies are, and the values of ambient light on them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
-        values, texels = [table.reshape(-1)], 4 * len(objects)
+        values, texels = [table], 4 * len(objects)
         every = [None] * len(shot.objects) if ambient is None else ambient.values
         of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
         changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
@@ -115,9 +115,10 @@ class ObjectPass:
             knots = lattice.knots * (2 if lattice.two_sided else 1)
             own = np.tile(np.array(UNTOUCHED[:FEW_CHANNELS], np.float32), (knots, 1)) if known is None else known
             row[3, 1:4] = texels, lattice.knots if lattice.two_sided else 0, own.shape[1] // 4
-            values.append(own.reshape(-1))
+            values.append(own)
             texels += own.size // 4
-        return BodyList(list_texture(np.concatenate(values)), frozenset(changed))
+        room = self._cache.get("bodies room", None, Room)
+        return BodyList(joined_texture(values, room), frozenset(changed))
 
     def _light_up(
         self,

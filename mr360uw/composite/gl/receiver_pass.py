@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, Room, Same
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
@@ -123,9 +123,9 @@ class ReceiverPass:
         """
         if changes is None:
             return
-        light = self._block_light(shot, changes, ambient, gaps)
+        light, room = self._block_light(shot, changes, ambient, gaps), self._cache.get("plate room", None, Room)
         for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern)
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, room)
 
     # --- cached geometry ---------------------------------------------------------------------------------------------
 

@@ -19,9 +19,10 @@ from mr360uw.composite.gl.mesh_fragments import MeshFragments
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Floats
 
-_APART = 3.0
-"""Fragments of a group follow each other within this distance along the ray, in widths of a pixel. Three times as much
-joins parts of a body one behind the other: one pixel of a hundred changes by a code value; half as much saves less."""
+_APART = 0.4
+"""Fragments of a group follow each other within this distance along the ray, in widths of a pixel. Chosen so that
+99.99 % of the values that a layer changes stay within a code of those without groups, for two bodies and for twenty.
+Twice as much casts a quarter fewer rays, and 99.986 % stay; half as much casts a fifth more."""
 _BEND = 0.7
 """Least cosine between the normals of fragments that follow each other in a group."""
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
@@ -117,6 +118,18 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
 def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
     """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
     return texture_from_array(_in_rows(values, channels))
+
+
+def joined_texture(parts: Sequence[NDArray[np.float32]], room: Room) -> moderngl.Texture:
+    """Return `list_texture` of the values of several arrays, one after the other. room: for a copy of them."""
+    begin = np.cumsum([0, *(part.size for part in parts)]).tolist()
+    row = 4 * _LIST_COLUMNS
+    texels = room.floats("texels", max(-(-begin[-1] // row), 1), _LIST_COLUMNS, 4)
+    flat = texels.reshape(-1)
+    for part, start in zip(parts, begin[:-1], strict=True):
+        flat[start : start + part.size] = part.reshape(-1)
+    flat[begin[-1] :] = 0.0
+    return texture_from_array(texels)
 
 
 def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.composite.receiver.plate_blur import Picture, PlateBlur
 from mr360uw.types import Floats, Rectangle
 
@@ -55,15 +56,20 @@ class PlatePattern:
         """Share reduced pictures among the parts that are asked for."""
         object.__setattr__(self, "blur", PlateBlur(self.picture))
 
-    def light(self, part: Rectangle) -> tuple[Floats, Floats]:
-        """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
+    def light(self, part: Rectangle, room: Room | None = None) -> tuple[Floats, Floats]:
+        """Return the frame and its calm state over a part of it, each (h, w, 3) float32.
+
+        room: may have the calm state, until it is used again; None takes new memory.
+        """
         shown = np.asarray(self.picture.lent(part), np.float32)
         if self.mean is not None:
             rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
             return shown, _widened(self.mean[rows, columns])
-        return shown, shown + np.float32(self.strength) * (self._smooth(part) - shown)
+        calm = self._smooth(part, Room() if room is None else room)
+        _draw_from(shown.reshape(-1), np.float32(self.strength), calm.reshape(-1))
+        return shown, calm
 
-    def _smooth(self, part: Rectangle) -> Floats:
+    def _smooth(self, part: Rectangle, room: Room) -> NDArray[np.float32]:
         """Return a part blurred by `_SIGMA_M` on level ground, row by row."""
         height, width = self.picture.shape
         latitude = np.pi * ((np.arange(part.height) + part.row + 0.5) / height - 0.5)
@@ -71,7 +77,7 @@ class PlatePattern:
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
-        smooth = np.zeros((part.height, part.width, 3), np.float32)
+        smooth, begun = room.floats("smooth", part.height, part.width, 3), np.zeros(part.height, np.bool_)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
             rows = np.flatnonzero(weight)
@@ -79,7 +85,7 @@ class PlatePattern:
                 continue
             own = slice(rows[0], rows[-1] + 1)
             band = part._replace(row=part.row + int(rows[0]), height=int(rows[-1] - rows[0]) + 1)
-            smooth[own] += weight[own, None, None] * self.blur.of(band, _STEP**number)
+            _add_rows(*self.blur.around(band, _STEP**number, room), weight[own], begun[own], smooth[own])
         return smooth
 
 
@@ -88,6 +94,31 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     base = calm - veil
     r = np.where(base > LEAST_LIGHT, (shown - veil) / np.maximum(base, LEAST_LIGHT), 1.0)
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _add_rows(image: Any, row: int, column: int, weight: Any, begun: Any, smooth: Any) -> None:
+    """Add rows of an image, from a row and a column on, times weights (h,), to those of `smooth` (h, w, 3); rows that
+    are not `begun` (h,) are set.
+    """
+    across = 3 * smooth.shape[1]
+    for r in range(len(weight)):
+        line = image[row + r].reshape(-1)[3 * column : 3 * column + across]
+        out, by = smooth[r].reshape(-1), weight[r]
+        if begun[r]:
+            for i in range(across):
+                out[i] += by * line[i]
+        else:
+            for i in range(across):
+                out[i] = by * line[i]
+        begun[r] = True
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _draw_from(shown: Any, strength: Any, calm: Any) -> None:
+    """Set `calm` (n,) to values (n,) that are drawn towards it by a strength."""
+    for i in range(len(calm)):
+        calm[i] = shown[i] + strength * (calm[i] - shown[i])
 
 
 def _widened(image: Floats) -> NDArray[np.float32]:

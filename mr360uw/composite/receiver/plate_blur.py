@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0
@@ -46,6 +47,14 @@ class PlateBlur:
 
     def of(self, part: Rectangle, sigma: float) -> Floats:
         """Return a part (h, w, 3), float32, under a Gaussian of a standard deviation [px]."""
+        image, row, column = self.around(part, sigma, Room())
+        return image[row : row + part.height, column : column + part.width]
+
+    def around(self, part: Rectangle, sigma: float, room: Room) -> tuple[Floats, int, int]:
+        """Return a picture that holds what `of` returns, contiguous, and the row and column where that begins.
+
+        room: has the picture, until it is used again.
+        """
         import cv2
 
         height, width = self._picture.shape
@@ -59,14 +68,15 @@ class PlateBlur:
         first, last = max(part.row // factor - beside, 0), min(-(-(part.row + part.height) // factor) + beside, rows)
         begin, end = part.column // factor - beside, -(-(part.column + part.width) // factor) + beside
         cells = self._cells(factor, top, bottom, np.arange(left, right) % across)
-        small = cv2.GaussianBlur(cells, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)
-        small = small[first - top : last - top, begin - left : end - left]
+        small = cv2.GaussianBlur(
+            cells, (0, 0), sigma / factor, room.floats("blurred", *cells.shape), borderType=cv2.BORDER_REPLICATE
+        )
         if factor == 1:
-            return np.asarray(small)
+            return small, first - top, begin - left
+        small = small[first - top : last - top, begin - left : end - left]
         size = factor * (end - begin), factor * (last - first)
-        large = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
-        row, column = part.row - factor * first, part.column - factor * begin
-        return np.asarray(large[row : row + part.height, column : column + part.width])
+        large = cv2.resize(small, size, room.floats("enlarged", *size[::-1], 3), interpolation=cv2.INTER_LINEAR)
+        return large, part.row - factor * first, part.column - factor * begin
 
     def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:
         """Return rows from `top` to before `bottom`, and columns (n,), of the frame reduced by a factor."""

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Room
 from mr360uw.composite.receiver.ground import BLOCK
 from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
 from mr360uw.types import Tile
@@ -70,13 +71,15 @@ class BlockLight:
     added: PixelImages
 
 
-def lay_receiver(light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None = None) -> None:
+def lay_receiver(
+    light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None, room: Room
+) -> None:
     """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left.
 
-    pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
+    pattern: the plate's own caustics, which go with the sun's light (see pattern.py). room: for pictures of it.
     """
     none = np.zeros((0, 0, 3), np.float32)
-    shown, calm = (none, none) if pattern is None else pattern.light(tile.rectangle)
+    shown, calm = (none, none) if pattern is None else pattern.light(tile.rectangle, room)
     _lay(
         light.row, light.column, light.corner, light.free.at, light.free.image, light.seen.at, light.seen.image,
         light.waves.at, light.waves.image, light.shape.at, light.shape.image,
