@@ -48,6 +48,16 @@ def code_ends(pictures: Sequence[Floats]) -> tuple[float | None, float | None]:
     return None if low is None else 1.0 - low / 255.0, None if high is None else high / 255.0
 
 
+def ends_kept(pictures: Sequence[Floats]) -> tuple[bool, bool]:
+    """Return whether codes near 0 show that black was not lifted, and codes near 255 that white was not lowered.
+
+    pictures: as of `code_ends`. False says nothing: water lifts what is far away, and few dives hold anything white.
+    """
+    codes = 255.0 * np.concatenate(pictures)
+    lowest, highest = np.quantile(codes, (LEAST_PILE, 1.0 - LEAST_PILE), axis=0)
+    return bool(lowest.min() < LEAST_MOVE), bool(highest.max() > 255.0 - LEAST_MOVE)
+
+
 def _moved_end(codes: Floats) -> float | None:
     """Return the 8-bit code at which values (n, 3) pile up at their upper end, away from 255."""
     steepness, end = max(_pile(codes, channel) for channel in range(3))
