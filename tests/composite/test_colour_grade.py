@@ -227,7 +227,7 @@ def test_white_is_taken_only_where_black_is_known(
 ) -> None:
     """A glow that clips over water that reaches no black; dark: with some codes near black, too few for a pile."""
     rng = np.random.default_rng(3)
-    codes = np.minimum(rng.uniform(0.35, 1.2, (160, 250, 1)) + rng.uniform(-0.1, 0.1, (160, 250, 3)), 1.0)
+    codes = np.minimum(rng.uniform(0.45, 1.1, (160, 250, 1)) + rng.uniform(-0.2, 0.2, (160, 250, 3)), 1.0)
     if dark:
         codes[80, :, 0] = np.linspace(0.0, 0.1, 250)
     colour, lines = found_colour([Shown(grade.graded(codes))], MatchSettings(**settings), [])
