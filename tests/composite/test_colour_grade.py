@@ -184,6 +184,9 @@ def test_ends_of_the_codes_are_found_where_many_clip() -> None:
     low, high = code_ends([ColourGrade((0.06, 0.06, 0.06), (0.9, 0.9, 0.9)).graded(codes)])
     assert low == pytest.approx(0.06, abs=tol.CODE_END)
     assert high == pytest.approx(0.9, abs=tol.CODE_END)
+    dark = ColourGrade((0.06, 0.06, 0.06)).graded(clipped())
+    dark[:400, 0] = 0.01  # codes of one channel lie beyond the pile
+    assert code_ends([dark]) == (None, None)
     smooth = 0.1 + 0.7 * np.random.default_rng(2).random((40_000, 1)) * np.ones(3)
     assert code_ends([smooth]) == (None, None)
     even = smooth.copy()
