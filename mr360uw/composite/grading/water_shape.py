@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mr360uw.color import ColorSpec, decode_signal, in_rec709
-from mr360uw.composite.grading.code_ends import LEAST_MOVE
 from mr360uw.composite.grading.colour_grade import ColourGrade, graded_spec, luma_weights_of
 from mr360uw.types import Floats
 
@@ -38,6 +37,10 @@ APART = 1.6
 """Least ratio of what the second best number leaves to what the best one leaves."""
 CLOSE_COLOUR = 0.0095
 """The same as `CLOSE`, of the colours alone. Where dives with lifted black leave more, black is 0.03 off."""
+APART_COLOUR = 2.2
+"""The same as `APART`, of the colours alone, and of no change at all. Ungraded dives reach 1.6, a gamma of 0.8 1.75."""
+LEAST_BY_COLOUR = 0.045
+"""Least black that colours alone tell, 0 to 1. Ungraded dives at low resolution show up to 0.035."""
 _LEAST = 1e-5
 """Least light of which the logarithm is taken."""
 _CANDIDATES = {
@@ -71,13 +74,12 @@ def bent_by(view: WaterView, start: ColourGrade, keys: Sequence[str]) -> tuple[s
 def black_by_colour(view: WaterView, start: ColourGrade) -> float | None:
     """Return the lifted black that the colours of the water tell, between 0 and 1, or None.
 
-    start: the grade that is known. Ungraded dives in any type of water, and dives with another grade than this, leave
-    at least 0.7 of what the next best number or none leaves; lifted ones 0.2 to 0.55.
+    start: the grade that is known.
     """
     best = sorted(_best(view, start, name, by_colour=True) for name in _CANDIDATES)
     left, name, value = best[0]
     others = min(best[1][0], _left(view, start, by_colour=True))
-    told = name == "black" and 255.0 * value >= LEAST_MOVE and left <= CLOSE_COLOUR and others >= APART * left
+    told = name == "black" and value >= LEAST_BY_COLOUR and left <= CLOSE_COLOUR and others >= APART_COLOUR * left
     return value if told else None
 
 
