@@ -4,9 +4,9 @@
     python benchmarks/graded.py [--width W] [--preset NAME] [--pictures FOLDER] [--only NAME ...]
         [--ways WAY ...]
 
-A synthetic dive is graded in ten known ways and recorded again. A body laid into the graded clip is compared with the
-grade of the composite that was made on the clip as it was. Code values of 8 bits; without `[match]`, with all of it on
-"auto", and with the grade given:
+A synthetic dive is graded in eleven known ways and recorded again. A body laid into the graded clip is compared with
+the grade of the composite that was made on the clip as it was. Code values of 8 bits; without `[match]`, with all of it
+on "auto", and with the grade given:
 
 colour: largest difference of the body's mean R', G', B'. contrast: standard deviation of the body's luma over the
 truth's. sharpness: root mean square gradient of luma over the body and its edge, over the truth's.
@@ -98,6 +98,7 @@ GRADES: dict[str, tuple[Grade, int, dict[str, float]]] = {
     "sharpened 0.8": (sharpen(0.8), 14, {"sharpening": 0.8}),
     "lifted 0.06": (lift(0.06), 14, {"black": 0.06}),
     "lifted 0.06, white 0.9": (lift(0.06, 0.9), 14, {"black": 0.06, "white": 0.9}),
+    "white 0.9": (lift(0.0, 0.9), 14, {"white": 0.9}),
     "s curve": (s_curve(0.4), 14, {"contrast": 1.4}),
     "power 0.8": (power(0.8), 14, {"gamma": 0.8}),
     "saturation 1.4": (saturate(1.4), 14, {"saturation": 1.4}),

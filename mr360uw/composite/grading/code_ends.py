@@ -3,7 +3,8 @@
 
 A camera's codes end at black and white, and light beyond is held there. A grade moves both ends, and the held codes
 with them: where the sun or its glow clip, or a channel is black, many pixels share one code while their other channels
-differ. An evenly lit sky piles up in all channels at once, and says nothing.
+differ. An evenly lit sky piles up in all channels at once, and says nothing. Neither does a pile that codes lie beyond,
+as near 0 as files go: red of dim green water gathers about one level, and is not black there.
 
 Saturation is told by nothing in a plate: it passes for another white balance of a camera.
 """
@@ -44,8 +45,19 @@ def code_ends(pictures: Sequence[Floats]) -> tuple[float | None, float | None]:
     pictures: R'G'B' (n, 3) of pixels of its frames, 0 black and 1 white, not clipped.
     """
     codes = 255.0 * np.concatenate(pictures)
-    low, high = _moved_end(255.0 - codes), _moved_end(codes)
+    black_kept, white_kept = ends_kept(pictures)
+    low, high = None if black_kept else _moved_end(255.0 - codes), None if white_kept else _moved_end(codes)
     return None if low is None else 1.0 - low / 255.0, None if high is None else high / 255.0
+
+
+def ends_kept(pictures: Sequence[Floats]) -> tuple[bool, bool]:
+    """Return whether codes near 0 show that black was not lifted, and codes near 255 that white was not lowered.
+
+    pictures: as of `code_ends`. False says nothing: water lifts what is far away, and few dives hold anything white.
+    """
+    codes = 255.0 * np.concatenate(pictures)
+    lowest, highest = np.quantile(codes, (LEAST_PILE, 1.0 - LEAST_PILE), axis=0)
+    return bool(lowest.min() < LEAST_MOVE), bool(highest.max() > 255.0 - LEAST_MOVE)
 
 
 def _moved_end(codes: Floats) -> float | None:

@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from mr360uw.color import ColorSpec
-from mr360uw.composite.grading.code_ends import code_ends
+from mr360uw.composite.grading.code_ends import code_ends, ends_kept
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.patch_solve import Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
-from mr360uw.composite.grading.water_shape import WaterView, bent_by, with_number
+from mr360uw.composite.grading.water_shape import WaterView, bent_by, black_by_colour, with_number
 from mr360uw.sphere import direction_from_angles, disc_directions, frame_from_direction
 from mr360uw.types import Floats, Rectangle
 
@@ -55,21 +55,62 @@ def found_colour(
         solved = solve_patches(patches, given, keys, shown[0].spec)
         given, keys = solved.colour, [key for key in keys if key not in solved.told]
         lines.append(solved_in_words(solved, len(patches)))
-    ends = code_ends([_some_codes(frame) for frame in frames]) if {"black", "white"} & set(keys) else (None, None)
-    for name, end in zip(("black", "white"), ends, strict=True):
-        if end is not None and name in keys:
-            given = with_number(given, name, end)
+    codes = [_some_codes(frame) for frame in frames] if {"black", "white"} & set(keys) else None
+    for name, value, why in _told_by_plate(codes, water, given, keys):
+        if value is not None:
+            given = with_number(given, name, value)
             keys.remove(name)
-            lines.append(f"{name} {end:.3f}: codes end there")
-    bent = None if water is None else bent_by(water, given, keys)
-    if bent is not None:
-        name, value = bent
-        given = with_number(given, name, value)
-        keys.remove(name)
-        lines.append(f"{name} {value:.3f}: with it open water is as the medium says at all elevations")
+        lines.append(why)
     if keys:
         lines.append(f"{', '.join(keys)}: not told by this plate, taken as unchanged")
     return given, tuple(lines)
+
+
+def _told_by_plate(
+    codes: Sequence[Floats] | None, water: WaterView | None, start: ColourGrade, keys: Sequence[str]
+) -> list[tuple[str, float | None, str]]:
+    """Return name, value and a line on each number that a plate tells; the value is None where it is not taken.
+
+    codes: R'G'B' (n, 3) of each frame; None where black and white are known. start: the grade that is known.
+
+    White is taken only with black, and black by the colours of water only with white: a plate with both ends moved
+    has about the contrast of one with none, and taking one of them alone would change that by a third.
+    """
+    low, high = (None, None) if codes is None else code_ends(codes)
+    black_kept, white_kept = (True, True) if codes is None else ends_kept(codes)
+    told: list[tuple[str, float | None, str]] = []
+    if low is not None and "black" in keys:
+        told.append(("black", low, f"black {low:.3f}: codes end there"))
+        start, keys = with_number(start, "black", low), [key for key in keys if key != "black"]
+    if high is not None and "white" in keys:
+        left = [key for key in keys if key != "white"]
+        bent = _bent(water, with_number(start, "white", high), left, by_colour="black" in left and not black_kept)
+        if "black" not in keys or black_kept or (bent is not None and bent[0] == "black"):
+            told.append(("white", high, f"white {high:.3f}: codes end there"))
+            return told + _bent_line(bent)
+        why = f"codes end at {high:.3f}: white, but only with black, which this plate does not tell"
+        return [*told, ("white", None, why), *_bent_line(_bent(water, start, left, by_colour=False))]
+    lifted = "black" in keys and not black_kept and ("white" not in keys or white_kept)
+    return told + _bent_line(_bent(water, start, keys, by_colour=lifted))
+
+
+def _bent(
+    water: WaterView | None, start: ColourGrade, keys: Sequence[str], *, by_colour: bool
+) -> tuple[str, float] | None:
+    """Return the number that open water tells, or None. by_colour: whether its colours alone may tell black."""
+    if water is None:
+        return None
+    bent = bent_by(water, start, keys)
+    lifted = black_by_colour(water, start) if bent is None and by_colour else None
+    return bent if lifted is None else ("black", lifted)
+
+
+def _bent_line(bent: tuple[str, float] | None) -> list[tuple[str, float | None, str]]:
+    """Return the number that open water tells with a line on it; nothing for None."""
+    if bent is None:
+        return []
+    name, value = bent
+    return [(name, value, f"{name} {value:.3f}: with it open water is as the medium says at all elevations")]
 
 
 def read_patch(frame: Picture, patch: PatchSettings) -> Patch:
