@@ -6,12 +6,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from mr360uw.progress import Progress
-from mr360uw.reading.disk_cache import cache_file, keep_arrays, read_arrays
+from mr360uw.reading.disk_cache import cache_file, keep_arrays
 from mr360uw.reading.kept_reads import stamp
 from mr360uw.render.first_pass import ClipFacts, clip_facts
 from mr360uw.render.loaded import Loaded
 from mr360uw.runs.fingerprint import WorkKeys
-from mr360uw.runs.stored_facts import arrays_of_facts, facts_of_arrays
+from mr360uw.runs.stored_facts import arrays_of_facts, load_facts
 from mr360uw.scene.inputs import input_files
 from mr360uw.video import VideoReader
 from mr360uw.video.read.projection import projection_of
@@ -31,9 +31,9 @@ def measured_facts(
     fresh: measure them anyway. Raises as `clip_facts`.
     """
     path = _file_of(loaded, video, keys)
-    stored = None if path is None or fresh else read_arrays(path)
+    stored = None if path is None or fresh else load_facts(path)
     if stored is not None:
-        return facts_of_arrays(stored)
+        return stored
     facts = clip_facts(loaded, video, progress, frames=frames)
     if path is not None:
         keep_arrays(path, arrays_of_facts(facts))
