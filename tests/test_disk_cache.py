@@ -14,7 +14,7 @@ from mr360uw.composite.mesh.mesh import Mesh, load_mesh
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.reading import disk_cache
-from mr360uw.reading.disk_cache import FOLDER, Arrays, cache_file, cache_folder, kept_arrays
+from mr360uw.reading.disk_cache import FOLDER, Arrays, cache_file, cache_folder, keep_arrays, kept_arrays, read_arrays
 
 COLUMNS = np.asfortranarray(np.arange(12.0).reshape(3, 4))
 
@@ -76,6 +76,17 @@ def test_a_damaged_file_is_made_anew(damage: bytes | None) -> None:
     kept_arrays("test", (), make)
     assert make.count == 2
     assert path.read_bytes() == whole
+
+
+def test_a_file_with_a_damaged_byte_is_known() -> None:
+    path = cache_file("test", ())
+    assert path is not None
+    keep_arrays(path, {"a": np.arange(3.0), "b": np.array(["x"])})
+    whole = path.read_bytes()
+    assert read_arrays(path) is not None
+    for k in range(0, len(whole), 16):
+        path.write_bytes(whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :])
+        assert read_arrays(path) is None
 
 
 @pytest.mark.parametrize("where", ["", "a file"])

@@ -2,7 +2,8 @@
 """Results of long computations, kept on the disk from one run to the next under the hash of all that they depend on.
 
 That is what the caller names, the sources of this package and the version of NumPy: after an edit or an update all is
-computed again. Files may be removed at any moment.
+computed again. Files may be removed at any moment. At their end they have the hash of what they hold, by which damaged
+ones are known.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import functools
 import hashlib
 import io
 import os
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.files import whole_file
+from mr360uw.files import write_whole
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -28,6 +28,7 @@ FOLDER = "MR360UW_CACHE"
 """Variable of the environment that names another folder; empty: nothing is kept."""
 _ROOM = 1 << 30
 """Bytes that all files take at most; those that were used longest ago are removed first."""
+_DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -97,23 +98,32 @@ def nothing_kept() -> Iterator[None]:
 
 
 def read_arrays(path: Path) -> Arrays | None:
-    """Return the arrays of a file; None where there is none, or it is damaged."""
+    """Return the arrays of a file of `write_arrays`; None where there is none, or it is damaged."""
     try:
-        data = path.read_bytes()
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        stored = path.read_bytes()
+        data, mark = stored[:-_DIGEST], stored[-_DIGEST:]
+        if hashlib.sha256(data).digest() != mark:
+            return None
         os.utime(path)
-    except (OSError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile):
+    except OSError:
         return None
-    return arrays
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write arrays to a file (NumPy .npz, and its SHA-256 after it), which appears whole. Raises `OSError`."""
+    held = io.BytesIO()
+    np.savez(held, **arrays)  # type: ignore[arg-type]
+    data = held.getvalue()
+    write_whole(path, data + hashlib.sha256(data).digest())
 
 
 def keep_arrays(path: Path, arrays: Arrays) -> None:
     """Write arrays to a file of the cache; on a disk that is full or read-only, none is there."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as part, part.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+        write_arrays(path, arrays)
         _make_room(path.parent)
     except OSError:
         return  # it only costs the time to make them again

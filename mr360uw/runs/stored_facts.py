@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
-from mr360uw.files import whole_file
 from mr360uw.ibl import SunTrack
-from mr360uw.reading.disk_cache import read_arrays
+from mr360uw.reading.disk_cache import read_arrays, write_arrays
 from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
@@ -63,9 +62,8 @@ def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
 
 
 def save_facts(facts: ClipFacts, path: Path) -> None:
-    """Write a clip's facts to a file (NumPy .npz)."""
-    with whole_file(path) as part, part.open("wb") as file:
-        np.savez(file, **arrays_of_facts(facts))
+    """Write a clip's facts to a file."""
+    write_arrays(path, arrays_of_facts(facts))
 
 
 def load_facts(path: Path) -> ClipFacts | None:

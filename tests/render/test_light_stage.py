@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.cache import Cache
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.loaded import load
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.stages.light_stage import LightKnots
+from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
@@ -52,12 +54,13 @@ def lit(scene: Scene, start: int = 0, stop: int = COUNT) -> tuple[list[FrameLigh
         loaded, facts = load(scene, video.width, video.height), ClipFacts()
         frames = list(LightKnots(loaded, facts, video, video.frames).frames(start, stop))
         assert [plate.index for plate, _ in frames] == list(range(start, stop))
-        return [light for _, light in frames], [plate_light(loaded, facts, plate) for plate, _ in frames]
+        own = [ungraded(loaded.at(plate.time_s), facts.look, plate, Cache()) for plate, _ in frames]
+        return [light for _, light in frames], [plate_light(loaded.at(p.time_s), facts, p) for p in own]
 
 
-def alone(levels: Floats, bodies: list[dict[str, Any]], folder: Path) -> list[int]:
+def alone(levels: Floats, bodies: list[dict[str, Any]], folder: Path, **tables: Any) -> list[int]:
     """Return the frames whose light is measured in each alone; that of the others is held against their own."""
-    found, own = lit(clip(folder, levels, bodies))
+    found, own = lit(clip(folder, levels, bodies, **tables))
     for light, expected in zip(found, own, strict=True):
         if light is not None:
             for name in ("radiance", "irradiance", "ambient", "glossy"):
@@ -92,6 +95,18 @@ def test_a_cut_between_pictures_of_one_level_is_not_smeared(tmp_path: Path, bodi
     for k in range(6, COUNT):
         write_exr(tmp_path / f"plate_{k:04d}.exr", (PLATE * (0.2 + 1.6 * checks)).astype(np.float32))
     assert [k for k, light in enumerate(lit(scene)[0]) if light is None] == [5, 6, 7, 13]
+
+
+def test_light_is_read_without_the_plates_grade(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
+    assert alone(np.ones(COUNT), bodies, tmp_path, match={"gamma": 0.8, "saturation": 1.3}) == [13]
+
+
+def test_keys_between_knots_are_followed(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
+    """A parameter is the same in frames 4 and 8, and another between them."""
+    times, values = [4 / RATE, 6 / RATE, 8 / RATE], [12.0, 14.0, 12.0]
+    keys = [{"parameter": "light.peak", "time_s": times, "value": values}]
+    tables: dict[str, Any] = {"light": {"sun": "none", "operator": "landis", "region": "all"}, "keys": keys}
+    assert alone(np.ones(COUNT), bodies, tmp_path, **tables) == [5, 6, 7, 13]
 
 
 def test_light_of_a_range_is_that_of_the_clip(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:

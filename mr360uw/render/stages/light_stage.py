@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mr360uw.cache import Cache
 from mr360uw.color import code_range, decode_signal
 from mr360uw.composite.shot import BetweenKnots, KnotLight
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
@@ -28,6 +29,8 @@ from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.stages.match_stage import ungraded
+from mr360uw.scene.keyed import scene_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats, Sun
 from mr360uw.types.time_knots import knot_step
@@ -41,6 +44,8 @@ a tenth of the brightest face's: one 8-bit code value of a body at most. Twice a
 _SAMPLED_ROWS = 128
 """Rows of a plate that are summed, at least."""
 _NORMALS = np.concatenate([np.eye(3), -np.eye(3)])
+_SETTINGS = "light", "water", "camera", "match"
+"""Tables of a scene that the light of a frame depends on."""
 LitFrame = tuple[VideoFrame, FrameLight | None]
 """A plate's frame, and its light; None where it is to be measured in that frame alone."""
 
@@ -123,12 +128,16 @@ class LightKnots:
 
     def _measured(self, plate: VideoFrame) -> _Knot:
         now, time_s = self._loaded.at(plate.time_s), plate.time_s
-        light: FrameLight = finite("light", plate.index, plate_light(now, self._facts, plate))
+        light: FrameLight = finite("light", plate.index, plate_light(now, self._facts, self._ungraded(plate)))
         view = now.view(time_s)
         of_world = turned(light.environment, view.world_from_camera)
         suns = () if of_world.sun is None else (of_world.sun,)
         water = exposed_water(now.surroundings, light, time_s)
         return _Knot(plate, _faces(plate), light, KnotLight(of_world, suns, water, view.position))
+
+    def _ungraded(self, plate: VideoFrame) -> VideoFrame:
+        """Return a frame as its light is read."""
+        return ungraded(self._loaded.at(plate.time_s), self._facts.look, plate, Cache())
 
     def _between(self, before: _Knot | None, waiting: list[VideoFrame], after: _Knot) -> Iterator[LitFrame]:
         """Yield the frames between two knots."""
@@ -139,7 +148,7 @@ class LightKnots:
             share = _share(before, after, plate)
             expected = (1.0 - share) * before.faces + share * after.faces
             allowed = _DEVIATION * np.maximum(expected, _DARK * expected.max())
-            there = np.all(np.abs(_faces(plate) - expected) <= allowed)
+            there = np.all(np.abs(_faces(plate) - expected) <= allowed) and self._settings_alike(before, plate)
             yield plate, self._at(before, after, plate) if there else None
 
     def _alike(self, before: _Knot, after: _Knot) -> bool:
@@ -152,8 +161,14 @@ class LightKnots:
             return False
         if isinstance(facts.sun, SunTrack) and any(first < facts.first + cut <= last for cut in facts.sun.cuts):
             return False
-        one, other = (self._loaded.at(knot.plate.time_s).scene for knot in (before, after))
-        return (one.light, one.water, one.camera) == (other.light, other.water, other.camera)
+        return self._settings_alike(before, after.plate)
+
+    def _settings_alike(self, knot: _Knot, plate: VideoFrame) -> bool:
+        """Return whether keys leave the settings that light depends on in a frame what they are in a knot."""
+        if not self._loaded.scene.keys:
+            return True
+        one, other = (scene_at(self._loaded.scene, time_s) for time_s in (knot.plate.time_s, plate.time_s))
+        return all(getattr(one, name) == getattr(other, name) for name in _SETTINGS)
 
     def _at(self, before: _Knot, after: _Knot, plate: VideoFrame) -> FrameLight:
         """Return the light of a frame between two knots, or at one that is both."""
@@ -165,7 +180,7 @@ class LightKnots:
         sun = self._sun(before, after, plate, share, rotation)
         environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        shown = None if light.plate_map is None else plate_map(plate.pixels, rotation[1])
+        shown = None if light.plate_map is None else plate_map(self._ungraded(plate).pixels, rotation[1])
         return FrameLight(environment, shown, gain, knots)
 
     def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
