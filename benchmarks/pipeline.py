@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What compositing costs beside plain decoding and encoding, and how much memory it takes.
 
-    python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W] [--scene FILE]
+    python benchmarks/pipeline.py [rate] [memory] [--runs N] [--width W] [--frames N] [--scene FILE]
 
 rate: composite / plain transcode of one clip with the same settings, taken in turns; medians of the ratios of wall time
 and of processor time, children included; every run measures its first pass anew. Without a scene file: a sample dive
 with two whales that stand still, without and with a receiver; two whales that swim while the camera sinks, and twenty
-that swim, where little can be kept.
+that swim, where little can be kept. --frames: length of the sample dive; what a run costs once shows in short ones.
 memory: peak of a whole process over 120 and over 1200 frames.
 """
 
@@ -40,7 +40,9 @@ _OBJECTS: list[dict[str, Any]] = [
 
 _DEPTH_M = 4.0
 _SECONDS, _SINKS_M = 2.0, 1.0
-"""Length of the clip [s], and how far the camera sinks in it [m]."""
+"""Time [s] in which whales swim their way, and how far the camera sinks in it [m]; in longer clips it is all of it."""
+_FRAME_RATE = 24
+"""Frames a second of the sample dive."""
 
 
 def scene_of(folder: Path, receiver: bool = True) -> Scene:
@@ -57,11 +59,11 @@ def scene_of(folder: Path, receiver: bool = True) -> Scene:
     )
 
 
-def sinking_scene(folder: Path) -> Scene:
-    """Return the scene with two whales that swim while the camera sinks towards the floor."""
-    swimming = [_swimming(whale, forward_m) for whale, forward_m in zip(_OBJECTS, (1.6, -0.8), strict=True)]
+def sinking_scene(folder: Path, seconds: float = _SECONDS) -> Scene:
+    """Return the scene with two whales that swim while the camera sinks towards the floor, in some seconds."""
+    swimming = [_swimming(whale, forward_m, seconds) for whale, forward_m in zip(_OBJECTS, (1.6, -0.8), strict=True)]
     still = scene_of(folder)
-    depths = [[0.0, _DEPTH_M], [_SECONDS, _DEPTH_M + _SINKS_M]]
+    depths = [[0.0, _DEPTH_M], [seconds, _DEPTH_M + _SINKS_M]]
     return scene_from_dict(
         {
             "plate": str(still.plate.path), "camera": {"depth_m": _DEPTH_M, "depth_keys": depths},
@@ -71,8 +73,8 @@ def sinking_scene(folder: Path) -> Scene:
     )  # fmt: skip
 
 
-def crowded_scene(folder: Path) -> Scene:
-    """Return the scene with twenty small whales that swim, all round the camera, above a receiver."""
+def crowded_scene(folder: Path, seconds: float = _SECONDS) -> Scene:
+    """Return the scene with twenty small whales that swim some seconds, all round the camera, above a receiver."""
     school = []
     for number in range(20):
         yaw, far = 18.0 * number, 2.5 + 0.5 * (number % 5)
@@ -84,15 +86,15 @@ def crowded_scene(folder: Path) -> Scene:
             "position_m": [x, y, z],
             "rotation_deg": [40.0 * number, 3.0, 0.0],
         }
-        school.append(_swimming(placed, 0.8 if number % 2 else -0.8))
+        school.append(_swimming(placed, 0.8 if number % 2 else -0.8, seconds))
     tables = {"camera": {"depth_m": _DEPTH_M}, "water": {"type": "IB"}, "receiver": {"height_m": -3.5}}
     return scene_from_dict({"plate": "dive.mp4", "object": school, **tables}, folder)
 
 
-def _swimming(whale: dict[str, Any], along_m: float) -> dict[str, Any]:
-    """Return an object that moves to the right by some metres in the course of the clip."""
+def _swimming(whale: dict[str, Any], along_m: float, seconds: float) -> dict[str, Any]:
+    """Return an object that moves to the right by some metres in some seconds."""
     x, y, z = whale["position_m"]
-    keys = [{"time_s": 0.0, "position_m": [x, y, z]}, {"time_s": _SECONDS, "position_m": [x + along_m, y + 0.2, z]}]
+    keys = [{"time_s": 0.0, "position_m": [x, y, z]}, {"time_s": seconds, "position_m": [x + along_m, y + 0.2, z]}]
     return {**whale, "key": keys}
 
 
@@ -186,6 +188,7 @@ def main() -> None:
     parser.add_argument("sections", nargs="*", default=[], metavar="rate|memory")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--width", type=int, default=2048)
+    parser.add_argument("--frames", type=int, default=48)
     parser.add_argument("--scene", type=Path)
     given = parser.parse_args()
     for section in given.sections or ["rate", "memory"]:
@@ -194,7 +197,7 @@ def main() -> None:
             if section == "memory":
                 memory(Path(folder))
                 continue
-            for what, scene in measured_scenes(Path(folder), given.scene, given.width).items():
+            for what, scene in measured_scenes(Path(folder), given.scene, given.width, given.frames).items():
                 rate(scene, Path(folder), given.runs, what)
 
 
@@ -208,11 +211,12 @@ def measured_scenes(folder: Path, file: Path | None, width: int, frames: int = 4
         found = {"scene": scene.model_copy(update={"receiver": None})}
         return found | ({"scene with its receiver": scene} if scene.receiver is not None else {})
     uw.sample_dive(folder, width=width, frames=frames)
+    seconds = max(_SECONDS, frames / _FRAME_RATE)
     return {
         "standing still": scene_of(folder, receiver=False),
         "standing still, shadows": scene_of(folder),
-        "swimming, the camera sinks": sinking_scene(folder),
-        "twenty that swim": crowded_scene(folder),
+        "swimming, the camera sinks": sinking_scene(folder, seconds),
+        "twenty that swim": crowded_scene(folder, seconds),
     }
 
 

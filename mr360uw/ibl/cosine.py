@@ -44,21 +44,28 @@ class ZonalFilter:
         width, height = COLUMNS * scale, ROWS * scale
         # of directions (cos b sin a, sin b, -cos b cos a), the cosine with a normal is a sum of products over b and a
         columns, rows = width * samples, height * samples
-        longitude = 2.0 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)
+        # the world is its own mirror image about the normals' meridian, the middle of the first `scale` pixels
+        half = np.arange(scale // 2, scale // 2 + width // 2 + 1)
+        sampled = (half[:, None] + (np.arange(samples) + 0.5) / samples).ravel()
+        longitude = 2.0 * np.pi * (sampled / width - 0.5)
         latitude = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)
         solid_angle = row_solid_angle(columns, rows)
         normals = directions(COLUMNS, ROWS)[:, 0]
-        matrix = np.empty((ROWS, height, width), np.float64)
+        matrix = np.empty((ROWS // 2, height, width), np.float64)
         for row, normal in enumerate(normals[: ROWS // 2]):
             along = normal[0] * np.sin(longitude) - normal[2] * np.cos(longitude)
             values = kernel(np.outer(np.cos(latitude), along) + (normal[1] * np.sin(latitude))[:, None])
-            of_rows = values.reshape(rows, width, samples).sum(axis=2) * solid_angle[:, None]
-            matrix[row] = of_rows.reshape(height, samples, width).sum(axis=1)
-            matrix[ROWS - 1 - row] = matrix[row, ::-1]  # the mirror image of the normal sees that of the world
+            of_rows = values.reshape(rows, len(half), samples) @ np.ones(samples) * solid_angle[:, None]
+            of_half = of_rows.reshape(height, samples, len(half)).sum(axis=1)
+            matrix[row][:, half % width] = of_half
+            matrix[row][:, (scale - 1 - half) % width] = of_half
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)
         self.scale = scale
-        spectrum = np.conj(self._transform(np.moveaxis(matrix, 0, -1))).astype(np.complex64)
+        upper = np.conj(self._transform(np.moveaxis(matrix, 0, -1))).astype(np.complex64)
+        # below the equator, the mirror image of a normal sees that of the world
+        lower = upper.reshape(-1, ROWS // 2, height, scale)[:, ::-1, ::-1].reshape(upper.shape)
+        spectrum = np.concatenate([upper, lower], axis=1)
         self._spectrum = np.ascontiguousarray(np.moveaxis(spectrum, 1, 2))  # (frequency, source, result row)
 
     def _transform(self, maps: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
+from mr360uw.composite.ambient.pair_view import find_nearest_within
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
@@ -125,3 +126,15 @@ def test_rays_find_the_knot_with_the_largest_share(rng: np.random.Generator) -> 
     np.testing.assert_array_equal(knot, knots[np.arange(200), shares.argmax(axis=1)])
     np.testing.assert_allclose(distance, want)
     np.testing.assert_array_equal(behind, np.sum(scene.normals[met] * ray, axis=-1) > 0.0)
+
+
+def test_the_nearest_place_is_that_of_all_and_none_at_the_reach(rng: np.random.Generator) -> None:
+    """Points before, among and after the places in x; the same distances as those from every place."""
+    places, points = rng.normal(size=(200, 3)), 1.5 * rng.normal(size=(80, 3))
+    places = places[np.argsort(places[:, 0])]
+    every = np.sqrt(np.min(np.sum((points[:, None] - places) ** 2, axis=-1), axis=1))
+    found = np.empty(len(points))
+    for reach in (0.1, 0.5, 10.0):
+        find_nearest_within(points, places, reach, found)
+        assert 0 < np.count_nonzero(np.isfinite(found)) <= len(points)
+        np.testing.assert_allclose(found, np.where(every < reach, every, np.inf), rtol=tol.FLOAT64)

@@ -13,6 +13,7 @@ import av
 import pytest
 
 from mr360uw.video import create_video, open_video, transcode
+from mr360uw.video.read.probe import open_local, open_packets
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.write.other_tracks import later_timecode
 from tests.video.boxes import box, changed
@@ -70,6 +71,18 @@ def test_data_time_code_and_chapters_are_kept(tmp_path: Path, suffix: str) -> No
     with open_video(source) as video, create_video(tmp_path / f"b{suffix}", video) as out:
         assert out.notes == ()
         out.write(next(iter(video.frames())))
+
+
+def test_sound_and_data_are_opened_without_a_picture(tmp_path: Path) -> None:
+    """No picture is decoded, so that the format of its pixels is not known; all packets are those of the file."""
+    path = camera_clip(tmp_path)
+    with open_local(path) as whole, open_packets(path) as opened:
+        assert (whole.streams.video[0].pix_fmt, opened.streams.video[0].pix_fmt) == ("yuv420p", None)
+        assert [(s.type, s.time_base) for s in opened.streams] == [(s.type, s.time_base) for s in whole.streams]
+        sounds = [container.streams.audio[0].codec_context for container in (whole, opened)]
+        assert sounds[0].layout.name == sounds[1].layout.name
+        assert sounds[0].profile == sounds[1].profile == "LC"
+        assert [(p.dts, p.size) for p in opened.demux()] == [(p.dts, p.size) for p in whole.demux()]
 
 
 def test_a_part_takes_its_own(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ after the lights are known).
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -59,8 +58,8 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
     lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. tree: returns the k-d tree of the sites. Meshes of one `shape_key` share the
-    lattice, which is the key of all that their shape alone decides.
+    triangles for rays, and their numbers. along_x: (S, 3) places of the sites, ascending in x. Meshes of one
+    `shape_key` share the lattice, which is the key of all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -76,7 +75,7 @@ class Transfer:
     scene: RayScene
     solid: NDArray[np.int64]
     mesh: Mesh
-    tree: Callable[[], Any]
+    along_x: Floats
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_key`."""
@@ -130,13 +129,7 @@ def make_transfer(mesh: Mesh) -> Transfer:
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
     return Transfer(lattice, lookouts, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
-                    scene, solid, mesh, functools.cache(functools.partial(_tree, lattice.position)))  # fmt: skip
-
-
-def _tree(position: Floats) -> Any:
-    from scipy.spatial import cKDTree
-
-    return cKDTree(position)
+                    scene, solid, mesh, lattice.position[np.argsort(lattice.position[:, 0])])  # fmt: skip
 
 
 def _sites(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, Lookouts, Pairs]:

@@ -170,6 +170,35 @@ def _set_rays(begin: Any, found: Any, rows: Any, there: Any, ways: Any, origin: 
                 rays[n, c] = ways[k, found[1, n], c]
 
 
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+def find_nearest_within(points: Any, places: Any, reach: Any, distance: Any) -> None:
+    """Set the distances (n,) of points (n, 3) from the nearest of places (m, 3), infinite where it is `reach` or more.
+
+    places: ascending in x. They are tried from a point's own x on, both ways, while the difference in x allows.
+    """
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        low, high = 0, len(places)
+        while low < high:
+            middle = (low + high) // 2
+            if places[middle, 0] < x:
+                low = middle + 1
+            else:
+                high = middle
+        bound = reach * reach
+        best = bound
+        for step in (1, -1):
+            k = low if step == 1 else low - 1
+            while 0 <= k < len(places):
+                dx = places[k, 0] - x
+                if dx * dx >= best:
+                    break
+                dy, dz = places[k, 1] - y, places[k, 2] - z
+                best = min(best, dx * dx + dy * dy + dz * dz)
+                k += step
+        distance[n] = np.sqrt(best) if best < bound else np.inf
+
+
 def near_sites(transfer: Transfer, other: Transfer, pose: RelativePose) -> NDArray[np.float64] | None:
     """Return (S,) how far the sites of a mesh have passed from interpolating (0) to looking themselves (1); None where
     the bodies are so far apart that none has.
@@ -181,7 +210,8 @@ def near_sites(transfer: Transfer, other: Transfer, pose: RelativePose) -> NDArr
     part = np.zeros(len(position))
     close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
     there = (position[close] - pose.shift) @ np.linalg.inv(pose.linear).T
-    distance, _ = other.tree().query(there, distance_upper_bound=reach / pose.scale)
+    distance = np.empty(len(there))
+    find_nearest_within(there, other.along_x, reach / pose.scale, distance)
     t = np.clip((_INTERPOLATED - distance * pose.scale / spacing) / (_INTERPOLATED - _EXACT), 0.0, 1.0)
     part[close] = t * t * (3.0 - 2.0 * t)
     return part

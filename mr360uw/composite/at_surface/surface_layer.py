@@ -22,6 +22,7 @@ from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.at_surface.air_light import in_air
 from mr360uw.composite.at_surface.body_rays import first_surfaces
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
+from mr360uw.composite.at_surface.presence import object_presence, tops, visible
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_behind import SurfacePicture, blank_picture, laid_over
 from mr360uw.composite.at_surface.surface_images import Bodies, Images, LitBodies, PlainShadows, surface_images
@@ -65,7 +66,7 @@ def with_bodies(
     waves = cache.get("waves at the surface", (sea, time_s), lambda: SampledSea.of(sea, time_s))
     if not camera_in_water(shot, waves):
         return layer, None
-    highest_m = max((float(top) for top in _tops(shot)), default=-np.inf) - shot.view.surface_y_m
+    highest_m = max((float(top) for top in tops(shot)), default=-np.inf) - shot.view.surface_y_m
     dry = in_air(shot) if highest_m > waves.lowest_m else shot  # of what is wholly under water it is never asked for
     sides = WaterSides(shot, dry, waves, from_surface, True, shot.refractive_index)
     return cut_at_surface(sides, settings, layer, cache)
@@ -89,28 +90,11 @@ def cut_at_surface(
     """
     shot = sides.wet
     presence = object_presence(shot, settings)
-    near = tuple(o for o, share in zip(_visible(shot), presence, strict=True) if share > 0.0)
+    near = tuple(o for o, share in zip(visible(shot), presence, strict=True) if share > 0.0)
     if not near:
         return layer, None
     picture = _picture(sides, settings, layer, presence, near, cache)
     return (layer, None) if picture is None else (laid_over(shot, layer, picture), picture.kept)
-
-
-def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
-    """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
-    depth = shot.view.surface_y_m - _tops(shot)
-    if settings.objects == "all":
-        return np.ones(len(depth))
-    return np.clip(4.0 * (1.0 - depth / settings.within_m), 0.0, 1.0)
-
-
-def _tops(shot: Shot) -> Floats:
-    """Return the height (n,) [m] in the world of the highest point of each visible object."""
-    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in _visible(shot)])
-
-
-def _visible(shot: Shot) -> tuple[PlacedObject, ...]:
-    return tuple(placed for placed in shot.objects if placed.visible)
 
 
 def _picture(
@@ -162,7 +146,7 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> Bodies:
     key = shot.view.position.tobytes(), tuple((o.key, o.casts_shadow, o.visible) for o in shot.objects)
 
     def made() -> tuple[Geometry, RayScene, Blockers]:
-        geometry = gather(_visible(shot), shot.view.position)
+        geometry = gather(visible(shot), shot.view.position)
         return geometry, RayScene(geometry.positions), Blockers(shot)
 
     geometry, scene, blockers = cache.get("bodies at the surface", key, made)

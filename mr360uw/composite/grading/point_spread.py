@@ -112,11 +112,12 @@ def _rings(luma: Floats) -> Floats:
     i = np.tile(np.linspace(0, columns - BLOCK, along).astype(int), down)
     blocks = np.lib.stride_tricks.sliding_window_view(luma, (BLOCK, BLOCK))[j, i].astype(np.float64)
     window = np.outer(*[np.hanning(BLOCK + 2)[1:-1]] * 2)
-    waves = np.fft.fft2((blocks - blocks.mean((1, 2), keepdims=True)) * window)
+    waves = np.fft.rfft2((blocks - blocks.mean((1, 2), keepdims=True)) * window)
     power = (waves.real**2 + waves.imag**2).reshape(len(blocks), -1) / np.sum(window**2)
-    along_axis = np.fft.fftfreq(BLOCK) * BLOCK
-    ring = np.rint(np.hypot(along_axis[:, None], along_axis)).astype(int).ravel()
-    members = np.array([ring == n for n in range(1, BLOCK // 2)], float)
+    x, y = np.fft.rfftfreq(BLOCK) * BLOCK, np.fft.fftfreq(BLOCK) * BLOCK
+    ring = np.rint(np.hypot(y[:, None], x)).astype(int)
+    twice = np.where((x > 0) & (x < BLOCK // 2), 2.0, 1.0)  # with the conjugate wave, which is left out
+    members = np.array([((ring == n) * twice).ravel() for n in range(1, BLOCK // 2)])
     return power @ (members / members.sum(axis=1, keepdims=True)).T
 
 

@@ -5,7 +5,7 @@ Training spectra: veils and grey objects in the ten Jerlov types and in chloroph
 directions, each weighted by the inverse of its colour so that relative errors count. For given wavelengths the best
 non-negative weights of the sensor's curves are a least-squares problem with one solution. The wavelengths are found by
 moving one at a time, from several starts. Results for the built-in sensors are stored in data/fitted_bands.json, others
-in the user's cache directory.
+on the disk (`reading.disk_cache`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ import functools
 import hashlib
 import itertools
 import json
-import os
-import sys
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +25,7 @@ from mr360uw.medium.closed_form import closed_form
 from mr360uw.medium.jerlov import JERLOV_TYPES
 from mr360uw.medium.spectral.sensor import Sensor, illuminant
 from mr360uw.medium.water import Water
+from mr360uw.reading.disk_cache import kept_arrays
 
 Array = NDArray[np.float64]
 
@@ -51,11 +49,14 @@ def fitted_bands(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[f
             f"bands - the fitted rule has {FEWEST} to {MOST} bands (got {n}) - or take rule='rectangle'"
         )
     key = storage_key(n, sensor, illuminant_name, range_nm)
-    found = _stored().get(key) or _read_cache(key)
+    found = _stored().get(key)
     if found is None:
-        wavelength, weight = search(n, sensor, illuminant_name, range_nm)
-        found = {"wavelength_nm": wavelength.tolist(), "weight": np.round(weight, 7).tolist()}
-        _write_cache(key, found)
+
+        def searched() -> dict[str, Array]:
+            wavelength, weight = search(n, sensor, illuminant_name, range_nm)
+            return {"wavelength_nm": wavelength, "weight": np.round(weight, 7)}
+
+        found = kept_arrays("bands", [key], searched)
     # weights as exact as the sensor's curves allow: white stays white
     weight = np.asarray(found["weight"], np.float64)
     white = _white(sensor, illuminant_name, range_nm)
@@ -173,30 +174,3 @@ def storage_key(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[fl
 @functools.cache
 def _stored() -> dict[str, Any]:
     return json.loads((resources.files("mr360uw.medium") / "data" / "fitted_bands.json").read_text())
-
-
-def cache_directory() -> Path:
-    """Return the user's cache directory of this package; it need not exist."""
-    if os.environ.get("XDG_CACHE_HOME"):
-        return Path(os.environ["XDG_CACHE_HOME"]) / "mr360uw"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "mr360uw"
-    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache") / "mr360uw"
-
-
-def _read_cache(key: str) -> dict[str, Any] | None:
-    try:
-        return json.loads((cache_directory() / f"bands-{key}.json").read_text())
-    except (OSError, ValueError, RuntimeError):  # RuntimeError: a user without a home
-        return None
-
-
-def _write_cache(key: str, found: dict[str, Any]) -> None:
-    try:
-        path = cache_directory() / f"bands-{key}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}")
-        part.write_text(json.dumps(found))
-        part.replace(path)
-    except (OSError, RuntimeError):
-        return  # a cache that cannot be written costs the search again, nothing else

@@ -10,6 +10,7 @@ import numpy as np
 from mr360uw.cache import Cache, Same
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
+from mr360uw.composite.at_surface.presence import object_presence
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
@@ -27,13 +28,12 @@ def with_surface(
     settings = loaded.scene.surface
     if not loaded.plan.surface.runs or shot.medium is None or shot.view.depth_of(np.zeros(3)) <= 0.0:
         return layer, variables
-    from mr360uw.composite.at_surface.surface_layer import object_presence, with_bodies
-
     if not np.any(object_presence(shot, settings) > 0.0):
         return layer, variables
     sea, at_surface = loaded.scene.sea, _table_at_surface(loaded, shot.medium, time_s, kept)
     if at_surface is None:
         return layer, variables
+    from mr360uw.composite.at_surface.surface_layer import with_bodies
 
     def drawn() -> tuple[Layer, Floats | None]:
         stack = None if shot.caustics is None else backend.download(shot.caustics)

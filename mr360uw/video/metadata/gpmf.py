@@ -16,14 +16,14 @@ def gpmf_payloads(path: str | Path) -> bytes:
     """
     import av.error
 
-    from mr360uw.video.read.probe import check_file, open_local
+    from mr360uw.video.read.probe import check_file, open_packets
 
     path = Path(path)
     if path.suffix.lower() in (".bin", ".gpmf"):
         return read_data(path, VideoError)
     check_file(path)
     try:
-        with open_local(path) as container:
+        with open_packets(path) as container:
             tracks = [s for s in container.streams if s.type == "data" and "GoPro MET" in str(s.metadata)]
             if tracks:
                 return b"".join(bytes(packet) for packet in container.demux(tracks[0]) if packet.size)

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import av
+import av.codec.codec
 import av.error
 import av.stream
 
@@ -30,6 +32,29 @@ _COPY_AGAIN = "copy it again; a recording that was interrupted needs a repair to
 def open_local(path: Path) -> Any:
     """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`."""
     return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO)
+
+
+def open_packets(path: Path) -> Any:
+    """Return FFmpeg's container of a file whose sound or data are copied; raise `FFmpegError` or `OSError`.
+
+    It opens no decoder of pictures: `open_local` decodes a first picture, which takes 20 ms at 2048 x 1024.
+    """
+    options = {**_LOCAL_VIDEO, "codec_whitelist": _decoders_without_pictures()}
+    return av.open(f"file:{path}", metadata_errors="replace", options=options)
+
+
+@functools.cache
+def _decoders_without_pictures() -> str:
+    """Return FFmpeg's names of all decoders but those of pictures, separated by commas."""
+    return ",".join(name for name in sorted(av.codecs_available) if _decodes(name) not in ("video", ""))
+
+
+def _decodes(name: str) -> str:
+    """Return what a codec decodes, such as "audio"; "" where it encodes alone."""
+    try:
+        return str(av.Codec(name, "r").type)
+    except av.codec.codec.UnknownCodecError:
+        return ""
 
 
 def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -> Any:

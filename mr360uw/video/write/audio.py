@@ -15,7 +15,7 @@ import av
 import av.error
 
 from mr360uw.errors import VideoError
-from mr360uw.video.read.probe import open_local
+from mr360uw.video.read.probe import open_packets
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 """FFmpeg's names of the kinds of output, by suffix."""
@@ -27,7 +27,7 @@ def check_sound(source: Path, target: Path) -> None:
     """Raise `VideoError` where the kind of output that `target` names cannot hold the sound of `source`."""
     if _holds(source, target.suffix.lower()):
         return
-    with open_local(source) as container:
+    with open_packets(source) as container:
         kinds = sorted({_described(stream) for stream in container.streams.audio})
     others = [suffix for suffix in _ADVISED if _holds(source, suffix)]
     better = f"write {' or '.join(others)}, or set output.sound = false" if others else "set output.sound = false"
@@ -43,7 +43,7 @@ def _holds(source: Path, suffix: str) -> bool:
     """
     try:
         with ExitStack() as closing:
-            container = closing.enter_context(open_local(source))
+            container = closing.enter_context(open_packets(source))
             trial = closing.enter_context(av.open(io.BytesIO(), "w", format=CONTAINERS[suffix]))
             streams = {s.index: trial.add_stream_from_template(s) for s in container.streams.audio}
             trial.start_encoding()
@@ -71,7 +71,7 @@ class TrackCopy:
 
     def __init__(self, source: Path, target: Any, tracks: tuple[int, ...] | None = None) -> None:
         self._closing = ExitStack()
-        self._container = self._closing.enter_context(open_local(source))
+        self._container = self._closing.enter_context(open_packets(source))
         self._target = target
         self._streams: dict[int, Any] = {}
         streams = self._container.streams

@@ -20,7 +20,7 @@ import av.error
 from mr360uw.video.clip import Clip, not_copied
 from mr360uw.video.metadata.mp4 import Box, read_moov
 from mr360uw.video.metadata.spatial_audio import read_spatial
-from mr360uw.video.read.probe import open_local
+from mr360uw.video.read.probe import open_packets
 
 _MADE_ANEW = (b"tmcd", b"text")
 """Kinds of tracks that FFmpeg writes from the time code and the chapters."""
@@ -57,7 +57,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
         spatial = ()
     if not wanted or not like.pixel_format or not like.path.is_file():
         return OtherTracks(spatial=spatial, notes=tuple(notes))
-    with open_local(like.path) as container:
+    with open_packets(like.path) as container:
         data = [(s.index, s.id, boxes and _holds(kind, s)) for s in container.streams if s.type == "data"]
         found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
         chapters = _moved(container.chapters(), like, frames)
