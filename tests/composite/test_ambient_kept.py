@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient import pair_view
+from mr360uw.composite.ambient.among import pair_view
 from mr360uw.composite.ambient.light import ambient_layout, ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mr360uw.composite.ambient.among.pair_view import find_nearest_within
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
-from mr360uw.composite.ambient.pair_view import find_nearest_within
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.body_looks import body_views
+from mr360uw.composite.ambient.among.body_looks import body_views
+from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.body_view import Body, BodyView
 from mr360uw.composite.ambient.mesh_transfer import make_transfer, shape_key
 from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
@@ -24,7 +25,6 @@ from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES,
 from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
-from mr360uw.composite.ambient.relative_pose import rounded
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 

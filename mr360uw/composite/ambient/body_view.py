@@ -10,12 +10,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.among.pair_view import PairView
+from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.directions import COUNT
 from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer
 from mr360uw.composite.ambient.on_ground.ground_view import NODES, Ground
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
-from mr360uw.composite.ambient.pair_view import PairView
-from mr360uw.composite.ambient.relative_pose import rounded
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.on_ground.light_table import glow_table
 from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
 from mr360uw.composite.ambient.on_ground.sky_weights import weights_of
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept, nothing_swept, sweep_field
-from mr360uw.composite.ambient.relative_pose import rounded
 from mr360uw.types import Floats
 
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.among.pair_view import Pair, PairView, may_show, near_sites, pair_views, share_shown
+from mr360uw.composite.ambient.among.relative_pose import RelativePose, relative_pose
 from mr360uw.composite.ambient.body_view import Body, BodyView, outlook
 from mr360uw.composite.ambient.lobe_occlusion import met_by
 from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.composite.ambient.pair_view import Pair, PairView, may_show, near_sites, pair_views, share_shown
-from mr360uw.composite.ambient.relative_pose import RelativePose, relative_pose
 from mr360uw.types import Floats
 
 

@@ -15,9 +15,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.among.relative_pose import RelativePose
 from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
-from mr360uw.composite.ambient.relative_pose import RelativePose
 from mr360uw.types import Floats
 
 _UNNOTICED, _NOTICED = 0.004, 0.008
