@@ -124,15 +124,23 @@ def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ())
     """Return the environment of a coarse map (128, 256, 3) without the sun, and of the sun."""
     ambient = cosine_filter(COARSE_SCALE)(coarse)
     residual = reduce_map(coarse, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS)
+    radiance, irradiance = with_sunlight(residual, ambient, sun)
     return Environment(
-        radiance=residual if sun is None else with_sun(residual, sun),
-        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
+        radiance=radiance,
+        irradiance=irradiance,
         sun=sun,
         residual=residual,
         ambient=ambient,
         glossy=glossy_levels(coarse, roughness),
         glossy_roughness=np.asarray(roughness, np.float32),
     )
+
+
+def with_sunlight(residual: Floats, ambient: Floats, sun: Sun | None) -> tuple[Floats, Floats]:
+    """Return the maps of radiance and irradiance (H, W, 3) of `residual` and `ambient`, which lack the sun, with it."""
+    if sun is None:
+        return residual, ambient
+    return with_sun(residual, sun), ambient + cosine_beam(sun.direction, sun.irradiance)
 
 
 def light_between(before: Environment, after: Environment, share: float, sun: Sun | None) -> Environment:
@@ -148,10 +156,11 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
             (before.glossy, after.glossy),
         )
     )
+    radiance, irradiance = with_sunlight(residual, ambient, sun)
     return replace(
         before,
-        radiance=residual if sun is None else with_sun(residual, sun),
-        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
+        radiance=radiance,
+        irradiance=irradiance,
         sun=sun,
         residual=residual,
         ambient=ambient,

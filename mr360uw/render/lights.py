@@ -23,15 +23,15 @@ from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
-from mr360uw.ibl.cosine import cosine_beam, cosine_filter
+from mr360uw.ibl.cosine import cosine_filter
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
+from mr360uw.ibl.lighting import with_sunlight
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.given import given_direction
-from mr360uw.ibl.sun.split import with_sun
 from mr360uw.ibl.sun.words import sun_in_words
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
@@ -120,9 +120,8 @@ class LightReader:
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
         lit = self._water_colored(found, found.sun, world_from_camera[1])
-        cosine = np.maximum(directions(*found.ambient.shape[1::-1]) @ lit.direction, 0.0)[..., None]
-        whole = found.ambient + (cosine * lit.irradiance).astype(np.float32)
-        return replace(found, radiance=with_sun(found.residual, lit), sun=lit, irradiance=whole)
+        radiance, irradiance = with_sunlight(found.residual, found.ambient, lit)
+        return replace(found, radiance=radiance, irradiance=irradiance, sun=lit)
 
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
@@ -235,10 +234,11 @@ def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: 
     residual = (light.residual + radiance).astype(np.float32)
     ambient = (light.ambient + irradiance).astype(np.float32)
     roughness = tuple(float(r) for r in light.glossy_roughness)
+    shown, received = with_sunlight(residual, ambient, sun)
     return replace(
         light,
-        radiance=residual if sun is None else with_sun(residual, sun),
-        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
+        radiance=shown,
+        irradiance=received,
         sun=sun,
         residual=residual,
         ambient=ambient,

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.composite.gl.caster_grid import CELLS, make_caster_grid
+from mr360uw.composite.gl.caster_grid import CELLS, HALF_BITS, make_caster_grid
 from mr360uw.composite.gl.shadow_atlas import Atlas, LightFrame
 from mr360uw.composite.lighting.sun import sun_of, sun_up, widest_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.sphere import basis
 from mr360uw.types import Floats, Sun
 
-MAXIMUM_SLOTS = 30
+MAXIMUM_SLOTS = 2 * HALF_BITS
 """Most slots of the sun; the last holds all further bodies. The shader keeps slots as the bits of an integer."""
 _STEPS = 64.0
 """Slots are drawn along the sun's direction rounded to 1/64 in each component, within 0.8 degrees of it, so that those

@@ -3,7 +3,7 @@
 
 A sun that is followed over the clip keeps its own values in every frame. Frames whose light is not between that of the
 knots, as about a flash, a step of the exposure or a cut, are measured too: the irradiance of the six faces of a cube
-shows it, summed over every eighth row of the plate. Frame k is the same in every run, since knots are numbered from the
+shows it, summed over some of the rows of the plate. Frame k is the same in every run, since knots are numbered from the
 start of the clip: a range reads the knot before its first frame and that after its last one.
 """
 
