@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import BackendOption
 from mr360uw.errors import Mr360uwError
 
@@ -19,9 +20,13 @@ _NEEDED = ("nicegui", "tomlkit")
 
 
 def tune(
-    source: Annotated[Path, typer.Argument(metavar="SCENE_OR_VIDEO", help="scene file (TOML), or a 360 plate")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SCENE_OR_VIDEO", help="scene file (TOML), or a 360 plate"), Role.READ
+    ],
     mesh: Annotated[
-        Path | None, typer.Argument(help="with a plate: glTF, OBJ, PLY or STL; a scene is written as `new` does")
+        Path | None,
+        typer.Argument(help="with a plate: glTF, OBJ, PLY or STL; a scene is written as `new` does"),
+        Role.READ,
     ] = None,
     port: Annotated[int | None, typer.Option(help="default: 8360, or a free one", show_default=False)] = None,
     host: Annotated[

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import html
+import itertools
 import secrets
 import socket
 import sys
@@ -91,7 +92,8 @@ def serve(
         listening.close()
         private.cleanup()
         if document.dirty:
-            path = document.path.with_suffix(".unsaved.toml")
+            names = (document.path.with_suffix(f".unsaved{number or ''}.toml") for number in itertools.count())
+            path = next(name for name in names if not name.exists() and not name.is_symlink())
             write_whole(path, document.text)
             tell(f"changes that were not saved are in {path}")
 
