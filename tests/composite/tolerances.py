@@ -172,3 +172,5 @@ PATCH_NUMBER = 0.02
 GRADED_RENDER = 0.002
 """Codes of a composite in a graded plate of floats against the grade of the composite: half an 8-bit code, of light that
 is read through tables of float32, and of devices that cut it to halves."""
+TRIM = 2e-3
+"""Light of a body with a trim of two stops: layers of half floats, at light below 2."""
