@@ -108,7 +108,7 @@ def _floor_of(track: Path) -> float | None:
     try:
         floor = json.loads(table.read_text("utf-8"))["floor"]
         return None if floor is None else float(floor["height_m"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
 
 

@@ -19,6 +19,9 @@ from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import write_picture
 
+_LATEST_S = 1e6
+"""Largest time within a clip [s]: eleven days."""
+
 
 def render_still(
     scene: Scene,
@@ -50,6 +53,8 @@ def still_of(
     if frame is not None and time_s is not None:
         raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
     index = frame or 0
+    if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
+        raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
     if time_s is not None:
         index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
     picture = live.frame(scene, index).picture

@@ -12,6 +12,7 @@ import functools
 import hashlib
 import io
 import os
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -110,8 +111,11 @@ def read_arrays(path: Path) -> Arrays | None:
         os.utime(path)
     except OSError:
         return None
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return dict(arrays)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile):  # a file of another kind under a right hash
+        return None
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:

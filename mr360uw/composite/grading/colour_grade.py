@@ -113,8 +113,11 @@ class ColourGrade:
         return self._through(linear, spec, laid_on=True)
 
     def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
-        """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`."""
-        return self._through(linear, spec, laid_on=False)
+        """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`.
+
+        Codes below black, which a grade cannot have made of any light, show none.
+        """
+        return np.maximum(self._through(linear, spec, laid_on=False), np.float32(0.0))
 
     def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
         from mr360uw.composite.grading.grade_tables import BRIGHTEST
