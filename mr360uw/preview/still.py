@@ -11,6 +11,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
+from mr360uw.reading.files_read import files_read
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoFrame
@@ -79,7 +80,9 @@ def save_still(
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
-    picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    with files_read() as read:
+        picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    check_outputs([path], inputs=read, overwrite=overwrite)  # textures and the like, which only meshes name
     with open_plate(scene) as plate:
         write_picture(path, whole_frame(picture, plate.stereo))
 

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from mr360uw.cli.arguments import frame_range
-from mr360uw.composite.grading.colour_grade import NO_GRADE
-from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.errors import ParameterError
 from mr360uw.reading.disk_cache import read_arrays
 from tests.composite.gltf_files import one_square
@@ -115,17 +113,6 @@ def test_words_of_the_command_line(bench: Bench) -> None:
     pytest.importorskip("distributed", reason="needs the extra farm")
     for address in ("ucx://localhost:8786", "inproc://x"):
         bench.refuses("composite", "scene.toml", "out.png", "--dask", address, says=("--dask", address))
-
-
-def test_no_grade_makes_light_negative() -> None:
-    """A plate below its own black under the steepest legal grade: dark, not -358."""
-    from mr360uw.color import ColorSpec
-
-    given = MatchSettings(black=0.5, white=0.75, gamma=0.3, contrast=0.3, saturation=0.1).colour_over(NO_GRADE)
-    plate = np.random.default_rng(1).random((8, 8, 3)).astype(np.float32)
-    light = given.take_off(plate, ColorSpec())
-    assert np.all(np.isfinite(light))
-    assert light.min() >= 0.0
 
 
 def test_a_kept_file_of_another_kind_under_a_right_hash_is_made_anew(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ class ColourGrade:
 
         Codes below black, which a grade cannot have made of any light, show none.
         """
-        return np.maximum(self._through(linear, spec, laid_on=False), np.float32(0.0))
+        return self._through(linear, spec, laid_on=False)
 
     def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
         from mr360uw.composite.grading.grade_tables import BRIGHTEST
@@ -129,7 +129,7 @@ class ColourGrade:
             changed = decode_signal(change(encode_signal(light, own), luma_weights_of(own)), own)
         else:
             changed = _tables(self, own, laid_on)(light)
-        return np.asarray(in_rec709(changed, own), np.float32)
+        return np.asarray(in_rec709(changed if laid_on else np.maximum(changed, 0.0), own), np.float32)
 
     def saturation_matrix(self, weights: Floats) -> Floats:
         """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""

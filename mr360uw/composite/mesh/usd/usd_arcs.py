@@ -8,6 +8,7 @@ composing them takes the memory at once.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 _DEEPEST = 200
@@ -20,33 +21,44 @@ def composed_prims(layers: Sequence[Any]) -> int:
 
     Every reference, payload, inherited and specialised prim and every variant counts, as if all were shown.
     """
-    by_name = {layer.identifier: layer for layer in layers}
-    known: dict[tuple[str, Any], int] = {}
+    arcs = _Arcs({layer.identifier: layer for layer in layers}, {})
+    return min(sum(arcs.count(layer, prim, 0) for layer in layers for prim in layer.rootPrims), ENDLESS)
 
-    def count(layer: Any, prim: Any, depth: int) -> int:
+
+@dataclass(frozen=True, slots=True)
+class _Arcs:
+    """Counts what prims compose to. layers: by their identifier; known: numbers by layer and path."""
+
+    layers: dict[str, Any]
+    known: dict[tuple[str, Any], int]
+
+    def count(self, layer: Any, prim: Any, depth: int) -> int:
+        """Return the number of prims that one composes to, itself included."""
         key = layer.identifier, prim.path
-        if key not in known:
-            known[key] = 0  # of a circle, which USD leaves out
-            known[key] = ENDLESS if depth > _DEEPEST else 1 + sum(count(*one, depth + 1) for one in parts(layer, prim))
-        return min(known[key], ENDLESS)
+        if key not in self.known:
+            self.known[key] = 0  # of a circle, which USD leaves out
+            below = (
+                ENDLESS if depth > _DEEPEST else sum(self.count(*one, depth + 1) for one in self._parts(layer, prim))
+            )
+            self.known[key] = min(1 + below, ENDLESS)
+        return self.known[key]
 
-    def parts(layer: Any, prim: Any) -> Iterator[tuple[Any, Any]]:
+    def _parts(self, layer: Any, prim: Any) -> Iterator[tuple[Any, Any]]:
+        """Yield the prims, each with its layer, that one consists of or refers to."""
         yield from ((layer, child) for child in prim.nameChildren)
         for choices in prim.variantSets.values():
             yield from ((layer, variant.primSpec) for variant in choices.variants.values())
         for arc in (*prim.referenceList.GetAddedOrExplicitItems(), *prim.payloadList.GetAddedOrExplicitItems()):
             place = layer.ComputeAbsolutePath(arc.assetPath) if arc.assetPath else layer.identifier
-            yield from target(by_name.get(place), arc.primPath)
+            yield from self._target(self.layers.get(place), arc.primPath)
         for path in (*prim.inheritPathList.GetAddedOrExplicitItems(), *prim.specializesList.GetAddedOrExplicitItems()):
-            yield from target(layer, path)
+            yield from self._target(layer, path)
 
-    def target(layer: Any, path: Any) -> Iterator[tuple[Any, Any]]:
+    def _target(self, layer: Any, path: Any) -> Iterator[tuple[Any, Any]]:
         if layer is not None:
             found = layer.GetPrimAtPath(path) if not path.isEmpty else layer.rootPrims.get(layer.defaultPrim)
             if found is not None:
                 yield layer, found
-
-    return min(sum(count(layer, prim, 0) for layer in layers for prim in layer.rootPrims), ENDLESS)
 
 
 def clip_assets(layer: Any) -> list[str]:
