@@ -125,7 +125,8 @@ def composite_video(
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
     each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
-    there is a first pass. report: file that the report is written to as JSON. tell: gets a line on the time and the disk space that a long run will take.
+    there is a first pass. report: file that the report is written to as JSON. tell: gets a line on the time and the
+    disk space that a long run will take.
 
     Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.

@@ -23,8 +23,8 @@ from mr360uw.video.write.segment import Segment
 class Output:
     """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
 
-    path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report: file
-    of the run's report, or None.
+    path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report:
+    file of the run's report, or None.
     """
 
     path: Path

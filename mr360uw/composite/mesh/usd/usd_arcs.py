@@ -37,10 +37,9 @@ class _Arcs:
         key = layer.identifier, prim.path
         if key not in self.known:
             self.known[key] = 0  # of a circle, which USD leaves out
-            below = (
-                ENDLESS if depth > _DEEPEST else sum(self.count(*one, depth + 1) for one in self._parts(layer, prim))
-            )
-            self.known[key] = min(1 + below, ENDLESS)
+            parts = self._parts(layer, prim) if depth <= _DEEPEST else ()
+            below = sum(self.count(*one, depth + 1) for one in parts)
+            self.known[key] = min(1 + below, ENDLESS) if depth <= _DEEPEST else ENDLESS
         return self.known[key]
 
     def _parts(self, layer: Any, prim: Any) -> Iterator[tuple[Any, Any]]:
