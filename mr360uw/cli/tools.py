@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -43,7 +43,7 @@ def analyse(
     from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
 
-    of_eye = None if eye is None else eye.value
+    of_eye: Literal["left", "right"] | None = None if eye is None else eye.value
     in_air = video.suffix.lower() != ".toml" and not look_at_plate(video, of_eye).medium.underwater
     with terminal_progress() as progress:
         written = analyse_video(video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress)

@@ -50,7 +50,7 @@ def environment(
 
     settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
     already. sun: "detect" follows `settings.sun`: by default the sun is detected, inside Snell's window if
-    `underwater`, and left in the sky as far as the confidence is too low; a direction (3,) as seen by the camera measures
+    `underwater`, and left in the sky as far as the confidence is low; a direction (3,) as seen by the camera measures
     the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
     residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
     default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which

@@ -64,7 +64,8 @@ class LightSettings(Parameters):
         0.0, "compass heading of the frame's centre, 0 = north, + = east", unit="deg", low=-360.0, high=360.0
     )
     minimum_confidence: float = parameter(
-        0.5, "confidence at which half of a detected sun's light is taken for its beam; from half of it on some is", unit="1", low=0.0, high=1.0,
+        0.5, "confidence at which half a detected sun's light is its beam: from half of it some, at 1.5 times it all",
+        unit="1", low=0.0, high=1.0,
         fixed="one holds for the clip's whole track",
     )  # fmt: skip
     white_cd_m2: float = parameter(

@@ -37,8 +37,8 @@ def analyse_video(
     """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
 
     source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
-    source is no scene file. in_air: without water, where it is none. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
-    `SceneError`, `ParameterError` or `OutputExistsError`.
+    source is no scene file. in_air: whether it then is a plate without water. out: the page; the track goes beside it
+    as .sun.json and .sun.csv. Raises `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.level.horizon import estimate_horizon
     from mr360uw.ibl.report import Snapshot, level_section, light_report

@@ -27,8 +27,8 @@ from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
-from mr360uw.ibl.sun.glitter import glitter_middle
 from mr360uw.ibl.sun.evidence import ground_ratio
+from mr360uw.ibl.sun.glitter import glitter_middle
 from mr360uw.ibl.sun.glow import find_glow
 from mr360uw.ibl.sun.judge import Disc, Scene
 from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
@@ -105,10 +105,10 @@ def _by_glow(scene: Scene, spots: list[Blob], best: Disc | None) -> Disc | None:
     if best is not None and best.confidence > _LIKELY:
         return best
     near = brightness(scene.plate.look(patch_directions(glow.direction, _GLOW_RAD, 9)))
-    blob = examine(scene.plate, glow.direction, scene.lowest_sine, white=min(float(near.max()), 1.0))
-    if blob is None:
+    there = examine(scene.plate, glow.direction, scene.lowest_sine, white=min(float(near.max()), 1.0))
+    if there is None:
         return best
-    pointed = replace(blob, direction=glow.direction, clipped=True, sharp=False)
+    pointed = replace(there, direction=glow.direction, clipped=True, sharp=False)
     return _surer(best, scene.judge(pointed, by_glow=True))
 
 

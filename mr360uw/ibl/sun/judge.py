@@ -172,7 +172,9 @@ class Scene:
         angle = math.acos(min(max(float(self.glow.direction @ blob.direction), -1.0), 1.0))
         there = falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
         away = (1.0 - there) * falling(self.glow.explained, 0.45, 0.2) * (1.0 - self.lit)
-        reason = f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
+        reason = (
+            f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
+        )
         return 1.0 - away, reason
 
 
