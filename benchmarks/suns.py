@@ -263,7 +263,7 @@ def verdict(count: int = 60) -> None:
     """Print how many visible suns are used, by half of their light or more, and how many are claimed in vain."""
     print("Suns of maps (five exposures, 8 bit, and unclipped), photographs (three turns) and dives of ten waters")
     print(f"(targets: used 95 %, claimed 3 %; used: within {_NEAR_DEG:g} degrees of the truth. Halves by the CRC-32 of")
-    print("the name, exposure and turn included; the doubt of a half was chosen on the first)")
+    print("the name, exposure and turn included. Kinds and scales of evidence were found on plates of both halves)")
     tally: dict[tuple[str, bool, int], list[float]] = {}
     for name, plate, place, underwater in cases(count):
         found = find_disc(LinearPlate.of(plate), underwater=underwater)
@@ -284,7 +284,7 @@ def verdict(count: int = 60) -> None:
             hits = sum(every) if sun else len(every) - sum(every)
             cells.append(f"{hits:g} of {len(every)}, {100.0 * hits / max(len(every), 1):.1f} %")
         rows.append((where, *cells))
-    table(("", "chosen on: used", "claimed", "reported: used", "claimed"), rows)
+    table(("", "first half: used", "claimed", "second half: used", "claimed"), rows)
 
 
 SECTIONS: dict[str, Callable[..., None]] = {

@@ -18,9 +18,9 @@ from mr360uw.ibl.sun.evidence import shown_ratio
 from mr360uw.ibl.sun.judge import Disc
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.medium import Sensor
-from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from tests.ibl.plates import clipped
-from tests.ibl.tolerances import FLOAT32_TWIN, RATIO_EXPOSURE, SUN_COLOR
+from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, RATIO_EXPOSURE, SUN_COLOR
 
 PLACE = direction_from_angles(0.6, 0.9)
 GLOW = direction_from_angles(0.6, np.radians(6.0))
@@ -104,6 +104,23 @@ def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
     assert shaded is not None
     assert sunlit.confidence >= 0.5 > shaded.confidence
     assert np.degrees(np.arccos(sunlit.blob.direction @ PLACE)) < 10.0
+
+
+def test_a_sun_in_doubt_gives_a_share_of_its_light() -> None:
+    """From none to all with the confidence that is asked for, smoothly; what is not the beam's stays in the sky."""
+    plate = day(40.0, 3.0, exposure=0.13)
+    total = ibl.environment(plate, expansion="none", sun=None).residual
+    area = row_solid_angle(64, 32)[:, None, None]
+    shares = []
+    for minimum in (0.0, 0.45, 0.5, 0.55, 0.6, 1.0):
+        light = ibl.environment(plate, LightSettings(operator="none", minimum_confidence=minimum))
+        beam = np.zeros(3) if light.sun is None else light.sun.irradiance
+        whole = (light.residual * area).sum(axis=(0, 1)) + beam
+        np.testing.assert_allclose(whole, (total * area).sum(axis=(0, 1)), rtol=ENERGY_FLOAT32)
+        shares.append(float(luminance(beam)))
+    assert shares == sorted(shares, reverse=True)
+    assert 0.0 < shares[3] < shares[1] <= shares[0]
+    assert np.abs(np.diff(shares[1:4])).max() < 0.4 * shares[0]
 
 
 def dusk(gap: np.ndarray, ground: float) -> Disc:

@@ -35,8 +35,8 @@ from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.types import Floats
 
 _DOUBT = (0.2, 1.0)
-"""Doubt up to which a spot surely is a sun, and from which it is none: about 0.6, which tells most plates of one half
-of `benchmarks/suns.py verdict` apart; any middle from 0.5 to 0.7 does."""
+"""Doubt up to which a spot surely is a sun, and from which it is none. The middle lies in the gap between the suns of
+`benchmarks/suns.py verdict` and most of what is none there."""
 _WIDEST_SUN_DEG = (8.0, 15.0)
 """Radius [deg] of an unclipped spot up to which it may be a sun, and from which it is a bright part of the sky."""
 _WIDEST_GLARE_DEG = (5.0, 18.0)
