@@ -156,6 +156,6 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
     if loaded.plan.sun.runs and loaded.scene.light.sun == "detect":
         frame = next(iter(video.frames(0, 1)))
         frame = frame.graded_by(clip_colour(loaded, look))
-        lines.append(f"light     first frame: {loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)}")
+        lines.append(f"light     first frame: {loaded.surroundings.light.sun_found(frame.pixels, frame.time_s).words}")
     lines += [f"look      {line}" for line in (() if look is None else look.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])
