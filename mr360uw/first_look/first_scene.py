@@ -12,6 +12,7 @@ from mr360uw.errors import OutputExistsError, ParameterError, SceneError, VideoE
 from mr360uw.files import write_whole
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.panorama import Eye
+from mr360uw.first_look.placing import Wish
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import found_lines, scene_lines
@@ -44,6 +45,7 @@ def make_first_scene(
     mesh: Path,
     out: Path | None = None,
     *,
+    wish: Wish = Wish(),
     track: Path | None = None,
     eye: Eye | None = None,
     overwrite: bool = False,
@@ -52,14 +54,14 @@ def make_first_scene(
 ) -> FirstScene:
     """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
 
-    track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
+    wish: for its place. track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
     one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
     `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
-    chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
+    chosen = replace(propose(plate, seen, wish, None if track is None else _floor_of(track)), track=track)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
@@ -72,7 +74,7 @@ def make_first_scene(
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
     lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
-    view = f"{chosen.azimuth_deg:g},{chosen.elevation_deg:g},75"
+    view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
     commands = (
         f"next:     mr360uw composite {path} {path.with_suffix(f'.composite{suffix}').name}",
         f"or:       mr360uw still {path} look.png --view {view}",

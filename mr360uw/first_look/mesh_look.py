@@ -30,8 +30,6 @@ _LONG = 0.8
 """Length over width from which a body counts as long, so that its thicker end may be a head."""
 _THICKER = 0.4
 """Logarithm of the ratio of cross-sections near both ends from which one is the thicker."""
-_FOOT = 0.03
-"""Height of the foot over the file's origin, over the body's height, below which it was made to stand there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,9 @@ def look_at_mesh(path: Path, *, outside_files: bool = False) -> MeshLook:
     size, why = _size(kind, longest)
     front, why_front, long = _front(mesh, kind)
     x, y, z = (mesh.extent_m / longest).tolist()
-    return MeshLook(path, kind, size, why, (x, y, z), front, why_front, long, _habit(mesh, kind), tinted, clips)
+    return MeshLook(
+        path, kind, size, why, (x, y, z), front, why_front, long, kind.habit if kind else "stands", tinted, clips
+    )
 
 
 def _size(kind: Kind | None, units: float) -> tuple[float, str]:
@@ -76,13 +76,6 @@ def _size(kind: Kind | None, units: float) -> tuple[float, str]:
         if low <= size <= high:
             return float(f"{size:.3g}"), f"its {units:.3g} units are {name}"
     return typical, f"its {units:.3g} units fit no unit for {what}, so a typical size"
-
-
-def _habit(mesh: Mesh, kind: Kind | None) -> Habit:
-    if kind is not None:
-        return kind.habit
-    foot = float(mesh.center_m[1] - 0.5 * mesh.extent_m[1])
-    return "stands" if abs(foot) < _FOOT * float(mesh.extent_m[1]) else "swims"
 
 
 def _front(mesh: Mesh, kind: Kind | None) -> tuple[Front, str, bool]:
