@@ -62,8 +62,8 @@ def seen(live: LivePreview, scene: Scene, ray: np.ndarray, wide_deg: float, widt
     yaw, pitch = np.degrees([np.arctan2(middle[0], -middle[2]), np.arctan2(middle[1], np.hypot(middle[0], middle[2]))])
     both = []
     for fov in (ORDINARY_DEG, min(max(CLOSE * wide_deg, 8.0), 100.0)):
-        view = look(light, Perspective(float(yaw), float(pitch), fov, *VIEW))
-        both.append(np.round(255.0 * encode(np.clip(exposure * view, 0.0, 1.0), "srgb")).astype(np.uint8)[..., ::-1])
+        view = look(np.clip(exposure * light, 0.0, 1.0), Perspective(float(yaw), float(pitch), fov, *VIEW))
+        both.append(np.round(255.0 * encode(np.minimum(view, 1.0), "srgb")).astype(np.uint8)[..., ::-1])
     return np.concatenate(both)
 
 
@@ -96,9 +96,11 @@ def main() -> None:
             same = wet == (given.water in str(plate.relative_to(given.plates)))
             right, count = right + same, count + 1
             elevation = np.degrees(np.arcsin(ray[:, 1]))
-            print(f"{plate.name} + {mesh.name}: {'water' if wet else 'air'} {'right' if same else 'WRONG'}, {widest:.0f}"
-                  f" deg wide, from {elevation.min():.0f} to {elevation.max():.0f} deg, "
-                  f"{time.process_time() - started:.1f} s of processor", *made.lines, sep="\n    ", flush=True)  # fmt: skip
+            told = f"{'water' if wet else 'air'} {'right' if same else 'WRONG'}"
+            place = f"{widest:.0f} deg wide, from {elevation.min():.0f} to {elevation.max():.0f} deg"
+            seconds = time.process_time() - started
+            print(f"{plate.name} + {mesh.name}: {told}, {place}, {seconds:.1f} s of processor")
+            print(*(f"    {line}" for line in made.lines), sep="\n", flush=True)
             row.append(cv2.putText(cell, out.stem, (6, 16), 0, 0.45, (0, 0, 255), 1))
         if row:
             rows.append(np.concatenate(row, axis=1))

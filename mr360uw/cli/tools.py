@@ -33,7 +33,8 @@ def new(
     from mr360uw.first_look.first_scene import make_first_scene
 
     made = make_first_scene(
-        video, mesh, out, wish=wish_of(at, stand, swim, size), track=track, eye=None if eye is None else eye.value, overwrite=overwrite,
+        video, mesh, out, wish=wish_of(at, stand, swim, size), track=track, eye=None if eye is None else eye.value,
+        overwrite=overwrite,
         outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*made.lines, *made.next_lines]))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.placing import Wish
+from mr360uw.first_look.place_in_plate import Wish
 
 
 def wish_of(at: str | None, stand: bool, swim: bool, size_m: float | None) -> Wish:

@@ -10,12 +10,13 @@ from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError, VideoError
 from mr360uw.files import write_whole
+from mr360uw.first_look.grey_card import grey_card_stops
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.panorama import Eye
-from mr360uw.first_look.placing import Wish
+from mr360uw.first_look.place_in_plate import Wish
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.proposal import propose
-from mr360uw.first_look.proposal_words import found_lines, scene_lines
+from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.render.loaded import Loaded
@@ -45,7 +46,7 @@ def make_first_scene(
     mesh: Path,
     out: Path | None = None,
     *,
-    wish: Wish = Wish(),
+    wish: Wish | None = None,
     track: Path | None = None,
     eye: Eye | None = None,
     overwrite: bool = False,
@@ -54,14 +55,14 @@ def make_first_scene(
 ) -> FirstScene:
     """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
 
-    wish: for its place. track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
-    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
-    `SceneError`; nothing is written then.
+    wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. eye: of a
+    stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
+    files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
-    chosen = replace(propose(plate, seen, wish, None if track is None else _floor_of(track)), track=track)
+    chosen = replace(propose(plate, seen, wish or Wish(), None if track is None else _floor_of(track)), track=track)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
@@ -69,10 +70,15 @@ def make_first_scene(
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
+        stops = grey_card_stops(live, draft)
     write_whole(path, text)
     write_whole(preview, screen_picture(picture.image_linear, ".png"))
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
-    lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
+    lines = [
+        *found_lines(plate, seen, chosen, sun),
+        *brightness_lines(stops),
+        *(f"note      {note}" for note in (*filter(None, [plate.doubt]), *loaded.notes)),
+    ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
     view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
     commands = (

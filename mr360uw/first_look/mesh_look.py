@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.composite import Mesh
-from mr360uw.composite.mesh.mesh import METRES
-from mr360uw.composite.mesh.rig import load_rig
+from mr360uw.composite.mesh.mesh import METRES, mesh_of_file
+from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.object_settings import Front
 from mr360uw.first_look.mesh_words import Habit, Kind, kind_of
 from mr360uw.types import Floats
@@ -55,10 +55,11 @@ class MeshLook:
 
 def look_at_mesh(path: Path, *, outside_files: bool = False) -> MeshLook:
     """Return what a mesh shows; raise `MeshError` where it cannot be read."""
-    rig = load_rig(path, "auto", "", outside=outside_files)
-    mesh, clips = rig.mesh, () if rig.rigging is None else rig.rigging.clips
+    file = read_mesh_file(path, outside=outside_files)
+    mesh, clips = mesh_of_file(path, file), () if file.rigging is None else file.rigging.clips
     tinted = bool(np.any(mesh.colors != 1.0)) and any(m.base_map is not None for m in mesh.materials)
-    kind, longest = kind_of(path.stem), float(np.max(mesh.extent_m))
+    kind = kind_of(path.stem, (part.name for part in file.parts))
+    longest = float(np.max(mesh.extent_m))
     size, why = _size(kind, longest)
     front, why_front, long = _front(mesh, kind)
     x, y, z = (mesh.extent_m / longest).tolist()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +15,7 @@ Habit = Literal["swims", "stands", "flies"]
 class Kind:
     """A kind of thing. low_m, high_m: between which its longest side is. typical_m: where the file's own is not.
 
-    habit: whether it is seen in open water, on the floor, or in the sky too. blunt: whether its front is the thicker end.
+    habit: whether it is in open water, on the floor, or in the sky. blunt: whether its front is the thicker end.
     """
 
     word: str
@@ -67,7 +68,7 @@ KINDS: tuple[Kind, ...] = (
         "car 2.5 6 4.3; truck 3 18 5; bus 5 19 11; plane 5 75 10; bottle 0.08 0.5 0.25; person 1.2 2.2 1.75; "
         "human 1.2 2.2 1.75; "
         "mannequin 1.2 2.2 1.8; dummy 0.5 2.2 1.8; man 1.4 2.2 1.8; woman 1.3 2.1 1.7; soldier 1.2 2.2 1.8; "
-        "crate 0.3 2.5 0.8; box 0.1 2.5 0.6; chair 0.4 1.6 0.9; table 0.4 3 1.4; tree 0.5 40 5; lamp 0.2 3 0.6",
+        "crate 0.3 2.5 0.8; chair 0.4 1.6 0.9; table 0.4 3 1.4",
         "stands",
         blunt=False,
     ),
@@ -76,8 +77,21 @@ KINDS: tuple[Kind, ...] = (
 young and large ones; the limits only decide which unit a file is in."""
 
 
-def kind_of(name: str) -> Kind | None:
-    """Return the kind whose word a file's name holds; short words must stand alone. None where there is none."""
+_OF_PROGRAMS = {"plane"}
+"""Words that modelling programs give to parts by themselves."""
+
+
+def kind_of(name: str, parts: Iterable[str] = ()) -> Kind | None:
+    """Return the kind whose word a file's name holds, or else one of its parts'; short words must stand alone.
+
+    None where there is none.
+    """
+    found = _kind_in(name)
+    named = (_kind_in(part) for part in parts)
+    return found or next((kind for kind in named if kind is not None and kind.word not in _OF_PROGRAMS), None)
+
+
+def _kind_in(name: str) -> Kind | None:
     plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
     words = re.split(r"[^a-z]+", plain)
     joined = "".join(words)

@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.placing import Place, Wish, place_of
+from mr360uw.first_look.place_in_plate import Place, Wish, place_of
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
@@ -20,6 +20,7 @@ from mr360uw.medium import Water
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, SIGHT_NM
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
+from mr360uw.video.eyes_seen import EYES_APART_M
 
 _DEPTH_M = 6.0
 """Depth of a camera that is not known: common in dives by daylight."""
@@ -32,7 +33,7 @@ _PATCH_DEG = 14.0
 _OPEN_DEG = (-8.0, 18.0)
 """Elevations at which open water is looked for."""
 _CLEAR_M = 0.3
-"""Least distance [m] of things from the surface."""
+"""Least distance [m] of things from the surface, and of cameras that are half in air."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class WaterGuess:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A scene as it is proposed. view: open water; None in air, as is water. floor_known: whether its height was given.
+    """A scene as it is proposed. view: open water; None in air, as is water. floor_by: what told its height, or "".
 
     lamp: whether a lamp goes with the camera.
     """
@@ -57,7 +58,7 @@ class Proposal:
     view: FreeView | None
     water: WaterGuess | None
     depth_m: float
-    floor_known: bool
+    floor_by: str
     lamp: bool
     track: Path | None = None
 
@@ -71,9 +72,15 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
     water = None if view is None else guess_water(plate, view)
     sight = math.inf if water is None else sight_m(water.type)
-    place = place_of(plate, mesh, wish, sight, None if floor_m is None else -floor_m)
-    depth = max(_DEPTH_M, math.ceil(place.top_m + _CLEAR_M)) if wet else CameraSettings().depth_m
-    return Proposal(place, view, water, float(depth), floor_m is not None, plate.dark)
+    drop, floor_by = None, ""
+    if floor_m is not None:
+        drop, floor_by = -floor_m, "of the camera's track"
+    elif plate.eyes is not None and plate.eyes.floor_m is not None:
+        drop, floor_by = plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
+    place = place_of(plate, mesh, wish, sight, drop)
+    least = _CLEAR_M if plate.medium.half else _DEPTH_M
+    depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
+    return Proposal(place, view, water, float(depth), floor_by, plate.dark)
 
 
 def sight_m(water: JerlovType) -> float:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode
-from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.ground_place import UNEVEN
-from mr360uw.first_look.placing import Place
+from mr360uw.first_look.mesh_look import MeshLook
+from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.proposal import Proposal, sight_m
 from mr360uw.medium.fit.waterfit import CONFIDENT
@@ -42,6 +42,11 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
             f"in air: red is {plate.medium.red_far:.2f} of green or blue in the distance; nothing is done about water"
         )
     lines.append(f"where     {guess}{where} (confidence {plate.medium.confidence:.2f})")
+    if plate.medium.half:
+        lines.append(
+            "half      half under and half over water: taken as under water, the camera at its surface; no body is "
+            "drawn above"
+        )
     lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
     if plate.tilt is not None:
         roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
@@ -61,8 +66,8 @@ def _floor_line(chosen: Proposal) -> str:
     place = chosen.place
     if place.drop_m is None or place.hangs:
         return "floor     none seen below, so no shadow on it (receiver)"
-    how = "of the camera's track" if chosen.floor_known else "guessed: nothing shows it"
-    return f"floor     (receiver) {place.drop_m:g} m below the camera, {how}"
+    how = chosen.floor_by or "guessed: nothing shows it"
+    return f"floor     (receiver) {place.drop_m:.3g} m below the camera, {how}"
 
 
 def _place_lines(place: Place) -> list[str]:
@@ -104,6 +109,17 @@ def _water_lines(chosen: Proposal) -> list[str]:
     ]
 
 
+def brightness_lines(stops: float | None) -> list[str]:
+    """Return a line where a grey card at the object's place is brighter or darker than the plate around by a stop."""
+    if stops is None or abs(stops) < 1.0:
+        return []
+    way = "darker" if stops < 0.0 else "brighter"
+    return [
+        f"grey      a grey card would be {abs(stops):.1f} stops {way} there than what is around it: "
+        f"light.exposure = {-stops:.1f} makes up for that"
+    ]
+
+
 def _side(azimuth_deg: float) -> str:
     if abs(azimuth_deg) < 1.0:
         return "straight ahead"
@@ -123,11 +139,11 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
     if chosen.place.drop_m is not None and not chosen.place.hangs:
-        known = "of the camera's track" if chosen.floor_known else "a guess: height of the floor over the camera"
+        known = chosen.floor_by or "a guess: height of the floor over the camera"
         rows += [
             ("", ""),
             ("[receiver]", "the floor, on which shadows fall"),
-            (f"height_m = {-chosen.place.drop_m:g}", known),
+            (f"height_m = {-chosen.place.drop_m:.3g}", known),
         ]
     if chosen.lamp:
         rows += [("", ""), ("[[lamp]]", "the plate is dark"), ('attach = "camera"', ""), ("lumen = 3000.0", "")]

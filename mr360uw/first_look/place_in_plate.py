@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places a thing in a plate: on ground near by where it stands, in open water where it swims, in the sky where it flies.
+"""Places a thing in a plate: on ground near by if it stands, in open water if it swims, in the sky if it flies.
 
 What stands is put 1.5 to 5 m away, 20 to 40 degrees below the horizon, farther only where it is too large for that. In
-water nothing is farther than a third of the visibility, or half of it where it would fill the view before.
+water nothing is farther than a third of the visibility: what would fill the view there is made smaller.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import free_view
-from mr360uw.first_look.ground_place import Body, ground_place
+from mr360uw.first_look.ground_place import Body, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.mesh_words import Habit
 from mr360uw.first_look.plate_look import PlateLook
@@ -24,16 +24,16 @@ _IN_AIR_M = 1.6
 _DIVER_M, _DROP_PER_SIGHT = (1.0, 1.5), 1.0 / 6.0
 """Heights of a camera over the floor under water, and that over the visibility: what lies 30 degrees below the horizon
 is then a third of it away."""
-_USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 50.0, 60.0
-"""Angle that a thing is seen under as a rule, at most where it stands, and at most where water hides what is farther."""
-_NEAR = (1.0 / 3.0, 0.5)
-"""Greatest distance over the visibility: contrasts of 20 and 9 %. The second is for things that would fill the view."""
+_USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 40.0, 48.0
+"""Angle that a thing is seen under as a rule, at most where it stands, and at most where water hides the distance."""
+_NEAR = 1.0 / 3.0
+"""Greatest distance over the visibility: a contrast of 20 %."""
 _BELOW_DEG = (20.0, 40.0)
-_NEAREST_M = 1.5
-_ROOM = 1.25
+_NEAREST_M, _NEAR_BY_M = 1.5, 5.0
+_ROOM = 1.6
 """Range of distances, over the least, of things too large for the usual ones."""
-_LEVEL_DEG = (-8.0, 18.0)
-"""Elevations at which things off the ground are put."""
+_SWIMS_DEG, _SINKS_DEG = (-8.0, 12.0), (-30.0, -12.0)
+"""Elevations at which things off the ground are put, and things that would stand where no ground is seen."""
 _CLEAR_M = 0.3
 """Least distance [m] of things off the ground from ground and surface."""
 _TURN_DEG = 20.0
@@ -41,13 +41,11 @@ _TURN_DEG = 20.0
 _STEP_DEG, _STEPS = 5.0, 7
 _LOWEST_DEG = 2.0
 """Angle below the horizon from which a direction meets the ground within reach."""
-NO_GROUND = 1.5
-"""Cost of the best place on the ground above which water has no ground to stand on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What is asked for a thing's place. at_deg: azimuth and elevation, of its foot where it stands, else of its middle.
+    """What is asked for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
     habit: whether it stands or swims, whatever its name says. size_m: its longest side.
     """
@@ -94,24 +92,21 @@ def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_
     Raises `ParameterError` where nothing can stand in the direction that is asked for.
     """
     wet = plate.medium.underwater
-    known = drop_m is not None
-    if drop_m is None and (plate.floor or wish.habit == "stands"):
+    habit = wish.habit or (mesh.habit if wet or mesh.habit == "flies" else "stands")
+    if drop_m is None and (not wet or wish.habit == "stands" or (plate.floor and shows_ground(plate.image))):
         drop_m = float(np.clip(sight_m * _DROP_PER_SIGHT, *_DIVER_M)) if wet else _IN_AIR_M
         drop_m = round(drop_m, 1)
-    habit = wish.habit or (mesh.habit if wet or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
-    size, reach = (whole, math.inf) if wish.size_m else _seen_through(whole, sight_m)
+    reach = math.inf if wish.size_m else _NEAR * sight_m
+    size = min(whole, reach / _sizes_away(_FILLS_DEG))
     start = Place(
         stands=False, hangs=False, size_m=float(f"{size:.3g}"), smaller=size < whole, azimuth_deg=0.0,
         elevation_deg=0.0, distance_m=0.0, drop_m=drop_m, uneven=0.0, top_m=0.0, face="camera",
     )  # fmt: skip
-    found = None
     if habit == "stands" and drop_m is not None:
         found = _standing(plate, mesh, wish, start, reach, drop_m)
-        if wet and wish.habit is None and wish.at_deg is None and not known and found.uneven > NO_GROUND:
-            found = None
-    if found is None:
-        found = replace(_off_the_ground(plate, mesh, wish, start, reach), hangs=habit == "stands")
+    else:
+        found = _off_the_ground(plate, mesh, wish, replace(start, hangs=habit == "stands"), reach)
     across = round((found.azimuth_deg + 90.0 + _TURN_DEG + 180.0) % 360.0 - 180.0, 1) + 0.0
     return replace(found, face=across if mesh.long else "camera", distance_m=float(f"{found.distance_m:.3g}"))
 
@@ -135,7 +130,9 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
             np.array([v]) for v in (wish.at_deg[0], drop_m / math.tan(math.radians(-wish.at_deg[1])))
         )
     height = size * mesh.extent[1]
-    usual = float(np.clip(_sizes_away(_USUAL_DEG) * size, distances[0], distances[-1]))
+    usual = float(
+        np.clip(_sizes_away(_USUAL_DEG) * size, distances[0], max(distances[0], min(distances[-1], _NEAR_BY_M)))
+    )
     place = ground_place(plate.image, drop_m, _body(mesh, size), distances, azimuths, usual)
     middle = math.degrees(math.atan2(0.5 * height - drop_m, place.distance_m))
     return replace(
@@ -160,7 +157,8 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
     height, distance = size * mesh.extent[1], min(_sizes_away(_USUAL_DEG) * size, reach_m)
     azimuth, elevation = wish.at_deg or (0.0, 0.0)
     if wish.at_deg is None:
-        view = free_view(plate.image, _elevations(distance, height, start.drop_m), underwater=wet)
+        level = _SINKS_DEG if start.hangs or plate.medium.half else _clear_of_ground(distance, height, start.drop_m)
+        view = free_view(plate.image, level, underwater=wet)
         azimuth, elevation = view.azimuth_deg, view.elevation_deg
     return replace(
         start, azimuth_deg=azimuth, elevation_deg=round(elevation, 1), distance_m=distance,
@@ -168,25 +166,14 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
     )  # fmt: skip
 
 
-def _seen_through(size_m: float, sight_m: float) -> tuple[float, float]:
-    """Return the size of a thing that a water does not hide, its own if that can be, and the greatest distance [m]."""
-    size, reach = size_m, math.inf
-    for share in _NEAR:
-        reach = share * sight_m
-        size = min(size_m, reach / _sizes_away(_FILLS_DEG))
-        if size >= size_m:
-            break
-    return size, reach
-
-
 def _sizes_away(angle_deg: float) -> float:
     """Return the distance, over its size, at which a thing is seen under an angle."""
     return 0.5 / math.tan(math.radians(0.5 * angle_deg))
 
 
-def _elevations(distance_m: float, height_m: float, drop_m: float | None) -> tuple[float, float]:
-    """Return the elevations [deg] at which a thing is clear of the ground."""
-    low, high = _LEVEL_DEG
+def _clear_of_ground(distance_m: float, height_m: float, drop_m: float | None) -> tuple[float, float]:
+    """Return the elevations [deg] at which a thing that swims is clear of the ground."""
+    low, high = _SWIMS_DEG
     if drop_m is not None:
         rise = max(-1.0, min(1.0, (_CLEAR_M + 0.5 * height_m - drop_m) / distance_m))
         low = max(low, min(math.degrees(math.asin(rise)), 30.0))
