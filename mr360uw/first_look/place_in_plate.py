@@ -24,7 +24,7 @@ _IN_AIR_M = 1.6
 _DIVER_M, _DROP_PER_SIGHT = (1.0, 1.5), 1.0 / 6.0
 """Heights of a camera over the floor under water, and that over the visibility: what lies 30 degrees below the horizon
 is then a third of it away."""
-_USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 40.0, 48.0
+_USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 40.0, 45.0
 """Angle that a thing is seen under as a rule, at most where it stands, and at most where water hides the distance."""
 _NEAR = 1.0 / 3.0
 """Greatest distance over the visibility: a contrast of 20 %."""

@@ -2,8 +2,8 @@
 """What the two pictures of a stereo plate show: whether they are eyes, which is which, how far down the ground is.
 
 The left eye sees what is near farther to the right than the right eye does. The disparity, the longitude in the left
-picture less that in the right one, therefore grows from the horizon down over the ground; where it shrinks, the eyes are
-swapped. An offset that is the same everywhere (convergence) tells nothing. Over level ground it is
+picture less that in the right one, therefore grows from the horizon down over the ground; where it shrinks, the eyes
+are swapped. An offset that is the same everywhere (convergence) tells nothing. Over level ground it is
 
     (2 e/h) tan(angle below the horizon) + offset
 
