@@ -19,11 +19,8 @@ from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.mesh_words import Habit
 from mr360uw.first_look.plate_look import PlateLook
 
-_IN_AIR_M = 1.6
-"""Height of a camera over the ground in air that is not known: of a tripod, or of a head."""
-_DIVER_M, _DROP_PER_SIGHT = (1.0, 1.5), 1.0 / 6.0
-"""Heights of a camera over the floor under water, and that over the visibility: what lies 30 degrees below the horizon
-is then a third of it away."""
+_GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
+"""Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
 _USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 40.0, 45.0
 """Angle that a thing is seen under as a rule, at most where it stands, and at most where water hides the distance."""
 _NEAR = 1.0 / 3.0
@@ -85,17 +82,20 @@ class Place:
     face: float | str
 
 
-def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_m: float | None = None) -> Place:
+def guessed_drop_m(plate: PlateLook, wish: Wish) -> float | None:
+    """Return the height of the camera over the ground that is guessed; None where no ground is seen or asked for."""
+    wet = plate.medium.underwater
+    seen = not wet or (plate.floor and shows_ground(plate.image))
+    return _GUESSED_M[wet] if seen or wish.habit == "stands" else None
+
+
+def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_m: float | None) -> Place:
     """Return the place of a mesh in a plate.
 
-    sight_m: the water's visibility, infinite in air. drop_m: height of the camera over the ground where it is known.
+    sight_m: the water's visibility, infinite in air. drop_m: height of the camera over the ground, None without one.
     Raises `ParameterError` where nothing can stand in the direction that is asked for.
     """
-    wet = plate.medium.underwater
-    habit = wish.habit or (mesh.habit if wet or mesh.habit == "flies" else "stands")
-    if drop_m is None and (not wet or wish.habit == "stands" or (plate.floor and shows_ground(plate.image))):
-        drop_m = float(np.clip(sight_m * _DROP_PER_SIGHT, *_DIVER_M)) if wet else _IN_AIR_M
-        drop_m = round(drop_m, 1)
+    habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
     reach = math.inf if wish.size_m else _NEAR * sight_m
     size = min(whole, reach / _sizes_away(_FILLS_DEG))

@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.place_in_plate import Place, Wish, place_of
+from mr360uw.first_look.place_in_plate import Place, Wish, guessed_drop_m, place_of
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
@@ -69,18 +69,23 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     Raises `ParameterError` where what is wished for cannot be.
     """
     wet = plate.medium.underwater
+    drop, floor_by = _ground_below(plate, wish, floor_m)
     view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
     water = None if view is None else guess_water(plate, view)
     sight = math.inf if water is None else sight_m(water.type)
-    drop, floor_by = None, ""
-    if floor_m is not None:
-        drop, floor_by = -floor_m, "of the camera's track"
-    elif plate.eyes is not None and plate.eyes.floor_m is not None:
-        drop, floor_by = plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
     place = place_of(plate, mesh, wish, sight, drop)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
     return Proposal(place, view, water, float(depth), floor_by, plate.dark)
+
+
+def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[float | None, str]:
+    """Return the height of the camera over the ground, None where there is none, and what told it, "" if guessed."""
+    if floor_m is not None:
+        return -floor_m, "of the camera's track"
+    if plate.eyes is not None and plate.eyes.floor_m is not None:
+        return plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
+    return guessed_drop_m(plate, wish), ""
 
 
 def sight_m(water: JerlovType) -> float:
