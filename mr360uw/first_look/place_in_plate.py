@@ -14,15 +14,17 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import free_view
-from mr360uw.first_look.ground_place import Body, ground_place, shows_ground
+from mr360uw.first_look.ground_place import Footprint, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.mesh_words import Habit
 from mr360uw.first_look.plate_look import PlateLook
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 """Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
-_USUAL_DEG, _WIDEST_DEG, _FILLS_DEG = 20.0, 40.0, 45.0
-"""Angle that a thing is seen under as a rule, at most where it stands, and at most where water hides the distance."""
+_USUAL_DEG, _WIDEST_DEG = 20.0, 40.0
+"""Angle that a thing is seen under as a rule, and at most where there is room behind."""
+_FILLS_DEG: dict[bool, float] = {True: 45.0, False: 60.0}
+"""That angle at most where water hides what is farther: of long things, whose nearer end looks larger, and of others."""
 _NEAR = 1.0 / 3.0
 """Greatest distance over the visibility: a contrast of 20 %."""
 _BELOW_DEG = (20.0, 40.0)
@@ -98,7 +100,7 @@ def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_
     habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
     reach = math.inf if wish.size_m else _NEAR * sight_m
-    size = min(whole, reach / _sizes_away(_FILLS_DEG))
+    size = min(whole, reach / _sizes_away(_FILLS_DEG[mesh.long]))
     start = Place(
         stands=False, hangs=False, size_m=float(f"{size:.3g}"), smaller=size < whole, azimuth_deg=0.0,
         elevation_deg=0.0, distance_m=0.0, drop_m=drop_m, uneven=0.0, top_m=0.0, face="camera",
@@ -133,7 +135,7 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
     usual = float(
         np.clip(_sizes_away(_USUAL_DEG) * size, distances[0], max(distances[0], min(distances[-1], _NEAR_BY_M)))
     )
-    place = ground_place(plate.image, drop_m, _body(mesh, size), distances, azimuths, usual)
+    place = ground_place(plate.image, drop_m, _footprint(mesh, size), distances, azimuths, usual)
     middle = math.degrees(math.atan2(0.5 * height - drop_m, place.distance_m))
     return replace(
         start, stands=True, azimuth_deg=place.azimuth_deg, elevation_deg=round(middle, 1),
@@ -141,14 +143,14 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
     )  # fmt: skip
 
 
-def _body(mesh: MeshLook, size_m: float) -> Body:
+def _footprint(mesh: MeshLook, size_m: float) -> Footprint:
     """Return the sides of a mesh as it is turned: long ones lie across the line of sight."""
     x, y, z = (size_m * side for side in mesh.extent)
     ahead, aside = (z, x) if mesh.front in ("+z", "-z") else (x, z)
     if not mesh.long:
-        return Body(aside, ahead, y)
+        return Footprint(aside, ahead, y)
     c, s = math.cos(math.radians(_TURN_DEG)), math.sin(math.radians(_TURN_DEG))
-    return Body(c * ahead + s * aside, s * ahead + c * aside, y)
+    return Footprint(c * ahead + s * aside, s * ahead + c * aside, y)
 
 
 def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float) -> Place:
