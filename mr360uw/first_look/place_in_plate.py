@@ -24,7 +24,7 @@ _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 _USUAL_DEG, _WIDEST_DEG = 20.0, 40.0
 """Angle that a thing is seen under as a rule, and at most where there is room behind."""
 _FILLS_DEG: dict[bool, float] = {True: 45.0, False: 60.0}
-"""That angle at most where water hides what is farther: of long things, whose nearer end looks larger, and of others."""
+"""That angle at most where water hides the distance: of long things, whose nearer end looks larger, and of others."""
 _NEAR = 1.0 / 3.0
 """Greatest distance over the visibility: a contrast of 20 %."""
 _BELOW_DEG = (20.0, 40.0)
