@@ -99,8 +99,8 @@ def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_
     """
     habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
-    reach = math.inf if wish.size_m else _NEAR * sight_m
-    size = min(whole, reach / _sizes_away(_FILLS_DEG[mesh.long]))
+    reach = _NEAR * sight_m
+    size = wish.size_m or min(whole, reach / _sizes_away(_FILLS_DEG[mesh.long]))
     start = Place(
         stands=False, hangs=False, size_m=float(f"{size:.3g}"), smaller=size < whole, azimuth_deg=0.0,
         elevation_deg=0.0, distance_m=0.0, drop_m=drop_m, uneven=0.0, top_m=0.0, face="camera",
