@@ -19,7 +19,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.stages.match_stage import clip_colour, clip_look
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import open_plate, projection_notes
+from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
 from mr360uw.scene.keyed import keyed_in_words
 from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
@@ -137,7 +137,7 @@ def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> t
 def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backend: Backend, fallback: str) -> str:
     size = f"{video.width}x{video.height}"
     length = "a still" if video.is_still else f"{video.frame_count} frames"
-    doubts = (*video.doubts, *projection_notes(loaded.scene, video))
+    doubts = (*video.doubts, *projection_notes(loaded.scene, video), *filter(None, [eyes_of_plate(loaded.scene)[1]]))
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",
