@@ -16,10 +16,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.jit import exact
 from mr360uw.types import CausticStack, Floats
 
 
@@ -33,7 +33,7 @@ def mip_levels(ratio: Floats) -> list[Floats]:
     return levels
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: Any) -> None:
     """Add `weight` (n,) times values of an image (D, size, size, C), periodic and bilinear, to `result` (n, 3)."""
     size, channels = image.shape[1], image.shape[3]

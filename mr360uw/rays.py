@@ -10,10 +10,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 
@@ -83,14 +83,14 @@ def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
     return weights, distance
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def triple(d: Any, p: Any, q: Any) -> Any:
     """Return d.(p x (q - p))."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return d[0] * (p[1] * z - p[2] * y) + d[1] * (p[2] * x - p[0] * z) + d[2] * (p[0] * y - p[1] * x)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> None:
     for n in range(len(triangles)):
         a, b, c, d = triangles[n, 0], triangles[n, 1], triangles[n, 2], directions[n]

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from mr360uw import cli
-from mr360uw.reading.disk_cache import FOLDER
+from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Results that are kept between runs begin empty, and are not those of the user."""
+    """Results that are kept between runs begin empty, and are not those of the user, whose kernels are used."""
     with pytest.MonkeyPatch.context() as patch:
+        kernels = kernel_folder()
+        if kernels is not None:
+            patch.setenv("NUMBA_CACHE_DIR", str(kernels))
         patch.setenv(FOLDER, str(tmp_path_factory.mktemp("kept")))
         yield
 

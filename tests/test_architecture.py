@@ -16,7 +16,7 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
     "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "shapes", "yuv", "cache",
+    "shapes", "yuv", "cache", "jit",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
@@ -113,6 +113,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
     files = {
+        ROOT / "jit.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys", "types"},
         ROOT / "files.py": {"contextlib", "os", "secrets"},
         ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},
@@ -124,7 +125,6 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }
     yuv = {
-        ROOT / "yuv" / "decode_kernels.py": {"numba"},
         ROOT / "yuv" / "wide_curves.py": {"colour", "warnings"},
         ROOT / "yuv" / "cube_file.py": {"hashlib", "itertools"},
         ROOT / "yuv" / "ocio_transform.py": {"PyOpenColorIO"},
@@ -136,6 +136,16 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
             assert used <= stands_on | library | own, path.relative_to(ROOT)
             mine = {n.split(".")[1] for n in imports(path) if n.startswith("mr360uw.")}
             assert mine <= GROUND, path.relative_to(ROOT)
+
+
+def test_one_module_compiles() -> None:
+    """And another makes a piece of machine code."""
+    compiling = {
+        str(path.relative_to(ROOT))
+        for path in ROOT.rglob("*.py")
+        if re.search("^(import|from) numba", path.read_text("utf-8"), re.M)
+    }
+    assert compiling == {"jit.py", "surface/tracing/bare_arrays.py"}
 
 
 def circles(graph: dict[str, set[str]]) -> list[set[str]]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
+from mr360uw.jit import exact
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
     """Write the composite (h, w, 3) of a tile over the plate's pixels (h, w, 3).
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from mr360uw.jit import exact
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
     """Write the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
 
@@ -35,7 +36,7 @@ def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int6
                     least, found[n] = value, k
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], areas: Array) -> None:
     """Write `sampling.frame_areas` (n, 5) of members (n, s) at positions (s, 2)."""
     own = 1.0 / (12.0 * len(positions))
@@ -59,7 +60,7 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
         areas[n, 2], areas[n, 3], areas[n, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def read_groups(
     shown: NDArray[np.float32], word_bits: int, pixel: NDArray[np.int64], number: NDArray[np.int64], member: Mask,
     weight: Array, first: NDArray[np.int64], covered: Mask,
@@ -90,7 +91,7 @@ def read_groups(
             there += 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def find_clear(free: Mask, near: Mask, clear: Mask) -> None:
     """Write which of the free samples (n, s) have the fewest others around them that are not, `near` (s, s)."""
     samples = free.shape[1]

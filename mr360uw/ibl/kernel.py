@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.yuv.decode_kernels import inlined, kernel, polynomial_light
+from mr360uw.jit import fast, inlined
+from mr360uw.yuv.decode_kernels import polynomial_light
 
 _ZERO = np.float32(0.0)
 
@@ -81,7 +82,7 @@ def _store_blocks(red: Any, green: Any, blue: Any, peak: Any, block: Any, total:
         brightest[k] = high
 
 
-@kernel
+@fast
 def reduce_planes(
     y: NDArray[Any],
     u: NDArray[Any],

@@ -4,22 +4,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import encode
+from mr360uw.jit import exact
 
 _STEPS = 1 << 14
 """Steps of the table over the square root of light: 45 for the narrowest code value, so that one pixel in 45 at most
 differs from exact rounding, by one code value."""
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-_kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True)
 
 
 @cache
@@ -35,7 +31,7 @@ def screen_codes(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     return codes
 
 
-@_kernel
+@exact
 def _encode(linear: Any, table: Any, codes: Any) -> None:
     steps = np.float32(_STEPS)
     for i in range(linear.size):

@@ -14,7 +14,7 @@ import io
 import os
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -102,15 +102,49 @@ def nothing_kept() -> Iterator[None]:
             os.environ[FOLDER] = before
 
 
-def read_arrays(path: Path) -> Arrays | None:
-    """Return the arrays of a file of `write_arrays`; None where there is none, or it is damaged."""
+def kernel_folder() -> Path | None:
+    """Return where compiled kernels are kept: $NUMBA_CACHE_DIR, or a folder in that of results; None for nowhere."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if not named:
+        folder = cache_folder()
+        return None if folder is None else folder / "kernels"
+    folder = Path(named).expanduser()
+    return folder if not folder.exists() or is_ours(folder) else None
+
+
+def read_bytes(path: Path) -> bytes | None:
+    """Return what `write_bytes` wrote; None where there is no file, or it is damaged."""
     try:
         stored = path.read_bytes()
         data, mark = stored[:-_DIGEST], stored[-_DIGEST:]
         if hashlib.sha256(data).digest() != mark:
             return None
-        os.utime(path)
+        with suppress(PermissionError):  # of another's, as those of an installed package, none is removed by its age
+            os.utime(path)
     except OSError:
+        return None
+    return data
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write bytes, and their SHA-256 after them, to a file that appears whole. Raises `OSError`."""
+    write_whole(path, data + hashlib.sha256(data).digest())
+
+
+def keep_bytes(path: Path, data: bytes) -> None:
+    """Write bytes to a file of the cache; on a disk that is full or read-only, none is there."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, data)
+        _make_room(path.parent, path.suffix)
+    except OSError:
+        return  # it only costs the time to make them again
+
+
+def read_arrays(path: Path) -> Arrays | None:
+    """Return the arrays of a file of `write_arrays`; None where there is none, or it is damaged."""
+    data = read_bytes(path)
+    if data is None:
         return None
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
@@ -120,26 +154,24 @@ def read_arrays(path: Path) -> Arrays | None:
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
-    """Write arrays to a file (NumPy .npz, and its SHA-256 after it), which appears whole. Raises `OSError`."""
-    held = io.BytesIO()
-    np.savez(held, **arrays)  # type: ignore[arg-type]
-    data = held.getvalue()
-    write_whole(path, data + hashlib.sha256(data).digest())
+    """Write arrays to a file (NumPy .npz, see `write_bytes`), which appears whole. Raises `OSError`."""
+    write_bytes(path, _packed(arrays))
 
 
 def keep_arrays(path: Path, arrays: Arrays) -> None:
     """Write arrays to a file of the cache; on a disk that is full or read-only, none is there."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_arrays(path, arrays)
-        _make_room(path.parent)
-    except OSError:
-        return  # it only costs the time to make them again
+    keep_bytes(path, _packed(arrays))
 
 
-def _make_room(folder: Path) -> None:
-    """Remove the files that were used longest ago, where all take more than `_ROOM`."""
-    files = [(stat.st_mtime_ns, stat.st_size, path) for path in folder.glob("*.npz") for stat in [path.stat()]]
+def _packed(arrays: Arrays) -> bytes:
+    held = io.BytesIO()
+    np.savez(held, **arrays)  # type: ignore[arg-type]
+    return held.getvalue()
+
+
+def _make_room(folder: Path, suffix: str) -> None:
+    """Remove the files of a kind that were used longest ago, where all take more than `_ROOM`."""
+    files = [(stat.st_mtime_ns, stat.st_size, path) for path in folder.glob(f"*{suffix}") for stat in [path.stat()]]
     total = sum(size for _, size, _ in files)
     for _, size, path in sorted(files):
         if total <= _ROOM:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.spline import rest_position
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def _steepest(height: NDArray[np.float32], step_m: float) -> float:
     return max(float(np.abs(height - np.roll(height, 1, axis)).max()) for axis in (0, 1)) * math.sqrt(2.0) / step_m
 
 
-@compiled
+@exact
 def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, first: int, last: int, height: Any, shift: Any) -> None:
     step = tile_m / size
     slack = _SLACK * step
@@ -85,7 +85,7 @@ def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, first: int, last
             height[at], shift[at, 0], shift[at, 1] = p[0], x - a, z - b
 
 
-@compiled
+@exact
 def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> float:
     """Return the height [m] above (x, z) at a fractional level. h, n: `height` and `table` of the maps."""
     lower = min(int(level), len(n) - 1)
@@ -96,7 +96,7 @@ def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float)
     return value
 
 
-@compiled
+@exact
 def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) -> float:
     per_m, last = size / tile_m, size - 1
     u, v = x * per_m, z * per_m
@@ -108,7 +108,7 @@ def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) ->
     return (1.0 - fy) * upper + fy * ((1.0 - fx) * h[below + i0] + fx * h[below + i1])
 
 
-@compiled
+@exact
 def read_shift(s: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> tuple[float, float]:
     """Return the shift over (x, z) [m] of the particle above (x, z) at the next lower level. s: `shift` of the maps."""
     lower = min(int(level), len(n) - 1)

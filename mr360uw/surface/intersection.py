@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.height_map import read_height, read_shift
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.spline import Displacement, displacement, rest_position
@@ -64,20 +64,20 @@ NOWHERE = Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
 """Where a ray that does not meet the surface does so."""
 
 
-@compiled
+@exact
 def sigma_at(width: float, spread: float, t: float, up: float) -> float:
     """Return the standard deviation [m] of a ray's footprint on the level surface after a distance t."""
     return PIXEL_SIGMA * (width + spread * t) / math.sqrt(max(abs(up), _LEAST_UP))
 
 
-@compiled
+@exact
 def level_at(sigma: float, step_m: float, last: int) -> float:
     """Return `SampledSea.level_of` of one number."""
     s = sigma / step_m
     return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
 
 
-@compiled
+@exact
 def first_hit(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: Waves, origin: Vector, direction: Vector, side: float,
     width: float, spread: float, reach: float,
@@ -125,7 +125,7 @@ def first_hit(
     return NOWHERE
 
 
-@compiled
+@exact
 def _refined(
     c: Any, n: Any, s: Any, m: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float,
     low: float, high: float, t: float,
@@ -158,7 +158,7 @@ def _refined(
     return _bisected(c, n, sea, origin, direction, side, sigma, low, high)
 
 
-@compiled
+@exact
 def _bisected(
     c: Any, n: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
 ) -> Hit:
@@ -187,7 +187,7 @@ def _bisected(
     return Hit(t, _normal(p), a, b, sigma, level)
 
 
-@compiled
+@exact
 def _normal(p: Displacement) -> Vector:
     """Return the unit normal across the tangents (1 + s_xx, h_x, s_zx) and (s_xz, h_z, 1 + s_zz)."""
     y = (1.0 + p[4]) * (1.0 + p[8]) - p[5] * p[7]
@@ -236,7 +236,7 @@ def waves_of(sea: SampledSea) -> Waves:
     return Waves(sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
 
 
-@compiled
+@exact
 def _hit_all(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: Waves, origins: Any, directions: Any, side: float,
     width: Any, spread: Any, reach: Any, out: Any,

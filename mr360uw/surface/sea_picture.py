@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit
 from mr360uw.surface.ray_stage import OFF_M, Stage
 from mr360uw.surface.tracing.bare_arrays import bare
@@ -95,7 +95,7 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
     return np.ascontiguousarray(origins), np.ascontiguousarray(view.directions(x, y))
 
 
-@compiled
+@exact
 def _centres(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, w: World, origins: Any, directions: Any, side: float,
     width: float, spread: float, distance: Any, wet: Any, normal: Any, kind: Any,
@@ -135,7 +135,7 @@ def _centres(
     return hits
 
 
-@compiled
+@exact
 def _samples(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
     d: Any, dn: Any, wv: Any, wa: Any, w: World, origins: Any, directions: Any, side: float, width: float,

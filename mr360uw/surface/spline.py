@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 Displacement = tuple[float, float, float, float, float, float, float, float, float]
 """Height, shift_x and shift_z, their derivatives by a and those by b."""
 
 
-@compiled
+@exact
 def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle, between the splines of two levels."""
     lower = min(int(level), len(n) - 1)
@@ -33,7 +33,7 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
     )  # fmt: skip
 
 
-@compiled
+@exact
 def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
     per_m, last = size / tile_m, size - 1
@@ -62,7 +62,7 @@ def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -
     return h, sx, sz, h_a, sx_a, sz_a, h_b, sx_b, sz_b
 
 
-@compiled
+@exact
 def _basis(t: float) -> tuple[float, float, float, float]:
     """Return the four cubic B-splines about a place t in [0, 1) between points."""
     r = 1.0 - t
@@ -72,14 +72,14 @@ def _basis(t: float) -> tuple[float, float, float, float]:
     )  # fmt: skip
 
 
-@compiled
+@exact
 def _slopes(t: float) -> tuple[float, float, float, float]:
     """Return the derivatives of the four cubic B-splines."""
     r = 1.0 - t
     return -0.5 * r * r, 0.5 * t * (3.0 * t - 4.0), -0.5 * r * (3.0 * r - 4.0), 0.5 * t * t
 
 
-@compiled
+@exact
 def rest_position(
     c: Any, n: Any, tile_m: float, level: float, x: float, z: float, a: float, b: float, slack: float
 ) -> tuple[float, float, Displacement]:
@@ -102,7 +102,7 @@ def rest_position(
     return a, b, p
 
 
-@compiled
+@exact
 def heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.yuv.decode_kernels import kernel
+from mr360uw.jit import fast
 
 _STEPS = 60  # of the inverse; camera tables take 3 to 8
 _HALVINGS = 12  # of a step: down to 1/4096 of a cell's crossing
@@ -27,7 +27,7 @@ _COARSE = 8  # vertices along an edge of the first scan for a new start
 _DAMPING = 1e-13  # of the normal equations, relative to their trace: it matters in flat directions alone
 
 
-@kernel
+@fast
 def _linear_part(table: Any, x: Any, value: Any, jacobian: Any) -> None:
     """Write value (3,) and Jacobian (3, 3) of the tetrahedron that holds the position x (3,)."""
     n = table.shape[0]
@@ -56,7 +56,7 @@ def _linear_part(table: Any, x: Any, value: Any, jacobian: Any) -> None:
         low = high
 
 
-@kernel
+@fast
 def interpolate(table: Any, x: Any, out: Any) -> None:
     """Write the values (m, 3) of a table (n, n, n, 3) at positions (m, 3) in 0 .. n - 1."""
     jacobian = np.empty((3, 3))
@@ -64,7 +64,7 @@ def interpolate(table: Any, x: Any, out: Any) -> None:
         _linear_part(table, x[k], out[k], jacobian)
 
 
-@kernel
+@fast
 def _step(jacobian: Any, missing: Any, held: Any, out: Any) -> None:
     """Write the damped least-squares step (3,) that takes away `missing` (3,), with the `held` coordinates fixed."""
     m, r = np.zeros((3, 3)), np.zeros(3)
@@ -97,7 +97,7 @@ def _step(jacobian: Any, missing: Any, held: Any, out: Any) -> None:
     out[0] = (p - l10 * out[1] - l20 * out[2]) / l00
 
 
-@kernel
+@fast
 def _held_step(jacobian: Any, missing: Any, at: Any, top: float, out: Any) -> None:
     """Write the step (3,) from `at`, with the coordinates held at the edges 0 and `top` that it would leave."""
     held = np.zeros(3, np.bool_)
@@ -112,7 +112,7 @@ def _held_step(jacobian: Any, missing: Any, at: Any, top: float, out: Any) -> No
             break
 
 
-@kernel
+@fast
 def _search(table: Any, wanted: Any, tolerance: float, at: Any) -> float:
     """Move a position (3,) to where the table has the value `wanted` (3,); return the square of the distance left."""
     top = table.shape[0] - 1.0
@@ -147,7 +147,7 @@ def _search(table: Any, wanted: Any, tolerance: float, at: Any) -> float:
     return distance
 
 
-@kernel
+@fast
 def _nearest(table: Any, wanted: Any, stride: int, out: Any) -> None:
     """Write the vertex (3,) closest in value to `wanted` (3,), of every `stride`-th; of equals the middle one."""
     n = table.shape[0]
@@ -166,7 +166,7 @@ def _nearest(table: Any, wanted: Any, stride: int, out: Any) -> None:
                         out[0], out[1], out[2] = i, j, k
 
 
-@kernel
+@fast
 def invert(table: Any, wanted: Any, tolerance: float, x: Any) -> None:
     """Move the positions x (m, 3), first guesses, to where the table has the values `wanted` (m, 3).
 

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled functions of the Y'CbCr decoder: serial, outside Python's lock; see `coefficients` for the equations.
 
-`inlined` functions become part of the loop that calls them, in this package or another. A compiled loop is kept on
-disk until its own file changes: after a change here, delete `__pycache__` of the packages that use these functions.
-
 k: `coefficients.coefficients`; folded: `coefficients.folded_coefficients`. sx, sy: log2 of the chroma subsampling.
 wrap: left and right edges meet. Chroma of 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair
 (the default of H.264 and HEVC), and interpolated linearly.
@@ -12,18 +9,14 @@ wrap: left and right edges meet. Chroma of 4:2:0 and 4:2:2 is sited at the even 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import fast, inlined
 from mr360uw.yuv.coefficients import DECODE_HIGH, DECODE_LOW, DECODE_STEPS, POLYNOMIAL_TOP
 
 # Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-kernel: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True)
-inlined: Callable[[_Function], _Function] = numba.njit(nogil=True, cache=True, fastmath=True, inline="always")
 
 _ZERO = np.float32(0.0)
 
@@ -56,7 +49,7 @@ def _nearest_light(table: Any, x: Any, steps: Any, last: Any) -> Any:
     return table[int(min(max(x * steps + 0.5, 0.0), last))]
 
 
-@kernel
+@fast
 def chroma_row(
     plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
 ) -> None:
@@ -83,7 +76,7 @@ def chroma_row(
             out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
 
 
-@kernel
+@fast
 def read_rectangle(
     y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
 ) -> None:
@@ -107,7 +100,7 @@ def read_rectangle(
             pixels[c, 2] = _table_light(table, (luma + blue_cb * cb[c] + blue_cr * cr[c]) * scale)
 
 
-@kernel
+@fast
 def _bilinear(plane: Any, x: Any, y: Any) -> Any:
     """Return a plane at x in [0, W], y in [0, H]: periodic across the seam, the nearest row at the poles."""
     height, width = plane.shape
@@ -121,7 +114,7 @@ def _bilinear(plane: Any, x: Any, y: Any) -> Any:
     return upper * (1.0 - fy) + lower * fy
 
 
-@kernel
+@fast
 def read_directions(direction: Any, y: Any, u: Any, v: Any, folded: Any, table: Any, steps: float, out: Any) -> None:
     """Write the light of a 4:2:0 panorama in directions (n, 3) into `out` (n, 3); table: `nearest_table`.
 

@@ -8,8 +8,8 @@ cell is eight coordinates in pixels. Twin: cell.glsl.
 
 from __future__ import annotations
 
-from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
+from mr360uw.jit import exact
 
 THINNEST = 2e-3
 """Twice the area [pixel^2] below which a triangle gives its flux to the other one of its cell.
@@ -21,7 +21,7 @@ a hundredth of a pixel.
 Cell = tuple[float, float, float, float, float, float, float, float]
 
 
-@compiled
+@exact
 def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
     """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
 
@@ -42,7 +42,7 @@ def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx:
     return ax, ay, mx + wide * ey, my - wide * ex, cx, cy, mx - wide * ey, my + wide * ex
 
 
-@compiled
+@exact
 def intensities(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, flux_b: float, flux_d: float
 ) -> tuple[float, float]:
@@ -59,7 +59,7 @@ def intensities(
     return 2.0 * flux_b / b, 2.0 * flux_d / d
 
 
-@compiled
+@exact
 def cell_light(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
     intensity_b: float, intensity_d: float,

@@ -9,10 +9,10 @@ coverage.glsl.
 
 from __future__ import annotations
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 
-@compiled
+@exact
 def edge_coverage(ax: float, ay: float, bx: float, by: float) -> float:
     """Return the integral of clamp(x, 0, 1) dy along the edge from a to b where 0 <= y <= 1."""
     y0 = min(max(ay, 0.0), 1.0)
@@ -30,7 +30,7 @@ def edge_coverage(ax: float, ay: float, bx: float, by: float) -> float:
     return (y1 - y0) * (0.5 * (c1 - c0) * (c0 + c1) + max(x1, 1.0) - max(x0, 1.0)) / run
 
 
-@compiled
+@exact
 def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the signed area of a triangle, positive if a, b, c run from +x to +y."""
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

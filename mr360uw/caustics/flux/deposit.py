@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.flux.cell import intensities, opened
-from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.caustics.flux.edges import add_edge, running_sum
+from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
 
 
-@compiled
+@exact
 def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     """Return each cell's flux shared over pixels by the area it covers of them; the sum is that of the flux.
 

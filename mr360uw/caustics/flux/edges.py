@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
 
 
-@compiled
+@exact
 def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: float, light: float) -> None:
     """Add the intensity `light` [1/pixel^2] right of the edge from a to b [pixel], positive where it runs down (+y).
 
@@ -73,7 +73,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
         row = row + 1 if row + 1 < size else 0
 
 
-@compiled
+@exact
 def running_sum(change: Array, start: Array) -> Array:
     """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
     size = start.shape[0]

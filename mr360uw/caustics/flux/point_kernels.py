@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
 from mr360uw.caustics.flux.refracted_rays import STEEPEST_RAY
+from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
 
@@ -24,7 +24,7 @@ _AT_ONCE = 256
 """Points whose shares are found together: half or twice as many take as long."""
 
 
-@compiled
+@exact
 def vertex_rays(
     height: Array, shift_x: Array, shift_z: Array, slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array,
     strain_xz: Array, tile_m: float, sun: Array, refractive_index: float, travel: Array, out: Array,
@@ -50,7 +50,7 @@ def vertex_rays(
         rows[cells] = rows[0] + (tile_m if field in (2, 4) else 0.0)
 
 
-@compiled
+@exact
 def _row_of_rays(
     height: Array, shift_x: Array, shift_z: Array, slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array,
     strain_xz: Array, first_z: float, cell_m: float, sun_x: float, sun_y: float, sun_z: float, refractive_index: float,
@@ -83,7 +83,7 @@ def _row_of_rays(
         transmittance[i] = 2.0 * refractive_index * c_i * c_t * (1.0 / (s * s) + 1.0 / (p * p))
 
 
-@compiled
+@exact
 def triangle_flux(rays: Array, sun: Array, out: Array) -> float:
     """Write the flux [m^2] into the triangles of each cell, per unit irradiance across the beam.
 
@@ -110,7 +110,7 @@ def triangle_flux(rays: Array, sun: Array, out: Array) -> float:
     return least
 
 
-@compiled
+@exact
 def edge_points(rays: Array, flux: Array, points: Array) -> tuple[float, float, float, float]:
     """Write the light of the cells as points: origin x, z, slope x, z and flux, (5, 3, N, N), in single precision.
 
@@ -138,7 +138,7 @@ def edge_points(rays: Array, flux: Array, points: Array) -> tuple[float, float, 
     return total, still / total, mixed / total, grown / total
 
 
-@compiled
+@exact
 def sum_points(points: Array, depth_m: float, tile_m: float, gain: float, padded: Array, out: Array) -> None:
     """Write the sum (size, size) of points (5, n) of `edge_points` on a plane, each shared bilinearly by four pixels.
 
@@ -170,7 +170,7 @@ def sum_points(points: Array, depth_m: float, tile_m: float, gain: float, padded
             out[j, i] = row[i + 1]
 
 
-@compiled
+@exact
 def _share_points(
     origin_x: Array, origin_z: Array, slope_x: Array, slope_z: Array, flux: Array, depth_m: float, tile_m: float,
     gain: float, size: int, at: NDArray[np.int32], share: Array,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.types import Surface
 
 Array = NDArray[np.floating[Any]]
@@ -49,7 +49,7 @@ def shadow_steps(range_m: float, sun: Array, tile_m: float, size: int) -> int:
     return min(math.ceil(reach), size) if reach > 1.0 else 0
 
 
-@compiled
+@exact
 def _read(fields: Array, channel: int, x: float, z: float) -> float:
     n = fields.shape[0]
     i, j = math.floor(x), math.floor(z)
@@ -62,7 +62,7 @@ def _read(fields: Array, channel: int, x: float, z: float) -> float:
     return value
 
 
-@compiled
+@exact
 def _lit(fields: Array, along_x: float, along_z: float, rise: float, steps: int) -> Array:
     """Return the lit points. fields: (N, N, 3) shift x, shift z, height in cells. along: towards the sun. rise: tan."""
     n = fields.shape[0]

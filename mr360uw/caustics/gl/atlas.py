@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 _NEW_PLANES = 3
@@ -49,7 +49,7 @@ def mip_atlas(*stacks: Sequence[Floats], room: NDArray[np.float32] | None = None
     return atlas
 
 
-@compiled
+@exact
 def write_level(level: Floats, planes: NDArray[np.int64], atlas: NDArray[np.float32], top: int) -> None:
     """Write a level (D, side, side, C) with its border of one pixel into layers of an atlas, from row `top` on."""
     side, colours = level.shape[1], level.shape[3]

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
 
@@ -26,13 +26,13 @@ _LEAST_JACOBIAN = 1e-6
 brightest pixels of a fold are half as bright."""
 
 
-@compiled
+@exact
 def _inside(weight: float, ex: float, ey: float) -> bool:
     """Top-left rule: a pixel centre on an edge belongs to one of the two triangles that share it."""
     return weight > 0.0 or (weight == 0.0 and (ey > 0.0 or (ey == 0.0 and ex < 0.0)))
 
 
-@compiled
+@exact
 def rasterise(hit: Array, flux: Array, light: Array, jacobian: Array, size: int) -> Array:
     """Return intensities drawn at pixel centres, sheets added up, as a graphics pipeline without coverage does.
 

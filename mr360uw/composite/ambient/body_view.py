@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +17,7 @@ from mr360uw.composite.ambient.on_ground.ground_view import NODES, Ground
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.shot import PlacedObject
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 
@@ -134,14 +134,16 @@ def outlook(
     """
     from scipy.sparse import csr_matrix
 
-    hits = [np.concatenate([np.zeros(0, a[0].dtype), *a]) for a in _columns(pairs)]
+    site, direction, met, distance, share = (np.concatenate([np.zeros(0, a[0].dtype), *a]) for a in _columns(pairs))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
-    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(hits[0]), np.int32)
-    weight, way = np.zeros(len(hits[0]), np.float32), np.zeros(len(hits[0]), np.int16)
-    if node is not None or len(hits[0]):
+    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(site), np.int32)
+    weight, way = np.zeros(len(site), np.float32), np.zeros(len(site), np.int16)
+    if node is not None or len(site):
         behind = np.full(cosine.shape, -1, np.int16) if node is None else node
-        _resolve(cosine, behind, *hits, lost, ground, begin, column, weight, way)
+        _resolve(
+            cosine, behind, site, direction, met, distance, share, lost, ground, begin, column, weight, way
+        )  # fmt: skip
     used = int(begin[-1])
     sites = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
     return Outlook(lost, sites, way[:used], ground)
@@ -157,7 +159,7 @@ def _columns(pairs: list[tuple[PairView, int]]) -> list[list[Any]]:
     ]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _resolve(
     cosine: Any, node: Any, site: Any, direction: Any, met: Any, distance: Any, share: Any,
     lost: Any, ground: Any, begin: Any, column: Any, weight: Any, way: Any,

@@ -5,19 +5,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
+from mr360uw.jit import exact, inlined
 from mr360uw.rays import triple
 
-_inlined = numba.njit(error_model="numpy", inline="always")
 
-
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _row(steps: Any, i: Any) -> Any:
     return i * (2 * steps + 3 - i) // 2
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
     """Return three knots and their shares at barycentric weights of a triangle with a place (4,).
 
@@ -43,7 +40,7 @@ def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
     return first, second, third, rest, 1.0 - v if upper else u, 1.0 - u if upper else v
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def find_three(places: Any, weights: Any, knots: Any, shares: Any) -> None:
     """Set knots (n, 3) and shares (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4)."""
     for n in range(len(places)):
@@ -52,7 +49,7 @@ def find_three(places: Any, weights: Any, knots: Any, shares: Any) -> None:
         shares[n, 0], shares[n, 1], shares[n, 2] = u, v, w
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def find_nearest_knots(
     triangles: Any, met: Any, origin: Any, direction: Any, places: Any, numbers: Any,
     knot: Any, distance: Any, behind: Any,

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_view import Body, Met, Outlook
 from mr360uw.composite.ambient.directions import directions
+from mr360uw.jit import fast
 from mr360uw.types import Floats
 
 LEAST_ALPHA = 0.1
@@ -64,15 +64,16 @@ def reflected_among(body: Body, met: Met, camera: Floats, radiance: Floats, sent
     alpha = np.maximum(body.transfer.roughness**2, LEAST_ALPHA)
     out = np.zeros((len(towards), 6))
     out[:, :3] = 1.0
-    single = [np.ascontiguousarray(a, np.float32) for a in (lattice.normal, towards, alpha, directions().T, radiance.T)]
-    _reflect(*single, met.begin, met.direction, met.target, met.part, sent, change, out)
+    normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
+    towards, alpha = towards.astype(np.float32), alpha.astype(np.float32)
+    light = np.ascontiguousarray(radiance.T, np.float32)
+    _reflect(
+        normal, towards, alpha, ways, light, met.begin, met.direction, met.target, met.part, sent, change, out
+    )  # fmt: skip
     return out
 
 
-_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-
-
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
     """Set the weights (COUNT,) of directions (3, COUNT) in a lobe."""
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -94,7 +95,7 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
         weight[k] = light / (facets * facets * smith)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _reflect(
     normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any,
     first: Any, direction: Any, target: Any, part: Any, sent: Any, change: Any, out: Any,

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 
@@ -20,7 +20,7 @@ def product(matrix: Any, values: Floats) -> Floats:
     return out
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _sum_rows(begin: Any, column: Any, weight: Any, values: Any, out: Any, zero: Any) -> None:
     for row in range(len(out)):
         for c in range(0, out.shape[1], 3):

@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 BLOCK = 4
@@ -95,7 +95,7 @@ def make_blocks(
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _set_keys(left: Any, top: Any, right: Any, bottom: Any, code: Any, begin: Any, across: Any, key: Any) -> None:
     """Set the sort keys of all blocks that rectangles (T,) overlap, those of the t-th from begin[t] on.
 

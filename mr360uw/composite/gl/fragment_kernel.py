@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
 from mr360uw.composite.gl.blocks import BLOCK
+from mr360uw.jit import exact
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def take_lanes(image: Any, chosen: Any, first: int, values: Any) -> None:
     """Write the texels (h, w, c) of a target into the rows `chosen` (m,) of values (n, first + c...).
 
@@ -25,7 +24,7 @@ def take_lanes(image: Any, chosen: Any, first: int, values: Any) -> None:
             values[chosen[k], first + c] = image[row, column, c]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def sum_behind(
     row: Any, column: Any, first: Any, weight: Any, values: Any, tile_row: int, tile_column: int,
     radiance: Any, alpha: Any, distance: Any,

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.gl.mesh_fragments import MeshFragments
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 _APART = 0.4
@@ -48,11 +48,11 @@ def sun_groups(
     view = shot.view
     linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
     eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
-    in_body = [np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape))]
+    eye, sunward = (np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape)))
     turn = np.einsum("bkj,kl->bjl", linear, view.world_from_camera)
     beside = np.array([view.eye_m / placed.scale for placed in objects])
     surface = np.empty((len(part.listed), 5))
-    _meet(part.listed, part.mesh.positions, order, *in_body, turn, beside, view.width, view.height, surface)
+    _meet(part.listed, part.mesh.positions, order, eye, sunward, turn, beside, view.width, view.height, surface)
     apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
@@ -62,7 +62,7 @@ def sun_groups(
     return SunGroups(of, listed)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _meet(
     listed: Any,
     corners: Any,
@@ -101,7 +101,7 @@ def _meet(
         surface[n, 4] = 1.0 if (lit > 0.0) == (above > 0.0) else 0.0
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _follows(listed: Any, pixel: Any, surface: Any, apart: Any, before: Any, n: Any) -> Any:
     """Return whether a fragment belongs to the group of the one before it."""
     if pixel[n] != pixel[before] or listed[n, 3] != listed[before, 3]:
@@ -112,7 +112,7 @@ def _follows(listed: Any, pixel: Any, surface: Any, apart: Any, before: Any, n: 
     return cosine >= _BEND and abs(surface[n, 3] - surface[before, 3]) <= apart * surface[before, 3]
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _group(listed: Any, pixel: Any, weight: Any, surface: Any, apart: Any, of: Any, chosen: Any, area: Any) -> Any:
     """Set the group (n,) of each fragment, and of each group the fragment with most samples (m,) and the area (m, 5) of
     all, as `sampling.frame_areas`; return their number m.

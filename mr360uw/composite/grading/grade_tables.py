@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.jit import exact, inlined
 from mr360uw.types import Floats
 
 STEPS = 16384
@@ -60,7 +60,7 @@ def table_light() -> Floats:
     return np.linspace(0.0, np.sqrt(BRIGHTEST), STEPS + 1) ** 2
 
 
-@numba.njit(nogil=True, cache=True, inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _look(table: Any, place: Any) -> Any:
     """Return the value of a table at a place, in cells from its start."""
     cell = min(max(np.int32(place), np.int32(0)), np.int32(table.size - 2))
@@ -68,7 +68,7 @@ def _look(table: Any, place: Any) -> Any:
     return low + (place - np.float32(cell)) * (table[cell + 1] - low)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _run(light: Any, encode: Any, before: Any, curves: Any, after: Any, last: Any, out: Any) -> None:
     """Write the light (n, 3) behind all steps; see `GradeTables`."""
     of_root = np.float32(STEPS / np.sqrt(BRIGHTEST))

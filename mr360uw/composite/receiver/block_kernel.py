@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import exact
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+
+@exact
 def survey_blocks(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, change: Any, near: Any) -> None:
     """Find how values change over blocks (n,), and which blocks reach into a ball.
 
@@ -28,7 +29,7 @@ def survey_blocks(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls:
             near[n] |= x * x + y * y + z * z < far * far
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def measure_blocks(
     j: Any, i: Any, corner: Any, middle: Any, limit: Any, factor: Any, rough: Any, reach_m: Any
 ) -> None:  # fmt: skip
@@ -53,7 +54,7 @@ def measure_blocks(
         reach_m[r, c] = factor * np.sqrt(longest)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def mark_changed(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, least: Any, marks: Any) -> None:
     """Set the marks (n,) of blocks that reach into a ball, or where a factor at a corner is not 1 by more than `least`.
 

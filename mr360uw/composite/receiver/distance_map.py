@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 JUMP = 4.0
@@ -39,7 +39,7 @@ def inverse_distance(distance_m: Floats) -> NDArray[np.float32]:
     return np.where(seen, 1.0 / np.where(seen, distance, 1.0), 0.0).astype(np.float32)
 
 
-@compiled
+@exact
 def _difference(before: Any, here: Any, after: Any) -> Any:
     """Return the change from one texel to the next: the mean of both sides, or that of the side without an edge."""
     if before <= 0.0 and after <= 0.0:
@@ -55,7 +55,7 @@ def _difference(before: Any, here: Any, after: Any) -> Any:
     return left if abs(left) < abs(right) else right
 
 
-@compiled
+@exact
 def _touching(inverse: NDArray[np.float32], out: NDArray[np.float32]) -> None:
     rows, columns = inverse.shape
     longitude = 2.0 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)

@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Room
 from mr360uw.composite.receiver.plate_blur import Picture, PlateBlur
+from mr360uw.jit import exact
 from mr360uw.types import Floats, Rectangle
 
 LEAST_LIGHT = 1e-3
@@ -96,7 +96,7 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _add_rows(image: Any, row: int, column: int, weight: Any, begun: Any, smooth: Any) -> None:
     """Add rows of an image, from a row and a column on, times weights (h,), to those of `smooth` (h, w, 3); rows that
     are not `begun` (h,) are set.
@@ -114,7 +114,7 @@ def _add_rows(image: Any, row: int, column: int, weight: Any, begun: Any, smooth
         begun[r] = True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _draw_from(shown: Any, strength: Any, calm: Any) -> None:
     """Set `calm` (n,) to values (n,) that are drawn towards it by a strength."""
     for i in range(len(calm)):
@@ -130,7 +130,7 @@ def _widened(image: Floats) -> NDArray[np.float32]:
     return bits.view(np.float32) * _HALF_BIAS
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _widen(halves: Any, bits: Any) -> None:
     """Write the bits of float16 (h, w, 3) as those of float32 that are smaller by `_HALF_BIAS`."""
     for row in range(bits.shape[0]):

@@ -12,13 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Room
 from mr360uw.composite.receiver.ground import BLOCK
 from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
+from mr360uw.jit import fast, inlined
 from mr360uw.types import Tile
 
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -88,7 +88,7 @@ def lay_receiver(
     )  # fmt: skip
 
 
-@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _inverse_pattern(shown: Any, calm: Any, inside: Any, plate: Any, line: Any, count: int, inverse: Any) -> None:
     """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
 
@@ -108,7 +108,7 @@ def _inverse_pattern(shown: Any, calm: Any, inside: Any, plate: Any, line: Any, 
             out[i] = part / whole if base > dark else one
 
 
-@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _between(corner: Any, q: int, z: int, down: Any, middle: Any, line: Any, b: int) -> None:
     """Set a row of block b of `line` (10, n, BLOCK) to what lies between the corners of block (q, z).
 
@@ -121,7 +121,7 @@ def _between(corner: Any, q: int, z: int, down: Any, middle: Any, line: Any, b: 
             line[k, b, i] = start + middle[i] * step
 
 
-@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
     """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is large enough. haze: (3, n)."""
     one, least = np.float32(1.0), np.float32(_CHANGED)
@@ -131,7 +131,7 @@ def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
                 ratio[i, k], veil[i, k] = one + change[k, i], haze[k, i]
 
 
-@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _take_images(
     line: Any, weight: Any, waves_row: Any, added_row: Any, b: int, j: int, f: int, free: Any, s: int, seen: Any,
     w: int, waves: Any, g: int, shape: Any, p: int, added: Any,
@@ -155,7 +155,7 @@ def _take_images(
                 added_row[k, b, i] = added[p, j, i, k]
 
 
-@numba.njit(nogil=True, fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _even(corner: Any, q: int, z: int) -> bool:
     """Return whether nothing changes at the corners of block (q, z)."""
     one, most = np.float32(1.0), np.float32(0.0)
@@ -165,7 +165,7 @@ def _even(corner: Any, q: int, z: int) -> bool:
     return bool(most < np.float32(0.5 * _CHANGED))
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
     shape_at: Any, shape: Any, added_at: Any, added: Any,

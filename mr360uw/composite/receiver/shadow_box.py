@@ -5,13 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+from mr360uw.jit import fast
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread: Any, marks: Any) -> None:
     """Set the marks (n,) of places between which and the sun a body's box may be.
 
@@ -29,7 +28,7 @@ def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread
             marks[i] = True
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def mark_occluded(point: Any, normal: Any, reach_m: Any, center: Any, radius: Any, axes: Any, half: Any, least: Any,
                   marks: Any) -> None:  # fmt: skip
     """Set the marks (n,) of places that a body touches, or of whose ambient light it may block at least this part.

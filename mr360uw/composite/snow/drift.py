@@ -18,11 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea, Waves
 from mr360uw.caustics.settings import Sea
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 MOST_WAVES = 48
@@ -86,7 +86,7 @@ def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[F
     return (near + far) / both, (near - far) / both
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _add_orbits(
     k: Any, length: Any, amplitude: Any, turn: Any, frequency: Any, bottom: Any, mean: Any, depth: Any, carried: Any,
     offset: Any, velocity: Any,

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import numba
 import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.splat import Picture
+from mr360uw.jit import exact
 from mr360uw.types import Layer, Rectangle, Tile
 
 
@@ -66,7 +66,7 @@ def _with_snow(tile: Tile, before: Picture, behind: Picture) -> Tile:
     return replace(tile, radiance=radiance, alpha=alpha)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _lay(
     front: Any, front_alpha: Any, body: Any, body_alpha: Any, back: Any, back_alpha: Any, radiance: Any, alpha: Any
 ) -> None:

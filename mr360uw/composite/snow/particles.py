@@ -16,12 +16,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.snow.size_spectrum import SizeClass
 from mr360uw.errors import ParameterError
+from mr360uw.jit import exact
 from mr360uw.reading.limits import PARTICLES
 from mr360uw.types import Floats
 
@@ -92,7 +92,7 @@ def _check_number(size: SizeClass, reach: Reach) -> None:
     PARTICLES.check("snow - its density or its range", round(min(expected, 1e18)), ParameterError)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _mixed(h: Any) -> Any:
     """Return 64 bits of which each depends on every bit of h."""
     h = (h ^ (h >> _S30)) * _FIRST
@@ -100,14 +100,14 @@ def _mixed(h: Any) -> Any:
     return h ^ (h >> _S31)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _uniform(h: Any, number: Any) -> Any:
     """Return the `number`-th random number of a hash, in (0, 1)."""
     bits = _mixed(h + np.uint64(number + 1) * _GOLDEN)
     return (np.float64(bits >> _S11) + 0.5) / 9007199254740992.0
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _fill(
     seed: Any, size_class: Any, side: Any, per_m3: Any, low: Any, high: Any, power: Any, centre: Any, nearest: Any,
     farthest: Any, per_diameter: Any, margin: Any, rows: Any,

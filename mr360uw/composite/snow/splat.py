@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import exact
 from mr360uw.sphere import row_solid_angle
 from mr360uw.types import Floats, View
 
@@ -61,7 +61,7 @@ def draw_particles(
     )  # fmt: skip
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _columns(row_sine: Any, row_cosine: Any, sine: Any, cosine: Any, cos_reach: Any, x: Any, width: Any) -> Any:
     """Return (first column, number of columns) of a row within an angle of a direction; columns may pass the seam."""
     across = cosine * row_cosine
@@ -75,7 +75,7 @@ def _columns(row_sine: Any, row_cosine: Any, sine: Any, cosine: Any, cos_reach: 
     return first, min(int(np.floor(x + half - 0.5)) - first + 1, width)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _share(a: Any, v: Any, b: Any, outer: Any, soft: Any, dx: Any, dy: Any, dz: Any) -> Any:
     """Return f of the pixel in direction (dx, dy, dz). v: unit, along the arc at its begin a. b: cosine and sine of the
     arc. outer: R + h, soft: 2 h.
@@ -86,7 +86,7 @@ def _share(a: Any, v: Any, b: Any, outer: Any, soft: Any, dx: Any, dy: Any, dz: 
     return min(max((outer - np.sqrt(max(2.0 - 2.0 * x, 0.0))) / soft, 0.0), 1.0)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _draw(
     start: Any, end: Any, radius: Any, solid_angle: Any, distance: Any, radiance: Any, body: Any, row_sine: Any,
     row_cosine: Any, column_sine: Any, column_cosine: Any, row_solid_angle: Any, before: Any, before_alpha: Any,

@@ -11,12 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from mr360uw.jit import fast, inlined
 from mr360uw.medium.shafts.pattern_lines import fill_line, line_steps
-
-_compiled = njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-_inlined = njit(nogil=True, fastmath=True, error_model="numpy", inline="always")
 
 _LAST = 1.2
 """Distance up to which the last segment of a ray has a pattern, over that of its start."""
@@ -24,7 +21,7 @@ SHORTEST_M = 1e-6
 """Part of a line [m] over which the difference of two sums is still free of roundings."""
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def node_edges(rate: Any, reach: Any, count: Any, edge: Any) -> None:
     """Write the edges (count + 1,) [m] of a ray's segments: `ray_segments.radius_at`."""
     x = rate * reach
@@ -33,7 +30,7 @@ def node_edges(rate: Any, reach: Any, count: Any, edge: Any) -> None:
         edge[k] = reach * t if abs(x) < 1e-6 else -reach * math.log1p(t * math.expm1(-x)) / x
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def add_beam(
     starts: Any, up: Any, sine: Any, rate: Any, reach: Any, turned: Any, weights: Any, seen: Any, depth_m: Any,
     values: Any, level_start: Any, size: Any, planes: Any, tile_m: Any, place: Any, course: Any, widening: Any,
@@ -73,7 +70,7 @@ def add_beam(
                 _add_node(up[n], turned[n], weights, seen, n, ratio, light[n])
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _line_end(sine: Any, rate: Any, reach: Any, count: Any) -> Any:
     """Return how far along a line [m] rays need it: over a part at least of the last segment, mostly far and faint."""
     edge = np.empty(count + 1)
@@ -84,7 +81,7 @@ def _line_end(sine: Any, rate: Any, reach: Any, count: Any) -> Any:
     return farthest
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _find_used(
     up: Any, sine: Any, rate: Any, reach: Any, count: Any, depth_m: Any, planes: Any, line: Any, step: Any,
     widening: Any, used: Any,
@@ -104,7 +101,7 @@ def _find_used(
             i0 = i1
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _find_ratio(
     up: Any, sine: Any, rate: Any, reach: Any, depth_m: Any, planes: Any, line: Any, step: Any, widening: Any,
     sums: Any, ratio: Any,
@@ -127,7 +124,7 @@ def _find_ratio(
         i0, f0 = i1, f1
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _add_node(up: Any, turned: Any, weights: Any, seen: Any, n: Any, ratio: Any, light: Any) -> None:
     """Add the deviation of ray n in each segment to `light` (count, 3)."""
     x = (up + 1.0) * 0.5 * (len(weights) - 1)
@@ -147,7 +144,7 @@ def _add_node(up: Any, turned: Any, weights: Any, seen: Any, n: Any, ratio: Any,
             light[k, j] += whole * (soft - 1.0) + sharp * ((1.0 + ratio[k, j]) * disc - soft)
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _plane(planes: Any, depth: Any) -> Any:
     """Return the plane above a depth and the fraction of the way to the next one, 0 beyond the first and the last."""
     last = len(planes) - 1
@@ -165,7 +162,7 @@ def _plane(planes: Any, depth: Any) -> Any:
     return low, (depth - planes[low]) / (planes[high] - planes[low])
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _position(r: Any, line: Any, step: Any, widening: Any) -> Any:
     """Return the step of a line that r lies in, and where in it as a fraction."""
     last = len(line) - 2
@@ -177,7 +174,7 @@ def _position(r: Any, line: Any, step: Any, widening: Any) -> Any:
     return i, min(max((r - line[i]) / (line[i + 1] - line[i]), 0.0), 1.0)
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _add_mean(sums: Any, line: Any, i0: Any, f0: Any, i1: Any, f1: Any, weight: Any, ratio: Any) -> None:
     """Add `weight` times the mean over the part of a line between two positions to `ratio` (4,)."""
     start, end = line[i0] + f0 * (line[i0 + 1] - line[i0]), line[i1] + f1 * (line[i1 + 1] - line[i1])

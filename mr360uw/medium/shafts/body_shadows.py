@@ -14,10 +14,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
+from mr360uw.jit import exact
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
 from mr360uw.sphere import basis, unit
@@ -110,7 +110,7 @@ def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) 
     return top
 
 
-@njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def visible_parts(
     origin: Any, directions: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, apart: Any, frame: Any,
     top: Any, spread: Any, taps: Any, seen: Any,

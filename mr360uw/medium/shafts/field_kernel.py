@@ -6,13 +6,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
-_inlined = njit(nogil=True, error_model="numpy", inline="always")
+from mr360uw.jit import exact, inlined
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _wrapped(row: Any, column: Any, rows: Any, columns: Any) -> Any:
     """Return a node's row and column, continued over the poles and about them."""
     if row < 0 or row >= rows:
@@ -21,7 +18,7 @@ def _wrapped(row: Any, column: Any, rows: Any, columns: Any) -> Any:
     return min(max(row, 0), rows - 1), column % columns
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _cubic(f: Any, k: Any) -> Any:
     """Return the weight of neighbour k = 0 to 3 at a fraction f between the inner two (Keys 1981)."""
     if k == 0:
@@ -33,7 +30,7 @@ def _cubic(f: Any, k: Any) -> Any:
     return 0.5 * f * f * (f - 1.0)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def mark_nodes(x: Any, y: Any, node: Any) -> None:
     """Set `node` (rows, columns) to 0 where frame coordinates (n,) of the grid read it."""
     rows, columns = node.shape
@@ -45,7 +42,7 @@ def mark_nodes(x: Any, y: Any, node: Any) -> None:
                 node[row, column] = 0
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def read_field(table: Any, node: Any, x: Any, y: Any, t: Any, result: Any) -> bool:
     """Write the light of rays at frame coordinates (n,) of the grid to `result` (n, 3).
 

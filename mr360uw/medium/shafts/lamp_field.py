@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mr360uw.jit import exact, inlined
 from mr360uw.medium.shafts.lamp_rays import nearest_m
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
@@ -88,7 +88,7 @@ def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> NDArray[np.float32]:
     return hit
 
 
-@njit(nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the distance of the nearest body towards a point that sees the lamp along (x, y, z)."""
     size = len(hit)
@@ -100,7 +100,7 @@ def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: A
     return hit[j, i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _add_lamp(
     origin: Any, rays: Any, edge: Any, step: Any, within: Any, place: Any, frame: Any, cos_core: Any, cos_edge: Any,
     least: Any, hit: Any, over_path: Any, turned: Any, length_m: Any, light: Any,

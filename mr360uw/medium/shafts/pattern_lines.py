@@ -17,14 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mr360uw.jit import fast, inlined
 from mr360uw.types import CausticStack
-
-_compiled = njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-_inlined = njit(nogil=True, fastmath=True, error_model="numpy", inline="always")
-
 
 _HALF_WAY = math.sqrt(6.0)
 """Width of a step [pixels] at which the next level is as near: sqrt(3) sqrt(2), see `caustic_lookup` for the first."""
@@ -64,7 +60,7 @@ class PatternMaps:
         return cls(values, start[:-1], size, depth, float(stack.tile_m), lean)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
     """Write maps (planes, size, size, 3) and (planes, size, size, 1), or (1, 1, 1, 1), with all their halves."""
     planes, size = sharp.shape[:2]
@@ -88,7 +84,7 @@ def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
                     values[start[level] + row * (fine // 2) + i, c] = 0.25 * total
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
     """Return the edges (n + 1,) [m] of the steps of a line: `pixel_m` wide, or `widening` times the distance."""
     even = max(math.ceil(min(reach_m / pixel_m, 1.0 / widening)), 1)
@@ -101,7 +97,7 @@ def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
     return edge
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def fill_line(
     values: Any, start: Any, size: Any, used: Any, u: Any, v: Any, du: Any, dv: Any, edge: Any, sums: Any
 ) -> None:
@@ -129,7 +125,7 @@ def fill_line(
             sums[plane, n + 1, 3] = sums[plane, n, 3] + a3 * width
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _bilinear(values: Any, start: Any, size: Any, plane: Any, x: Any, y: Any) -> Any:
     """Return the four values of a level of a plane, periodic and bilinear, at pixels (x, y) of that level."""
     x -= 0.5

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.slopes import FARTHEST, HALVINGS, LEAST
 from mr360uw.surface.tracing.random_keys import next_key, normal_cumulative, normal_density, normal_quantile, uniform
 from mr360uw.surface.tracing.ray_optics import Vector
@@ -42,13 +42,13 @@ class Facets(NamedTuple):
     seen: float
 
 
-@compiled
+@exact
 def facing(dx: float, dy: float, dz: float, slope_x: float, slope_z: float, side: float) -> float:
     """Return f; side: 1 for rays in the air, -1 in the water."""
     return side * (dx * slope_x + dz * slope_z - dy)
 
 
-@compiled
+@exact
 def facets_of(travel: Vector, normal: Vector, covariance: Vector, side: float) -> Facets:
     """Return the facets about a normal, up, with a covariance of slopes xx, xz, zz."""
     dx, dy, dz = travel
@@ -63,7 +63,7 @@ def facets_of(travel: Vector, normal: Vector, covariance: Vector, side: float) -
     return Facets(slope_x, slope_z, xx, zx, zz, mean, along_x, along_z, seen)
 
 
-@compiled
+@exact
 def seen_below(t: float, mean: float, spread: float) -> float:
     """Return the integral of max(f, 0) over the normal density up to t, at least 1e-12 of the spread."""
     s = max(spread, LEAST)
@@ -75,7 +75,7 @@ def seen_below(t: float, mean: float, spread: float) -> float:
     return max(light, LEAST * s)
 
 
-@compiled
+@exact
 def seen_deviation(share: float, mean: float, spread: float, seen: float) -> float:
     """Return the t up to which a share of the integral `seen` of max(f, 0) lies, by Newton's method within bounds."""
     s = max(spread, LEAST)
@@ -105,7 +105,7 @@ def seen_deviation(share: float, mean: float, spread: float, seen: float) -> flo
     return t
 
 
-@compiled
+@exact
 def drawn(facets: Facets, key: int) -> Vector:
     """Return the normal of one facet, in proportion to what the ray sees; the key chooses it."""
     spread = math.hypot(facets.along_x, facets.along_z)

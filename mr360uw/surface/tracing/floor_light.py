@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.tracing.ray_optics import Vector
 from mr360uw.surface.tracing.relief import Relief, in_shadow, relief_height, relief_slopes
 from mr360uw.surface.tracing.table_reads import add, between, level_for, periodic, times
@@ -37,7 +37,7 @@ class Ground(NamedTuple):
     sun_dry: Vector
 
 
-@compiled
+@exact
 def floor_radiance(
     f: Any, fn: Any, fk: Any, fe: Any, e: Any, g: Ground, x: float, z: float, footprint: float, dry: bool
 ) -> Vector:
@@ -69,7 +69,7 @@ def floor_radiance(
     return value[0] / math.pi, value[1] / math.pi, value[2] / math.pi
 
 
-@compiled
+@exact
 def _plane_light(
     f: Any, fn: Any, fk: Any, fe: Any, plane: int, tile_m: float, x: float, z: float, depth: float, footprint: float,
     sky: float, sun: float,
@@ -87,7 +87,7 @@ def _plane_light(
     return light
 
 
-@compiled
+@exact
 def _picture(f: Any, fn: Any, first: int, levels: int, tile_m: float, x: float, z: float, footprint: float) -> Vector:
     level = level_for(footprint, tile_m / fn[first, 1], levels - 1)
     return periodic(f, fn, first, levels, x / tile_m, z / tile_m, level)

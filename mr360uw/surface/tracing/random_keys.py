@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 _BITS = 0xFFFFFFFF
 
 
-@compiled
+@exact
 def pcg(key: int) -> int:
     """Return the hash of a key, both in [0, 2^32)."""
     s = (key * 747796405 + 2891336453) & _BITS
@@ -18,31 +18,31 @@ def pcg(key: int) -> int:
     return (w >> 22) ^ w
 
 
-@compiled
+@exact
 def next_key(key: int, salt: int) -> int:
     """Return another key, a fixed function of this one."""
     return pcg(key ^ pcg(salt))
 
 
-@compiled
+@exact
 def uniform(key: int) -> float:
     """Return a number in (0, 1) of a key, of 24 bits."""
     return ((key >> 8) + 0.5) / 16777216.0
 
 
-@compiled
+@exact
 def normal_cumulative(x: float) -> float:
     """Return the standard normal distribution function."""
     return 0.5 * math.erfc(-x * math.sqrt(0.5))
 
 
-@compiled
+@exact
 def normal_density(x: float) -> float:
     """Return the standard normal density."""
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
 
 
-@compiled
+@exact
 def normal_quantile(p: float) -> float:
     """Return the x below which a share p of the standard normal distribution lies, 1e-11 < p < 1 - 1e-11.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit, Waves, first_hit
 from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
@@ -52,7 +52,7 @@ class World(NamedTuple):
     murk: Murk
 
 
-@compiled
+@exact
 def met(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, sea: Waves, floor: Relief, origin: Vector,
     direction: Vector, side: float, width: float, spread: float, start: Hit, known: bool,
@@ -78,7 +78,7 @@ def met(
     return hit, math.inf if hit.distance < math.inf else reach
 
 
-@compiled
+@exact
 def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
     at = 1 if first else 0
@@ -91,7 +91,7 @@ def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: 
     return transmittance(wa, sky, distance, up), light
 
 
-@compiled
+@exact
 def put(
     stack: Any, row: int, origin: Vector, direction: Vector, weight: Vector, footprint: Vector, key: int,
     generation: int, side: float,
@@ -105,7 +105,7 @@ def put(
     s[12], s[13], s[14] = key, generation, side
 
 
-@compiled
+@exact
 def followed(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
     d: Any, dn: Any, wv: Any, wa: Any, w: World, stack: Any, start: Hit, known: bool,
@@ -154,7 +154,7 @@ def followed(
     return light
 
 
-@compiled
+@exact
 def _part(
     lost: Any, r: Any, ripples: Ripples, sun: Disc, index: float, samples: int, stack: Any, waiting: int, o: Vector,
     v: Vector, weight: Vector, width: float, spread: float, lobe: float, key: int, generation: int, side: float,

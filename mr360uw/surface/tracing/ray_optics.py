@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 
 Vector = tuple[float, float, float]
 
 
-@compiled
+@exact
 def reflectance(cosine: float, m: float) -> tuple[float, float]:
     """Return `optics.fresnel` of a cosine of incidence and the cosine of refraction."""
     before = max(cosine, 1e-300)
@@ -19,7 +19,7 @@ def reflectance(cosine: float, m: float) -> tuple[float, float]:
     return 0.5 * (across * across + along * along), behind
 
 
-@compiled
+@exact
 def bent(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, eta: float) -> Vector:
     """Return the unit direction of `optics.refract_clamped`; a normal (nx, ny, nz) against the travel (dx, dy, dz)."""
     cosine = dx * nx + dy * ny + dz * nz
@@ -29,7 +29,7 @@ def bent(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, eta: 
     return x / length, y / length, z / length
 
 
-@compiled
+@exact
 def mirrored(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float) -> Vector:
     """Return the direction of `optics.reflect`."""
     twice = 2.0 * (dx * nx + dy * ny + dz * nz)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.tracing.ray_optics import Vector
 
 _LEAST_STEP = 0.05
@@ -34,7 +34,7 @@ class Relief(NamedTuple):
     steepest: float
 
 
-@compiled
+@exact
 def relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     """Return the height [m] of the floor at (x, z)."""
     size = e.shape[0]
@@ -46,7 +46,7 @@ def relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     return (1.0 - fy) * above + fy * ((1.0 - fx) * e[j1, i0] + fx * e[j1, i1])
 
 
-@compiled
+@exact
 def relief_distance(e: Any, r: Relief, origin: Vector, direction: Vector, reach: float) -> float:
     """Return the distance at which a ray first goes through the floor from above, infinity for nowhere within reach."""
     (ox, oy, oz), (dx, dy, dz) = (origin[0], origin[1] - r.y, origin[2]), direction
@@ -79,7 +79,7 @@ def relief_distance(e: Any, r: Relief, origin: Vector, direction: Vector, reach:
     return math.inf
 
 
-@compiled
+@exact
 def relief_slopes(e: Any, tile_m: float, x: float, z: float, footprint: float) -> tuple[float, float]:
     """Return the slopes of the floor over x and z, averaged over a footprint, at least a pixel."""
     half = 0.5 * max(tile_m / e.shape[0], footprint)
@@ -88,7 +88,7 @@ def relief_slopes(e: Any, tile_m: float, x: float, z: float, footprint: float) -
     return 0.5 * by_x / half, 0.5 * by_z / half
 
 
-@compiled
+@exact
 def in_shadow(e: Any, r: Relief, x: float, z: float, to_sun: Vector) -> bool:
     """Return whether the floor hides a sun in a direction from its point at (x, z)."""
     pixel = r.tile_m / e.shape[0]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.tracing.ray_optics import Vector
 
 _GONE = 1e-6
@@ -31,7 +31,7 @@ class Ripples(NamedTuple):
     blur: float
 
 
-@compiled
+@exact
 def level_slopes(lost: Any, blur: float, level: float) -> Vector:
     """Return `SampledSea.unresolved` of one level: the covariance xx, xz, zz of the slopes that it lacks."""
     lower = min(int(level), max(len(lost) - 2, 0))
@@ -43,7 +43,7 @@ def level_slopes(lost: Any, blur: float, level: float) -> Vector:
     return xx + blur, xz, zz + blur
 
 
-@compiled
+@exact
 def tilted(r: Any, ripples: Ripples, normal: Vector, x: float, z: float, sigma_m: float) -> tuple[Vector, float]:
     """Return a normal with the ripples' slopes at a rest position, and the slope variance along each axis of ripples
     that are smaller than a footprint. r: (size, size, 2) slopes of their map.
@@ -65,7 +65,7 @@ def tilted(r: Any, ripples: Ripples, normal: Vector, x: float, z: float, sigma_m
     return (nx / length, normal[1] / length, nz / length), gone
 
 
-@compiled
+@exact
 def _slope(r: Any, u: float, v: float) -> tuple[float, float]:
     """Return `caustics.sea.detail.periodic_slope` of one place."""
     size = r.shape[0]

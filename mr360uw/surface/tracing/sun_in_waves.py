@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.slopes import LEAST, SHARP
 from mr360uw.surface.tracing.facet_draws import Facets, facing
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
@@ -34,7 +34,7 @@ class Disc(NamedTuple):
     blue: float
 
 
-@compiled
+@exact
 def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: float, index: float) -> float:
     """Return the radiance that the facets send back along a ray, over that of the sun.
 
@@ -74,7 +74,7 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
     return share * weight * factor
 
 
-@compiled
+@exact
 def _disc(sun: Disc, travel: Vector, normal: Vector, side: float, index: float) -> float:
     """Return the radiance of the sun's disc over its own, seen by facets of the mean slope alone."""
     dx, dy, dz = travel
@@ -89,7 +89,7 @@ def _disc(sun: Disc, travel: Vector, normal: Vector, side: float, index: float) 
     return factor if x * sun.x + y * sun.y + z * sun.z >= sun.edge else 0.0
 
 
-@compiled
+@exact
 def sun_seen(sun: Disc, half_angle: float, dx: float, dy: float, dz: float, spread: float) -> float:
     """Return the radiance of the sun that a ray sees without the sea, over that of its own disc.
 

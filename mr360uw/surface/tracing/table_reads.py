@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.caustics.flux.compiled import compiled
+from mr360uw.jit import exact
 from mr360uw.surface.tracing.ray_optics import Vector
 
 
@@ -23,19 +23,19 @@ class WaterTable(NamedTuple):
     depth_m: float
 
 
-@compiled
+@exact
 def add(a: Vector, b: Vector, share: float) -> Vector:
     """Return a + share b."""
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
-@compiled
+@exact
 def times(a: Vector, b: Vector) -> Vector:
     """Return the products of the parts of two vectors."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@compiled
+@exact
 def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector:
     """Return the value between four texels of t (n, 3): a, b above, c, d below."""
     wa, wb, wc, wd = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
@@ -46,7 +46,7 @@ def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector
     )
 
 
-@compiled
+@exact
 def periodic(t: Any, n: Any, first: int, levels: int, u: float, v: float, level: float) -> Vector:
     """Return the value of a picture with its halves at tile coordinates (`caustic_lookup.periodic_trilinear`).
 
@@ -61,14 +61,14 @@ def periodic(t: Any, n: Any, first: int, levels: int, u: float, v: float, level:
     return between(value, _periodic_level(t, n[first + lower + 1, 0], n[first + lower + 1, 1], u, v), share)
 
 
-@compiled
+@exact
 def between(a: Vector, b: Vector, share: float) -> Vector:
     """Return (1 - share) a + share b."""
     rest = 1.0 - share
     return rest * a[0] + share * b[0], rest * a[1] + share * b[1], rest * a[2] + share * b[2]
 
 
-@compiled
+@exact
 def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector:
     x, y = u * size - 0.5, v * size - 0.5
     column, row = math.floor(x), math.floor(y)
@@ -78,14 +78,14 @@ def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector
     return four(t, above + i0, above + i1, below + i0, below + i1, x - column, y - row)
 
 
-@compiled
+@exact
 def level_for(footprint: float, pixel: float, last: int) -> float:
     """Return the level for a footprint and a pixel [m] (`caustic_lookup.mip_level`)."""
     wanted = footprint / (math.sqrt(3.0) * pixel)
     return min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
 
 
-@compiled
+@exact
 def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: float) -> Vector:
     """Return the radiance of the sky over a footprint [rad]; directions below the horizon see its mirror image.
 
@@ -105,7 +105,7 @@ def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: flo
     return between(value, _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude), share)
 
 
-@compiled
+@exact
 def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
     x, y = longitude * width - 0.5, latitude * height - 0.5
     column, row = math.floor(x), math.floor(y)
@@ -119,7 +119,7 @@ def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, l
     )  # fmt: skip
 
 
-@compiled
+@exact
 def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
     """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
     x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
@@ -142,7 +142,7 @@ def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
     )
 
 
-@compiled
+@exact
 def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
     s = min(distance, table.depth_m / max(up, 1e-9))
@@ -151,7 +151,7 @@ def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     return filled * smooth[0], filled * smooth[1], filled * smooth[2]
 
 
-@compiled
+@exact
 def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.transmittance_lookup` of a finite ray."""
     s = min(distance, table.depth_m / max(up, 1e-9))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.yuv.decode_kernels import inlined, kernel
+from mr360uw.jit import fast, inlined
 
 _DEVIATION = np.float32(np.sqrt((2.0**32 - 1.0) / 3.0))
 """Standard deviation of the sum of four independent integers, each even over [0, 2^16)."""
@@ -25,7 +25,7 @@ def _mixed(z: Any) -> Any:
     return z ^ (z >> np.uint64(31))
 
 
-@kernel
+@fast
 def white_noise(frame: int, plane: int, row: int, column: int, columns: int, out: Any) -> None:
     """Write noise of mean 0 and variance 1 into `out` (h, w); it repeats after `columns` columns."""
     step, low = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFFFF)
@@ -38,7 +38,7 @@ def white_noise(frame: int, plane: int, row: int, column: int, columns: int, out
             out[r, c] = (np.float32(total) - np.float32(131070.0)) / _DEVIATION
 
 
-@kernel
+@fast
 def survey(blocks: Any, out: Any) -> None:
     """Write (lowest value, highest value, mean, roughness) of blocks (n, h, w) into `out` (n, 4).
 

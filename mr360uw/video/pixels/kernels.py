@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.yuv.decode_kernels import chroma_row, inlined, kernel, luma_from_code
+from mr360uw.jit import fast, inlined
+from mr360uw.yuv.decode_kernels import chroma_row, luma_from_code
 
 ENCODE_STEP_BITS = 16
 """Bits of a float32 that lie between two samples of the encoding table: the exponent and the first 7 bits of the
@@ -24,7 +25,7 @@ ENCODE_STEPS = 38 << (23 - ENCODE_STEP_BITS)
 """Samples of the table: 38 octaves, up to 2^6, above the brightest light that any curve holds (PQ, 49)."""
 
 
-@kernel
+@fast
 def _encode_row(
     codes: Any, cb: Any, cr: Any, light_bits: Any, alpha: Any, k: Any, channel: int, table: Any, out: Any
 ) -> None:
@@ -59,7 +60,7 @@ def _noise(row: int, column: int, frame: int) -> Any:
     return np.float32(0.001) + np.float32(0.998) * (value - np.float32(int(value)))
 
 
-@kernel
+@fast
 def write_noise(row: int, column: int, frame: int, out: Any) -> None:
     """Write the noise of a rectangle that begins at (row, column) into `out` (h, w)."""
     for r in range(out.shape[0]):
@@ -95,7 +96,7 @@ def _strength(luma: Any, strength: Any) -> Any:
     return strength[np.int32(min(max(place, np.float32(0.0)), np.float32(strength.size - 1)))]
 
 
-@kernel
+@fast
 def _grain_row(codes: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps: Any) -> None:
     """Add a row's luma grain to the steps of R', G', B' (3, w): grey has no chroma, and the luma weights sum to 1."""
     for c in range(codes.size):
@@ -107,7 +108,7 @@ def _grain_row(codes: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps:
                 steps[n, c] += step
 
 
-@kernel
+@fast
 def write_luma(
     y: Any, u: Any, v: Any, y_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
     k: Any, table: Any, peak: Any, light_bits: Any, alpha: Any, changed: Any, frame: int,
@@ -140,7 +141,7 @@ def write_luma(
                 chroma[plane, r, c] = step if changed[r, c] else np.float32(0.0)
 
 
-@kernel
+@fast
 def write_chroma(
     u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
     k: Any, peak: Any, alpha: Any, changed: Any, frame: int, grain: Any, strength: Any, chroma: Any,
@@ -189,7 +190,7 @@ def write_chroma(
             v_out[j, i] = _quantise(cr, _noise(j + 101, i + 31, frame), peak)
 
 
-@kernel
+@fast
 def find_changes(alpha: Any, ratio: Any, radiance: Any, shafts: Any, out: Any) -> None:
     """Write into `out` (h, w) where a tile covers, adds light or changes the plate's light.
 

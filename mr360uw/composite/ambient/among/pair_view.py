@@ -11,18 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.among.relative_pose import RelativePose
 from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
+from mr360uw.jit import exact
 from mr360uw.types import Floats
 
 _UNNOTICED, _NOTICED = 0.004, 0.008
 """Bodies that block less of each other's ambient light than the first share, about a code value, are not looked at;
 from the second on they show whole."""
+
 _EXACT, _INTERPOLATED = 1.0, 2.0
 """Sites nearer to another body than so many spacings of the lookouts look themselves, and those beyond so many take
 what the lookouts see; between the two they pass from one to the other."""
@@ -141,7 +142,7 @@ def _directions_near(pair: Pair) -> NDArray[np.int64]:
     return np.flatnonzero(directions() @ to >= apart * np.sqrt(1.0 - sine * sine))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: Any, found: Any) -> Any:
     """Write site and direction of the open rays into a ball to `found` (2, most); return how many there are."""
     total = 0
@@ -158,7 +159,7 @@ def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: A
     return total
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def _set_rays(begin: Any, found: Any, rows: Any, there: Any, ways: Any, origin: Any, rays: Any) -> None:
     """Set where rays (n, 3) of p pairs start and lead, those of pair k from begin[k] on, from their sites and
     directions `found` (2, n). there: (m, 3) places of all pairs, those of pair k from rows[k] on; ways: (p, COUNT, 3).
@@ -170,7 +171,7 @@ def _set_rays(begin: Any, found: Any, rows: Any, there: Any, ways: Any, origin: 
                 rays[n, c] = ways[k, found[1, n], c]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def find_nearest_within(points: Any, places: Any, reach: Any, distance: Any) -> None:
     """Set the distances (n,) of points (n, 3) from the nearest of places (m, 3), infinite where it is `reach` or more.
 

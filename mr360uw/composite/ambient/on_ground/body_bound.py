@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import inlined
 
-@numba.njit(fastmath=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+
+@inlined
 def most_blocked(squared: Any, beside: Any, wide_squared: Any, highest: Any) -> Any:
     """Return a bound on the fraction of uniform light that a body blocks: all azimuths of the circle around its plan,
     up to the largest elevation.

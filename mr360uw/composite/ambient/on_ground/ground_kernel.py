@@ -12,15 +12,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from mr360uw.constants import BRIGHTEST, DARK
+from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats
 
 UNNOTICED, NOTICED = 0.012, 0.036
 """A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres;
 from the second on it shows whole."""
+
 PIECES = 8
 
 
@@ -44,11 +45,7 @@ def fraction_left(blocked: Floats, lost: Floats, whole: Floats) -> Floats:
     return np.asarray(np.clip(left, 0.0, BRIGHTEST))
 
 
-_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-_inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
-
-
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _at_azimuth(begins: Any, azimuth: Any) -> Any:
     """Return the number of a body's azimuth within which another lies, -1 for none."""
     turn = azimuth - begins[0]
@@ -57,7 +54,7 @@ def _at_azimuth(begins: Any, azimuth: Any) -> Any:
     return int(place) if place < begins[2] else -1
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _add_sums(table: Any, azimuth: Any, elevation: Any, weights: Any, factor: Any, out: Any) -> None:
     """Add factor times weights.P at an azimuth and an elevation to `out` (channels,)."""
     rows, columns = table.shape[0], table.shape[1] - 1
@@ -77,7 +74,7 @@ def _add_sums(table: Any, azimuth: Any, elevation: Any, weights: Any, factor: An
             out[channel] += here + w10 * table[j, k, c, channel] + w11 * table[j, k + 1, c, channel]
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azimuth: Any) -> Any:
     """Set the pieces of an interval that the bodies before the m-th leave at an azimuth; return how many there are."""
     piece[0, 0], piece[0, 1] = low, high
@@ -103,7 +100,7 @@ def cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, m: Any, azim
     return pieces
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _horizon(normal: Any, azimuth: Any, low: Any, high: Any) -> Any:
     """Return the part of an interval of elevations above the horizon of a place with a normal (3,)."""
     level = normal[0] * np.cos(azimuth) + normal[2] * np.sin(azimuth)
@@ -116,7 +113,7 @@ def _horizon(normal: Any, azimuth: Any, low: Any, high: Any) -> Any:
     return low, high
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def gather(normal: Any, weights: Any, begins: Any, blocked: Any, table: Any, out: Any) -> None:
     """Add what bodies block at places with normals (n, 3) to `out` (bodies, n, channels).
 

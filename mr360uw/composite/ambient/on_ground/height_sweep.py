@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
+from mr360uw.jit import fast, inlined
 
 AZIMUTHS, _FROM_OUTSIDE = 32, 24
 """Azimuths all around a place within the outline of a body, and over its width from outside. With 24 within, light
@@ -27,11 +27,8 @@ STEP = 4
 _ON_EDGE = 1e-9
 """A place nearer to an edge of the outline than this part of the body's size counts as within it."""
 
-_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-_inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
 
-
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _side(outline: Any, k: Any, a: Any, b: Any) -> Any:
     """Return the k-th edge of an outline (2 numbers) and its cross product with the way to a place, positive inside."""
     n = k + 1 if k + 1 < outline.shape[0] else 0
@@ -39,13 +36,13 @@ def _side(outline: Any, k: Any, a: Any, b: Any) -> Any:
     return ea, eb, ea * (b - outline[k, 1]) - eb * (a - outline[k, 0])
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _corner_side(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
     """Return on which side of a ray a corner lies: positive where a greater azimuth is."""
     return da * (outline[k, 1] - b) - db * (outline[k, 0] - a)
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _width_at(outline: Any, a: Any, b: Any, tiny: Any) -> Any:
     """Return (first azimuth, width, the first edges of the far and the near side, whether it is outside) of a place in
     the plane of an outline. With the azimuth rises the number of the edge on the far side, and falls that on the near.
@@ -75,7 +72,7 @@ def _width_at(outline: Any, a: Any, b: Any, tiny: Any) -> Any:
     return first, width, far, near, outside
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _edges_met(outline: Any, far: Any, near: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
     """Return the edges of the far and the near side that a ray meets, from those that the ray before it met."""
     count = outline.shape[0]
@@ -91,7 +88,7 @@ def _edges_met(outline: Any, far: Any, near: Any, a: Any, b: Any, da: Any, db: A
     return far, near
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _distance(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
     """Return how far a place lies from an edge along a direction."""
     ea, eb, side = _side(outline, k, a, b)
@@ -99,7 +96,7 @@ def _distance(outline: Any, k: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
     return max(-side / across, 0.0) if abs(across) > 1e-30 else 0.0
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _add_part(found: Any, parts: Any, low: Any, high: Any) -> Any:
     """Add an interval to up to two that do not overlap; return how many there are. A third one widens the second."""
     if parts == 0:
@@ -116,13 +113,13 @@ def _add_part(found: Any, parts: Any, low: Any, high: Any) -> Any:
     return parts
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _at(squares: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
     """Return a bilinear value of a square, whose coefficients begin at the k-th number."""
     return squares[i, j, k] + u * squares[i, j, k + 1] + v * (squares[i, j, k + 2] + u * squares[i, j, k + 3])
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _hop(squares: Any, ga: Any, gb: Any, s: Any, hops: Any) -> Any:
     """Return how many steps a ray at distance s may take at once, up to `hops`, about a place in cells."""
     n = squares.shape[0] - 1
@@ -130,7 +127,7 @@ def _hop(squares: Any, ga: Any, gb: Any, s: Any, hops: Any) -> Any:
     return hops if from_there <= s else max(0.5 * hops, 1.0) if from_there <= 4.0 * s else 1.0
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _slopes(
     squares: Any, y: Any, bounds: Any, way: Any, stride: Any, hops: Any, at: Any, steps: Any, found: Any
 ) -> Any:
@@ -183,7 +180,7 @@ def _slopes(
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _bound(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     """Return where a place lies along both sides of a plan from its middle, and a bound on what is blocked there."""
     a, b = (x - frame[0]) * frame[2] + (z - frame[1]) * frame[3], (z - frame[1]) * frame[2] - (x - frame[0]) * frame[3]
@@ -191,7 +188,7 @@ def _bound(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     return a, b, most_blocked(a * a + b * b, beside, frame[4] * frame[4] + frame[5] * frame[5], highest - y)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def may_block(point: Any, origin: Any, frame: Any, highest: Any, found: Any) -> None:
     """Set `found` (n,) to whether a body is not passed over at places (n, 3); highest: its greatest height."""
     for k in range(len(point)):
@@ -199,7 +196,7 @@ def may_block(point: Any, origin: Any, frame: Any, highest: Any, found: Any) -> 
         found[k] = _bound(x, y, z, frame, highest)[2] >= _UNSEEN
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begins: Any, blocked: Any) -> None:
     """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
 

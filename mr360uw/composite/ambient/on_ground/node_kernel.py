@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from mr360uw.jit import exact, fast
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+
+@fast
 def between_nodes(place: Any, values: Any, out: Any) -> None:
     """Set `out` (n, c) to values (k, k, c) of a grid of nodes at places (n, 2), 0 to k - 1.
 
@@ -39,7 +40,7 @@ def between_nodes(place: Any, values: Any, out: Any) -> None:
             out[n, c] = min(max(total, least), most)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@exact
 def from_nodes(points: Any, ends: Any, factor: Any, side: Any, begin: Any, column: Any, weight: Any) -> None:
     """Set `begin`, `column` and `weight` of a sparse matrix that gives the sum over b bodies of the values of their
     side^2 nodes at places (n, 3), bilinear, times factors (b, n).

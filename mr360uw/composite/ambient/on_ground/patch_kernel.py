@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
+from mr360uw.jit import fast, inlined
 
-_compiled = numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-_inlined = numba.njit(fastmath=True, error_model="numpy", inline="always")
 NOTHING, SMOOTH_PATCH, JUMP_PATCH = 0, 1, 2
 """Kinds of patches: where no light is blocked, biquadratic, and bilinear between samples."""
 
@@ -23,7 +21,7 @@ _LARGEST = 1.6
 """Largest side of a square over its distance to a body: twice as large, squares pass over what bodies block."""
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _find(x: Any, z: Any, roots: Any, child: Any) -> Any:
     """Return the leaf at a place in root squares, -1 outside, and the place (u, v) in it, 0 to 1; and its depth."""
     i, j = int(np.floor(x)), int(np.floor(z))
@@ -37,7 +35,7 @@ def _find(x: Any, z: Any, roots: Any, child: Any) -> Any:
     return node, u, v, depth
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _along(u: Any, kind: Any) -> Any:
     """Return the weights of three samples along a side."""
     if kind == JUMP_PATCH:
@@ -45,7 +43,7 @@ def _along(u: Any, kind: Any) -> Any:
     return (1.0 - u) * (1.0 - 2.0 * u), 4.0 * u * (1.0 - u), u * (2.0 * u - 1.0)
 
 
-@_inlined  # type: ignore[untyped-decorator, unused-ignore]
+@inlined
 def _value(sample: Any, kind: Any, u: Any, v: Any, values: Any, c: Any) -> Any:
     """Return channel c at (u, v) of a patch with samples (9,)."""
     a0, a1, a2 = _along(u, kind)
@@ -56,7 +54,7 @@ def _value(sample: Any, kind: Any, u: Any, v: Any, values: Any, c: Any) -> Any:
     return a0 * first + a1 * second + a2 * third
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def look_up(place: Any, roots: Any, child: Any, kind: Any, sample: Any, values: Any, out: Any, jump: Any) -> None:
     """Set `out` (n, k) to values (samples, k) at places (n, 2) in root squares; it stays where nothing is blocked.
 
@@ -70,7 +68,7 @@ def look_up(place: Any, roots: Any, child: Any, kind: Any, sample: Any, values: 
                 out[n, c] = _value(sample[node], kind[node], u, v, values, c)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def find_hanging(place: Any, roots: Any, child: Any, kind: Any, eps: Any, leaf: Any, at: Any) -> None:
     """Find the largest patch around each sample at a place (n, 2) in root squares.
 
@@ -94,7 +92,7 @@ def find_hanging(place: Any, roots: Any, child: Any, kind: Any, eps: Any, leaf: 
             at[n, 0], at[n, 1] = u, v
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def set_hanging(hanging: Any, leaf: Any, at: Any, kind: Any, sample: Any, values: Any) -> None:
     """Set values (samples, k) of samples (h,) that lie on the side of a larger patch, largest patches first."""
     for h in range(len(hanging)):
@@ -103,7 +101,7 @@ def set_hanging(hanging: Any, leaf: Any, at: Any, kind: Any, sample: Any, values
             values[hanging[h], c] = _value(sample[node], kind[node], at[h, 0], at[h, 1], values, c)
 
 
-@_compiled  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def survey(low: Any, size: Any, bodies: Any, camera: Any, least: Any, bound: Any, coarsest: Any, seen_m: Any) -> None:
     """Find what bodies ask of squares of ground with low corners (n, 2) and one size [m].
 

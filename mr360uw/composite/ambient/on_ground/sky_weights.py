@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.on_ground.ground_kernel import PIECES, cut
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
+from mr360uw.jit import fast
 from mr360uw.types import Floats
 
 _AT_ONCE = 1 << 16
@@ -54,7 +54,7 @@ def weights_of(swept: Swept, uniform: Floats, *, up: bool) -> SkyWeights:
     return SkyWeights(weights.reshape(points, uniform.size), share)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@fast
 def _weigh(up: Any, begins: Any, blocked: Any, uniform: Any, weights: Any, share: Any) -> None:
     """Add the weights (n, rows, columns + 1) of intervals (bodies, n, ...) of `sweep`, and the shares (bodies, n)."""
     piece = np.empty((PIECES, 2))

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops compiled to machine code (kernels), and where compiled ones are kept.
+
+`exact`     arithmetic as it is written
+`fast`      sums may be reordered, products and sums joined, divisions multiplied; no number may be infinite or NaN
+`inlined`   becomes part of the kernels that call it, with their arithmetic
+
+All run outside of Python's lock; a division by zero gives infinity, as in NumPy. A kernel is compiled for a class of
+processors, not for one, so that all workers of a farm compute the same: x86-64-v3, ARMv8, or, where the machine is
+older than these, for itself.
+
+A compiled kernel is looked for among those that came with the package, then in the user's cache (`disk_cache`), under
+the hash of all that its machine code follows from: `_add` reads what the compiler reads, the code of the function and
+of every function and constant that it names. So kernels are never stale, copies of the same sources share them, and
+an edit compiles anew what it touches and nothing else.
+"""
+
+from __future__ import annotations
+
+import dis
+import hashlib
+import pickle
+import platform
+import sys
+from collections.abc import Callable
+from functools import cache, cached_property
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, EllipsisType, FunctionType, ModuleType
+from typing import Any, TypeVar
+
+import llvmlite
+import llvmlite.binding
+import numba
+import numpy as np
+from numba.core import config, sigutils
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps
+from numba.core.types.abstract import Type
+from numba.core.types.containers import BaseNamedTuple, BaseTuple
+from numba.core.types.functions import Dispatcher as DispatcherType
+from numba.extending import _Intrinsic
+
+from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+SHIPPED = Path(__file__).parent / "compiled"
+"""Kernels that came with the package; see `make wheel`."""
+_V3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+"""What processors of the class x86-64-v3 have beside those before."""
+
+
+def exact(function: F) -> F:
+    """Return a function of numbers and arrays as a kernel, compiled at its first call with arguments of a type."""
+    return _kernel(function)
+
+
+def fast(function: F) -> F:
+    """Return a function of numbers and arrays as a kernel that need not keep to the order of its arithmetic."""
+    return _kernel(function, fastmath=True)
+
+
+def inlined(function: F) -> F:
+    """Return a function that becomes part of each kernel that calls it."""
+    return _kernel(function, inline="always")
+
+
+def _kernel(function: F, **options: Any) -> F:
+    _compile_for_class()
+    kernel: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    if isinstance(kernel, Dispatcher):  # not where NUMBA_DISABLE_JIT leaves it a function
+        vars(kernel)["_cache"] = _Kept(kernel)
+    compiled: F = kernel
+    return compiled
+
+
+@cache
+def _compile_for_class() -> None:
+    """Tell the compiler the class of this machine's processor, unless NUMBA_CPU_NAME says another."""
+    if config.CPU_NAME is not None:
+        return
+    if platform.machine() in ("aarch64", "arm64"):
+        config.CPU_NAME, config.CPU_FEATURES = "generic", ""
+    elif all(llvmlite.binding.get_host_cpu_features().get(name) for name in _V3):
+        config.CPU_NAME, config.CPU_FEATURES = "x86-64-v3", ""
+
+
+class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
+    """Where a kernel is looked for before it is compiled, and kept afterwards, for each type of its arguments."""
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel, self._enabled = kernel, True
+
+    @property
+    def cache_path(self) -> str:
+        return str(kernel_folder())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the kernel for arguments of a type, None where it must be compiled."""
+        target_context.refresh()
+        name = self._name(sig, target_context.codegen())
+        for folder in (SHIPPED, kernel_folder()) if self._enabled else ():
+            stored = None if folder is None else read_bytes(folder / name)
+            if stored is not None:
+                return CompileResult._rebuild(target_context, *pickle.loads(stored))  # noqa: S301 - our own files
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel for arguments of a type."""
+        folder = kernel_folder()
+        if folder is not None and self._enabled and not data.lifted and not data.library.has_dynamic_globals:
+            keep_bytes(folder / self._name(sig, data.codegen), dumps(data._reduce()))
+
+    def enable(self) -> None:
+        self._enabled = True
+
+    def disable(self) -> None:
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Keep to what is there: a kernel that no longer holds is not found under its name."""
+
+    def _name(self, sig: Any, codegen: Any) -> str:
+        found = self._sources.copy()
+        _add(found, sigutils.normalize_signature(sig)[0])
+        found.update(repr(codegen.magic_tuple()).encode())
+        return f"{self._kernel.__module__}.{self._kernel.__name__}-{found.hexdigest()[:32]}.nbc"
+
+    @cached_property
+    def _sources(self) -> Any:
+        found = hashlib.sha256(repr(_versions()).encode())
+        _add(found, self._kernel)
+        return found
+
+
+@cache
+def _versions() -> tuple[object, ...]:
+    """Return what compiles: the same sources give other machine code where one of these is another."""
+    compiler = (numba.__version__, llvmlite.__version__, config.OPT, config.USING_SVML, config.BOUNDSCHECK)
+    return (sys.implementation.cache_tag, np.__version__.split(".")[:2], *compiler)
+
+
+def _add(found: Any, value: Any, within: tuple[int, ...] = ()) -> None:
+    """Add to a hash what a kernel takes from a value that it names: of functions their code and what that names.
+
+    within: identities of the functions that led here, which may call themselves. Raises `TypeError` for values of a
+    kind that no kernel has named so far.
+    """
+    found.update(f"({type(value).__name__} ".encode())
+
+    def add(*parts: Any) -> None:
+        for part in parts:
+            _add(found, part, within)
+
+    match value:
+        case Dispatcher():
+            found.update(repr(sorted(value.targetoptions.items())).encode())
+            add(value.py_func)
+        case _Intrinsic():
+            add(value._defn)
+        case FunctionType() if id(value) not in within:
+            named = [value.__globals__.get(name) for name in sorted(_globals(value.__code__))]
+            cells = [cell.cell_contents for cell in value.__closure__ or ()]
+            for part in (value.__code__, value.__defaults__, *named, *cells):
+                _add(found, part, (*within, id(value)))
+        case CodeType():
+            found.update(value.co_code)
+            add(value.co_names, value.co_varnames, value.co_consts)
+        case DispatcherType():
+            add(value.dispatcher)
+        case BaseNamedTuple():
+            add(value.instance_class, tuple(value.types))
+        case BaseTuple():
+            add(tuple(value.types))
+        case Type():
+            found.update(repr(value).encode())
+        case tuple() | list():
+            add(*value)
+        case np.ndarray():
+            found.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
+        case type():
+            found.update(f"{value.__module__}.{value.__qualname__}{getattr(value, '_fields', '')}".encode())
+        case FunctionType() | BuiltinFunctionType():
+            found.update(value.__name__.encode())
+        case ModuleType() if not value.__name__.startswith(__package__):
+            found.update(value.__name__.encode())
+        case np.ufunc() | np.generic() | int() | float() | complex() | str() | bytes() | EllipsisType() | None:
+            found.update(repr(value).encode())
+        case _ if callable(value) and str(getattr(value, "__module__", "")).startswith("numpy"):
+            found.update(repr(value.__name__).encode())
+        case _:
+            raise TypeError(f"a kernel names a {type(value).__name__}, which its stamp does not know")
+    found.update(b")")
+
+
+def _globals(code: CodeType) -> set[str]:
+    """Return the names that a function's code looks up in its module, also in the functions within it."""
+    within = [_globals(part) for part in code.co_consts if isinstance(part, CodeType)]
+    return {i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL"}.union(*within)
