@@ -21,11 +21,11 @@ from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.formation import FormationModel, fitted_formation
-from mr360uw.medium.models import SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table
-from mr360uw.medium.transfer import Sky, SurfaceKind
+from mr360uw.medium.transfer import Floor, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, number
 from mr360uw.types import Floats, MediumTable
@@ -54,15 +54,15 @@ class Medium:
 
     sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
     white is balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate".
-    formation: constants of modes "koschmieder" and "akkaynak-treibitz" instead of fitted ones. Raises
-    `ParameterError`.
+    formation: constants of modes "koschmieder" and "akkaynak-treibitz" instead of fitted ones. floor_m: depth of a
+    floor, for solved fields; `lit_by_floor` says how bright it is. Raises `ParameterError`.
     """
 
     def __init__(
         self, water: Water, sensor: Sensor | None = None, mode: Mode = "table", camera_depth_m: float = 5.0, *,
         band_count: int = DEFAULT_BANDS, rule: Rule = "rectangle", illuminant: str = DEFAULT_ILLUMINANT,
         surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
-        radiance_map: Floats | None = None, formation: FormationModel | None = None,
+        radiance_map: Floats | None = None, formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
         if mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
@@ -79,6 +79,8 @@ class Medium:
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)
+        self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
+        self.floor_radiance: Array = np.zeros(3)
         self.illuminant = illuminant
         self.surface: SurfaceKind = surface
         self.sky: Sky = sky
@@ -92,7 +94,8 @@ class Medium:
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
-        water = self.surface, self.sky, self.refractive_index
+        floor = None if self.floor_m is None else Floor(self.floor_m, (0.0,))
+        water = self.surface, self.sky, self.refractive_index, floor
         if self.formation is not None:
             return self.formation
         if self.mode in _FORMATIONS:
@@ -116,12 +119,16 @@ class Medium:
         """The tables that shading reads, veil within the gamut and times the gain; made at first use."""
         table = self.unit_table
         factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
-        return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
+        veil = table.veil * factor[:, None, :]
+        if table.glow is not None and self.profile is None:
+            veil += table.glow * np.minimum(self.floor_radiance, self.gain * self._most_glow)
+        return replace(table, veil=veil.astype(np.float32))
 
     @functools.cached_property
     def unit_table(self) -> MediumTable:
         """The same tables without the gain or the plate's radiance, which change with every frame."""
-        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, self.mode)
+        glow = None if self.floor_m is None or self.mode == "plate" else self._unit_glow
+        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, self.mode, glow)
         return replace(table, refractive_index=self.refractive_index)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -196,6 +203,22 @@ class Medium:
         other.gain = self.gain * factor
         return other
 
+    def lit_by_floor(self, radiance: ArrayLike) -> Medium:
+        """Return the same medium over a floor of a radiance (3,); level light stays what it is."""
+        other = self._copy()
+        other.floor_radiance = np.broadcast_to(exactly("radiance", radiance, (), (3,)).astype(np.float64), (3,))
+        return other
+
+    def under(self, sky: Sky) -> Medium:
+        """Return the same water under another sky, without gain."""
+        if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
+            return self
+        other = self._copy()
+        for of_this_sky in ("model", "light", "unit_table", "_level", "_glow_level"):
+            other.__dict__.pop(of_this_sky, None)
+        other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
+        return other
+
     def with_map(self, radiance_map: Floats) -> Medium:
         """Return the same medium of mode plate with the colours of another radiance map (32, 64, 3)."""
         if self.mode != "plate":
@@ -212,7 +235,7 @@ class Medium:
         """
         length_m = self.length_m
         other = self._copy()
-        for of_this_depth in ("unit_table", "_level"):
+        for of_this_depth in ("unit_table", "_level", "_glow_level"):
             other.__dict__.pop(of_this_depth, None)
         other.camera_depth_m = float(camera_depth_m)
         other.length_m = length_m
@@ -246,3 +269,19 @@ class Medium:
         if self.mode != "plate":
             return self.light.display(veil)
         return veil @ self.bands.lobes / np.maximum(self.model.radiance(depth, up) @ self.bands.lobes, _TINY)
+
+    def _unit_glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the veil (..., 3) that a floor of radiance 1 adds, less that of the sky whose level light it has."""
+        glow = self.light.display(self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up))
+        return glow - self.unit_veil(distance_m, up) * self._glow_level
+
+    @functools.cached_property
+    def _glow_level(self) -> Array:
+        """Level light (3,) of a floor of radiance 1 over that of the sky."""
+        level = np.zeros(1)
+        return np.asarray(self.under("floor").level_radiance(level) / np.maximum(self.level_radiance(level), _TINY))[0]
+
+    @property
+    def _most_glow(self) -> Array:
+        """Radiance (3,) of a floor that would be all of the level light for a gain of 1."""
+        return 1.0 / np.maximum(self._glow_level, _TINY)

@@ -36,6 +36,10 @@ class SpectralModel(Protocol):
     def attenuation(self) -> Array:
         """Attenuation (n,) [1/m] of light that has not been scattered at all, c = a + b, at least `extinction`."""
 
+    @property
+    def level_beam(self) -> Array | float:
+        """Irradiance (n,) of a level plane below the surface that is a beam of the sun, if the light has one."""
+
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
 
@@ -67,6 +71,11 @@ class KdModel:
     def attenuation(self) -> Array:
         """c."""
         return self.c
+
+    @property
+    def level_beam(self) -> float:
+        """All light at the surface, of which the model has one kind."""
+        return 1.0
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the closed form (..., n)."""
@@ -118,6 +127,11 @@ class FieldModel:
     def attenuation(self) -> Array:
         """Attenuation by absorption and all scattering."""
         return self.field.absorption + self.field.scattering
+
+    @property
+    def level_beam(self) -> Array:
+        """That of the field."""
+        return self.field.level_beam
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the light (..., n) that rays gain on the way to the camera."""
@@ -203,7 +217,7 @@ def spectral_model(
     return KdModel(b, a + b, kd, factor)
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=48)
 def _field_model(
     water: Water,
     wavelength_nm: tuple[float, ...],

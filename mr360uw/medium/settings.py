@@ -146,10 +146,12 @@ class WaterSettings(WaterKindSettings):
         """True if the gain of the veil is fitted to the plate."""
         return self.type != "none" and self.gain == "auto" and self.mode != "plate"
 
-    def medium(self, camera_depth_m: float, radiance_map: Floats | None = None) -> Medium | None:
+    def medium(
+        self, camera_depth_m: float, radiance_map: Floats | None = None, floor_m: float | None = None
+    ) -> Medium | None:
         """Return the medium of a camera at a depth, or None for a plate without water.
 
-        radiance_map: (32, 64, 3) of the plate; gain "auto" and mode "plate" read the water's colour from it. Without
+        floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate; gain "auto" and mode "plate" read the water's colour from it. Without
         it the gain is 1. Raises `ParameterError`.
         """
         water = self.water()
@@ -167,6 +169,7 @@ class WaterSettings(WaterKindSettings):
             sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
             refractive_index=self.refractive_index,
             radiance_map=radiance_map if self.mode == "plate" else None,
+            floor_m=floor_m,
         )
         if self.gain != "auto":
             return medium.scaled(self.gain)

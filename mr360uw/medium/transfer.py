@@ -291,17 +291,20 @@ class LightField:
         down = cosine_kernel(self._mu, normals[:, None]) * self._weight
         up = cosine_kernel(-self._mu, normals[:, None]) * self._weight
         modes = np.einsum("pi,nij->pnj", down, self._down) + np.einsum("pi,nij->pnj", up, self._up)
-        diffuse = np.empty((*y.shape, len(self.absorption)))
+        depths, at = np.unique(y, return_inverse=True)
+        place, at, fall = place.ravel(), at.ravel(), self._fall(depths)
+        diffuse = np.empty((y.size, len(self.absorption)))
         for number in range(len(normals)):
-            of = place.reshape(y.shape) == number
-            diffuse[of] = np.einsum("nj,...nj->...n", modes[number], self._fall(y[of]))
-        return diffuse + self.beam(y, normal, self._faded)
+            of = np.flatnonzero(place == number)
+            diffuse[of] = np.einsum("nj,ynj->yn", modes[number], fall[at[of]])
+        diffuse = diffuse.reshape(*y.shape, -1)
+        direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
+        return diffuse + self._beam * direct * np.exp(-self._faded / self._sun_mu * y[..., None])
 
-    def beam(self, depth_m: ArrayLike, normal_up: ArrayLike, extinction: Array) -> Array:
-        """Return the irradiance (..., n) of the sun's beam alone, which fades with `extinction` (n,) [1/m]."""
-        y, normal = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up, np.float64))
-        left = np.exp(-extinction / self._sun_mu * np.minimum(y, self._floor_m)[..., None])
-        return np.asarray(self._beam * cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI) * left)
+    @property
+    def level_beam(self) -> Array:
+        """Irradiance (n,) of a level plane just below the surface that is the sun's beam."""
+        return np.asarray(self._beam * self._sun_mu)
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a small sphere, E_0, sun included."""

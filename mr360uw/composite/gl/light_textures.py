@@ -108,8 +108,9 @@ class LightTextures:
             return
         self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
         if lamps:
-            rows = np.stack([medium.diffuse, *(lamp.attenuation for lamp in lamps if lamp.attenuation is not None)])
-            self.textures["diffuse"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
+            of_lamps = (lamp.attenuation for lamp in lamps if lamp.attenuation is not None)
+            rows = np.stack([medium.beam, medium.unscattered, *of_lamps])
+            self.textures["beam"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
 
     def _update_caustics(self, stack: Any) -> None:
         if stack is None:
@@ -128,7 +129,7 @@ class LightTextures:
         size = slot_size(len(frames), _pixels_across(shot), narrowest)
         atlas = self._atlas.of(frames, size)
         slots = np.cumsum([len(of_sun), *(len(group) for group in of_lamps)]).tolist()
-        table = shadow_table(shot, atlas, slots, 1 + len(lamps))
+        table = shadow_table(shot, atlas, slots)
         of_grid, rows = sun_grid(shot, atlas, len(table))
         table = np.concatenate([table, rows])
         self.textures |= {
@@ -156,7 +157,7 @@ def _medium_textures(medium: MediumTable | None) -> dict[str, moderngl.Texture]:
     tables = {
         "veil": blank if medium is None else medium.veil,
         "attenuation": blank if medium is None else medium.attenuation,
-        "diffuse": blank if medium is None else medium.diffuse[None],
+        "diffuse": blank if medium is None else medium.diffuse,
         "beam": blank if medium is None else np.stack([medium.beam, medium.unscattered]),
     }
     return {name: texture_from_array(table) for name, table in tables.items()}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance of surfaces towards the camera, from ambient light and all light sources (reference renderer).
 
-    ambient  E = ambient(N) ambient_ratio(d) R        L = T L_surface + veil
+    ambient  E = ambient(N) ambient_ratio(d, N) R        L = T L_surface + veil
 
 with d the depth, R what bodies leave of it and add (ambient/solver.py), T and veil those of the water in front. On the
 device: layer.frag.
@@ -90,13 +90,13 @@ class _Coat:
 
 def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
     """Return the unoccluded ambient irradiance (n, 3) on surfaces."""
-    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point)
+    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point, normal)
 
 
-def _ambient_factor(shot: Shot, point: Floats) -> Floats:
+def _ambient_factor(shot: Shot, point: Floats, normal: Floats) -> Floats:
     if shot.medium is None:
         return np.ones((len(point), 3))
-    return ambient_ratio(shot.medium, shot.view.depth_of(point))
+    return ambient_ratio(shot.medium, shot.view.depth_of(point), normal[:, 1])
 
 
 def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats) -> Radiance:
@@ -121,7 +121,7 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
     return Radiance(
         diffuse=albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
-        glossy=mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
+        glossy=mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion,
         direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
         emission=hits.emission,
     )
