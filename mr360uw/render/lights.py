@@ -126,9 +126,9 @@ class LightReader:
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
 
-        The beam is solved as its ratio to the rest of the light, in each channel. The thinner the water, the more the
-        sun as the plate shows it counts (geometric mean): no water is the limit of thin water. The strength is that of
-        the mixture where the closure chose it; a given or measured one is kept. up: (3,) of the world, in the camera's
+        The beam is solved as its ratio to the rest of the light, in each channel. The thinner the water, and the more
+        the plate shows of the sun, the more the sun as the plate shows it counts (geometric mean): no water is the
+        limit of thin water. The strength is that of the mixture where the closure chose it. up: (3,) of the world, in the camera's
         axes.
         """
         assert self._table is not None
@@ -145,7 +145,7 @@ class LightReader:
         solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         if float(luminance(solved)) <= 0.0:
             return sun
-        clear = self._clearness or 0.0
+        clear = max(self._clearness or 0.0, sun.shown)
         mixed = np.maximum(solved, _LEAST_LIGHT) ** (1.0 - clear) * np.maximum(sun.irradiance, _LEAST_LIGHT) ** clear
         if not self._closed:
             mixed *= luminance(sun.irradiance) / luminance(mixed)
