@@ -20,11 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.constants import PI
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import SpectralModel
 from mr360uw.medium.ray_field import cosine_kernel
-from mr360uw.medium.spectral.bands import Bands
-from mr360uw.medium.tabulate import depth_nodes, diffuse_table, normal_nodes
+from mr360uw.medium.tabulate import NORMALS, depth_nodes, diffuse_table, normal_nodes
+from mr360uw.medium.transfer import Sky
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -47,31 +48,30 @@ class LightAtCamera:
 
 
 def ambient_parts(medium: Medium, light: LightAtCamera) -> tuple[Array, Array]:
-    """Return the table `MediumTable.diffuse` (N, D, 3) of a medium at its camera's depth, and the floor's radiance (3,).
-
-    The radiance is 0 for a medium without a floor.
-    """
+    """Return the table `MediumTable.diffuse` (N, D, 3) of a medium, and the radiance (3,) of its floor, 0 without."""
     depth, here = depth_nodes(medium.length_m, medium.light.deepest_m), np.array([medium.camera_depth_m])
-    parts = [_of(medium, None)]
-    beam = np.zeros(3)
+    skies: list[tuple[Sky, float | None]] = [(medium.sky, None)]
+    amounts: list[Array] = [np.ones(3)]
+    of_sun, of_glow = np.zeros((NORMALS, 3)), np.zeros((NORMALS, 3))
     if np.any(light.sun > 0.0):
         sun_up = min(max(round(light.sun_up / _STEP), 1) * _STEP, 1.0)
-        parts.append(_of(medium.under(("sun", sun_up, 1.0)), sun_up))
-        left = _beam(parts[1][0], sun_up, here, np.ones(1))[0] / sun_up
-        beam = light.sun / np.maximum(left @ medium.bands.lobes, _TINY)
-    glow = None if medium.floor_m is None else _of(medium.under("floor"), None)
-    at_camera = [_on_normals(*part, here.tobytes())[:, 0] for part in parts]
-    of_sun = beam * at_camera[1] if len(parts) > 1 else np.zeros_like(at_camera[0])
-    down, up = (np.maximum(m - of_sun[k], 0.0) for m, k in ((light.down, -1), (light.up, 0)))
-    of_glow = np.zeros_like(of_sun) if glow is None else _on_normals(*glow, here.tobytes())[:, 0]
-    sky, floor = _two(at_camera[0], of_glow, down, up)
-    amounts = [sky, beam, floor]
-    whole, camera = 0.0, 0.0
-    for part, amount in zip((parts[0], parts[1] if len(parts) > 1 else None, glow), amounts, strict=True):
-        if part is not None:
-            whole = whole + amount * _on_normals(*part, depth.tobytes())
-            camera = camera + amount * _on_normals(*part, here.tobytes())
-    return diffuse_table(whole, camera[:, 0], depth, medium.camera_depth_m), floor
+        skies.append((("sun", sun_up, 1.0), sun_up))
+        model = medium.under(skies[-1][0]).model
+        left = model.level_beam / sun_up * np.exp(-model.extinction / sun_up * medium.camera_depth_m)
+        amounts.append(light.sun / np.maximum(left @ medium.bands.lobes, _TINY))
+        of_sun = amounts[-1] * _on_normals(medium, *skies[-1], here)[:, 0]
+    if medium.floor_m is not None:
+        skies.append(("floor", None))
+        of_glow = _on_normals(medium, *skies[-1], here)[:, 0]
+    down, up = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((light.down, -1), (light.up, 0)))
+    amounts[0], floor = _two(_on_normals(medium, *skies[0], here)[:, 0], of_glow, down, up)
+    if medium.floor_m is not None:
+        amounts.append(floor)
+    whole, at_camera = (
+        sum((a * _on_normals(medium, *sky, at) for a, sky in zip(amounts, skies, strict=True)), np.zeros(3))
+        for at in (depth, here)
+    )
+    return diffuse_table(whole, at_camera[:, 0], depth, medium.camera_depth_m), floor
 
 
 def _two(sky: Array, glow: Array, down: Array, up: Array) -> tuple[Array, Array]:
@@ -87,21 +87,18 @@ def _two(sky: Array, glow: Array, down: Array, up: Array) -> tuple[Array, Array]
     return np.where(q + x > 0.0, q, 1.0), x
 
 
-def _of(medium: Medium, sun_up: float | None) -> tuple[SpectralModel, Bands, float | None]:
-    return medium.model, medium.bands, sun_up
-
-
-@functools.lru_cache(maxsize=64)
-def _on_normals(model: SpectralModel, bands: Bands, sun_up: float | None, depths: bytes) -> Array:
+def _on_normals(medium: Medium, sky: Sky, sun_up: float | None, depth_m: Array) -> Array:
     """Return the irradiance (N, D, 3) on `normal_nodes` at depths, without the beam of a sun."""
-    depth, normal = np.frombuffer(depths), normal_nodes()
-    light = model.irradiance(depth, normal[:, None])
+    light = _solved(medium.under(sky).model, sun_up, depth_m.tobytes())
+    return np.asarray(light @ (medium.floor_lobes if sky == "floor" else medium.bands.lobes))
+
+
+@functools.lru_cache(maxsize=32)
+def _solved(model: SpectralModel, sun_up: float | None, depths: bytes) -> Array:
+    """Return the same at the model's wavelengths, (N, D, n)."""
+    depth, normal = np.frombuffer(depths), normal_nodes()[:, None]
+    light = model.irradiance(depth, normal)
     if sun_up is not None:
-        light = light - _beam(model, sun_up, depth, normal[:, None])
-    return np.asarray(np.maximum(light, 0.0) @ bands.lobes)
-
-
-def _beam(model: SpectralModel, sun_up: float, depth: Array, normal: Array) -> Array:
-    """Return the irradiance (..., n) of a sun's beam, with what turns by small angles, on normals at depths."""
-    facing = cosine_kernel(np.array(sun_up), normal)[..., None] / (2.0 * np.pi * sun_up)
-    return np.asarray(model.level_beam * facing * np.exp(-model.extinction / sun_up * depth[..., None]))
+        facing = cosine_kernel(np.array(sun_up), normal) / (2.0 * PI * sun_up)
+        light = light - facing[..., None] * model.level_beam * np.exp(-model.extinction / sun_up * depth[:, None])
+    return np.maximum(light, 0.0)

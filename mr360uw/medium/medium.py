@@ -214,7 +214,7 @@ class Medium:
         if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
             return self
         other = self._copy()
-        for of_this_sky in ("model", "light", "unit_table", "_level", "_glow_level"):
+        for of_this_sky in ("model", "light", "unit_table", "_level", "_glow_level", "floor_lobes"):
             other.__dict__.pop(of_this_sky, None)
         other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
@@ -270,16 +270,24 @@ class Medium:
             return self.light.display(veil)
         return veil @ self.bands.lobes / np.maximum(self.model.radiance(depth, up) @ self.bands.lobes, _TINY)
 
+    @functools.cached_property
+    def floor_lobes(self) -> Array:
+        """Weights (n, 3) of the bands for light from the floor: as `Bands.lobes`, in daylight that has come down to it."""
+        assert self.floor_m is not None
+        lit = self.bands.lobes * self.model.irradiance(self.floor_m, 1.0)[:, None]
+        return np.asarray(lit / np.maximum(lit.sum(axis=0), _TINY))
+
     def _unit_glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) that a floor of radiance 1 adds, less that of the sky whose level light it has."""
-        glow = self.light.display(self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up))
-        return glow - self.unit_veil(distance_m, up) * self._glow_level
+        glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
+        return np.asarray(glow - self.unit_veil(distance_m, up) * self._glow_level)
 
     @functools.cached_property
     def _glow_level(self) -> Array:
         """Level light (3,) of a floor of radiance 1 over that of the sky."""
         level = np.zeros(1)
-        return np.asarray(self.under("floor").level_radiance(level) / np.maximum(self.level_radiance(level), _TINY))[0]
+        glow = self.under("floor").model.radiance(self.camera_depth_m, level) @ self.floor_lobes
+        return np.asarray(glow / np.maximum(self.level_radiance(level), _TINY))[0]
 
     @property
     def _most_glow(self) -> Array:

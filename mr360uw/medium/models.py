@@ -26,7 +26,9 @@ Array = NDArray[np.float64]
 
 
 class SpectralModel(Protocol):
-    """Radiance and irradiance in water at n wavelengths."""
+    """Radiance and irradiance in water at n wavelengths. A model is a key of caches by its identity."""
+
+    def __hash__(self) -> int: ...
 
     @property
     def extinction(self) -> Array:

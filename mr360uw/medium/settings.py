@@ -151,8 +151,8 @@ class WaterSettings(WaterKindSettings):
     ) -> Medium | None:
         """Return the medium of a camera at a depth, or None for a plate without water.
 
-        floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate; gain "auto" and mode "plate" read the water's colour from it. Without
-        it the gain is 1. Raises `ParameterError`.
+        floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate; gain "auto" and mode
+        "plate" read the water's colour from it. Without it the gain is 1. Raises `ParameterError`.
         """
         water = self.water()
         if water is None:

@@ -60,8 +60,8 @@ def medium_table(
     """Return the tables of a camera at a depth, colours within the gamut; those of a solved field are kept on the disk.
 
     length_m: L of the coordinates S/(S + L). unit_veil: function of (distance, up) that gives the veil (..., 3) of
-    camera rays, without gain, of a mode of `Medium`. glow: the same of a floor of radiance 1, or None. The veil stays in double precision: at 200 m it is 1e-90 of the
-    surface's light, and only the gain brings it back.
+    camera rays, without gain, of a mode of `Medium`. glow: the same of a floor of radiance 1, or None. The veil stays
+    in double precision: at 200 m it is 1e-90 of the surface's light, and only the gain brings it back.
     """
 
     def tables() -> dict[str, Array]:

@@ -128,8 +128,8 @@ class LightReader:
 
         The beam is solved as its ratio to the rest of the light, in each channel. The thinner the water, and the more
         the plate shows of the sun, the more the sun as the plate shows it counts (geometric mean): no water is the
-        limit of thin water. The strength is that of the mixture where the closure chose it. up: (3,) of the world, in the camera's
-        axes.
+        limit of thin water. The strength is that of the mixture where the closure chose it. up: (3,) of the world, in
+        the camera's axes.
         """
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)

@@ -57,7 +57,9 @@ def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: Wate
     def made() -> Surroundings:
         camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))
         plain = without_gain(scene.water)
-        medium, depths = _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
+        medium, depths = (
+            _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
+        )
         medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
         light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
         return Surroundings(scene.light, camera, medium, light, depths)
@@ -66,7 +68,7 @@ def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: Wate
 
 
 def floor_depth_m(scene: Scene) -> float | None:
-    """Return the depth [m] of a scene's level floor; None without, or where it does not lie below camera and surface."""
+    """Return the depth [m] of a scene's level floor; None without, or where it does not lie below the camera."""
     receiver = scene.receiver
     if receiver is None or receiver.kind != "plane" or receiver.height_m >= 0.0:
         return None

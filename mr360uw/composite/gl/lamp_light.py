@@ -24,7 +24,6 @@ _ROWS_OF_BEAM = 2
 """Rows of the texture `beam` before the lamps' attenuations: the sun's beam, and what of it has not turned."""
 
 
-
 def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
     """Return the light frames of each lamp: one for each body in its cone, or faces of a cube for bodies around it."""
     return [_frames(lamp, shot.casters) if lamp.casts_shadow else [] for lamp in lamps_of(shot)]
