@@ -28,7 +28,7 @@ from mr360uw.medium.phase import phase_function  # noqa: E402
 from mr360uw.optics import fresnel_from_below  # noqa: E402
 from tests.lit_dives import DATA, DIVES, PLATE, SIZE, LitDive, compared, regions_of  # noqa: E402
 
-PLATE_PATHS, REGION_PATHS = 1500, 1_600_000
+PLATE_PATHS, REGION_PATHS = 1500, 800_000
 """Paths a pixel of the plate and a region, in each channel: noise of 0.2 % in a region."""
 PEAK_RAD = 0.01
 """Angle [rad] within which a tabulated phase function is level: its peak would be noise."""

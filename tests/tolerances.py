@@ -90,3 +90,15 @@ YUV_POLYNOMIAL = 1e-2
 THIN_WATER = 0.2
 """How far the sun's change [log] under 1 cm and 3 cm of water is from proportional to the depth: it is 1 - exp(-20 Kd d)
 times that in deep water, and 20 Kd d is up to 0.5 for 3 cm of a harbour's: 17 % below proportional to 1 cm."""
+LIT, LIT_FLOOR = 0.05, 0.02
+"""Mean light of bodies and of the floor about them over that of path tracing: what the project asks."""
+LIT_AWAY = 0.08
+"""The same of sides away from the sun and of umbras, whose light is all ambient; the shadow of the light that the water
+turns by a few degrees is a Gaussian, and tails of the true one reach into umbras."""
+LIT_TURBID = 0.12
+"""The same in water whose light turns four times on its way: towards and away from the sun the veil is the azimuth's
+mean."""
+LIT_SIGMAS = 3.0
+"""Standard errors of the traced light that are allowed besides."""
+RENDERERS_ON_DIVES = 3e-3
+"""Means over regions by both renderers."""

@@ -272,7 +272,7 @@ class Medium:
 
     @functools.cached_property
     def floor_lobes(self) -> Array:
-        """Weights (n, 3) of the bands for light from the floor: as `Bands.lobes`, in daylight that has come down to it."""
+        """Weights (n, 3) of the bands for light from the floor: `Bands.lobes` in the daylight that comes down to it."""
         assert self.floor_m is not None
         lit = self.bands.lobes * self.model.irradiance(self.floor_m, 1.0)[:, None]
         return np.asarray(lit / np.maximum(lit.sum(axis=0), _TINY))
