@@ -25,7 +25,7 @@ from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spe
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table
-from mr360uw.medium.transfer import Floor, Sky, SurfaceKind
+from mr360uw.medium.transfer import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, number
 from mr360uw.types import Floats, MediumTable
@@ -94,7 +94,7 @@ class Medium:
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
-        floor = None if self.floor_m is None else Floor(self.floor_m, (0.0,))
+        floor = None if self.floor_m is None else LambertFloor(self.floor_m, (0.0,))
         water = self.surface, self.sky, self.refractive_index, floor
         if self.formation is not None:
             return self.formation

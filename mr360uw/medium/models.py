@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.ray_field import RayField
-from mr360uw.medium.transfer import BEAM_ORDERS, Floor, LightField, Sky, SurfaceKind
+from mr360uw.medium.transfer import BEAM_ORDERS, LambertFloor, LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
 
@@ -205,7 +205,7 @@ def spectral_model(
     surface: SurfaceKind = "snell",
     sky: Sky = "uniform",
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    floor: Floor | None = None,
+    floor: LambertFloor | None = None,
 ) -> SpectralModel:
     """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again.
 
@@ -226,7 +226,7 @@ def _field_model(
     surface: SurfaceKind,
     sky: Sky,
     refractive_index: float,
-    floor: Floor | None,
+    floor: LambertFloor | None,
 ) -> FieldModel:
     w = np.array(wavelength_nm)
     streams, orders = (_STREAMS_UNDER_SUN, BEAM_ORDERS) if isinstance(sky, tuple) else (_STREAMS, 2 * _STREAMS)

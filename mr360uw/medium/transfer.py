@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Phase, phase_moments
 from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
@@ -44,16 +45,6 @@ BEAM_ORDERS = 256
 counts as unscattered. Twice as many resolve half of that angle."""
 
 
-@functools.cache
-def _nodes(streams: int, split: float) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split` where that lies inside."""
-    edges = [0.0, split, 1.0] if 0.0 < split < 1.0 else [0.0, 1.0]
-    x, w = np.polynomial.legendre.leggauss(streams // (len(edges) - 1))
-    half = 0.5 * np.diff(edges)[:, None]
-    middle = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))[:, None]
-    return (middle + half * x).ravel(), (half * w).ravel()
-
-
 Sky = Literal["uniform", "floor"] | tuple[Literal["sun"], float, float]
 """Light that comes in: a uniform sky, or ("sun", y of the direction to the sun in the water, fraction of the
 downwelling irradiance below the surface that is its beam), the rest being uniform sky; or "floor", no light from above
@@ -61,7 +52,7 @@ and a floor that shines with a radiance of 1 in all directions, which the result
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
+class LambertFloor:
     """A level Lambert floor. depth_m: below the surface. albedo: in [0, 1], of n wavelengths, or one for all."""
 
     depth_m: float
@@ -93,7 +84,7 @@ class LightField:
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
         streams: int = STREAMS_PER_HEMISPHERE,
-        floor: Floor | None = None,
+        floor: LambertFloor | None = None,
     ) -> None:
         if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
             raise ParameterError(
@@ -126,7 +117,7 @@ class LightField:
         self._of_beam = moments[:, :-1] - moments[:, -1:]
         self._floor_m = np.inf if floor is None else floor.depth_m
         self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
-        self._mu, self._weight = _nodes(streams, critical_cosine(self.refractive_index))
+        self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
         if sky == "floor" and floor is None:
             raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
         self._shining = float(sky == "floor")
@@ -134,83 +125,55 @@ class LightField:
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
         mu, w = self._mu, self._weight
-        b = self.scattering * (1.0 - self._peak)
-        c = self.absorption + b
         order = np.arange(self._chi.shape[1])
-        legendre = legendre_polynomials(mu, len(order))
-        parity = (-1.0) ** order
-        weighted = (2 * order + 1) * self._chi * b[:, None]
-        scale = np.sqrt(w / mu)
-
-        def coupling(kept: NDArray[np.bool_]) -> Array:
-            scattered = np.einsum("il,nl,jl->nij", legendre, weighted * kept, legendre)
-            return np.eye(len(mu)) * c[:, None, None] / mu - scale[:, None] * scattered * scale
-
-        p, q = coupling(parity < 0), coupling(parity > 0)
-        lower = np.linalg.cholesky(q)
-        squared, z = np.linalg.eigh(np.swapaxes(lower, 1, 2) @ p @ lower)
-        rate = np.sqrt(np.maximum(squared, 0.0))
-        total = np.linalg.solve(np.swapaxes(lower, 1, 2), z)
-        net = lower @ z / rate[:, None, :]
-        spread = 0.5 / np.sqrt(mu * w)[:, None]
-        down, up = spread * (total + net), spread * (total - net)
-
-        reflectance = fresnel_from_below(mu, self.refractive_index)[:, None]
-        transmitted = (1.0 - reflectance[:, 0]) / (2.0 * PI * np.sum(w * mu * (1.0 - reflectance[:, 0])))
-        of_sky = 1.0 - sun_share - self._shining
-        boundary = np.broadcast_to(of_sky * transmitted, (len(c), len(mu)))
-        lit = np.zeros(len(c))
-        beam = sun_share / sun_mu
-        if beam > 0.0:
-            at_sun = legendre_polynomials(np.array(sun_mu), len(order))
-            source = beam / (4.0 * PI) * np.einsum("nl,l,il->nil", weighted, at_sun, legendre)
-            even, odd = source[..., parity > 0].sum(-1), source[..., parity < 0].sum(-1)
-            sun_rate = c / sun_mu * (1.0 + 1e-9)
-            particular = _particular(p, q, sun_rate, 2.0 * scale * odd, 2.0 * scale * even)
-            sun_down = spread[:, 0] * (particular[0] + particular[1])
-            sun_up = spread[:, 0] * (particular[0] - particular[1])
-            boundary = boundary - sun_down + reflectance[:, 0] * sun_up
-            lit = sun_share * np.exp(-sun_rate * self._floor_m)
-        surface = down - reflectance * up
-        origin = np.zeros(len(mu))
-        if np.isinf(self._floor_m):
-            amount = np.linalg.solve(surface, boundary[..., None])
-            down, up = down * np.swapaxes(amount, 1, 2), up * np.swapaxes(amount, 1, 2)
-        else:
-            # light that a floor sends up for radiances at the nodes that reach it: the same in all directions
-            sent = np.broadcast_to((2.0 * self._albedo[:, None] * w * mu)[:, None], down.shape)
-            faded = np.exp(-rate * self._floor_m)[:, None, :]
-            ends = np.block(
-                [[surface, (up - reflectance * down) * faded], [(up - sent @ down) * faded, down - sent @ up]]
-            )
-            at_floor = np.broadcast_to((self._shining + self._albedo / PI * lit)[:, None], boundary.shape)
-            if beam > 0.0:
-                reached = np.exp(-sun_rate * self._floor_m)[:, None]
-                at_floor = at_floor + reached * ((sent @ sun_down[..., None])[..., 0] - sun_up)
-            amount = np.linalg.solve(ends, np.concatenate([boundary, at_floor], axis=1)[..., None])
-            falling, rising = np.split(np.swapaxes(amount, 1, 2), 2, axis=2)
-            down, up = (
-                np.concatenate(both, axis=2) for both in ((down * falling, up * rising), (up * falling, down * rising))
-            )
-            rate = np.concatenate([rate, -rate], axis=1)
-            origin = np.append(origin, np.full(len(mu), self._floor_m))
-        if beam > 0.0:
-            rate, origin = np.concatenate([rate, sun_rate[:, None]], axis=1), np.append(origin, 0.0)
-            down = np.concatenate([down, sun_down[..., None]], axis=2)
-            up = np.concatenate([up, sun_up[..., None]], axis=2)
-
-        at_surface = np.exp(rate * origin)
-        incident = 2.0 * PI * np.einsum("i,nij,nj->n", w * mu, down, at_surface) + sun_share
-        if self._shining:
-            incident = np.ones(len(c))
-        norm = 1.0 / incident[:, None, None]
-        self._rate, self._origin = rate, origin
-        self._down, self._up = down * norm, up * norm
+        scattering = self.scattering * (1.0 - self._peak)
+        water = Ordinates(mu, w, self._faded, (2 * order + 1) * self._chi * scattering[:, None])
+        reflectance = fresnel_from_below(mu, self.refractive_index)
+        passed = 2.0 * PI * np.sum(w * mu * (1.0 - reflectance))
+        of_sky, beam = 1.0 - sun_share - self._shining, sun_share / sun_mu
+        from_above = np.broadcast_to(of_sky * (1.0 - reflectance) / passed, (len(scattering), len(mu)))
+        modes = self._bounded(water.free(), water.driven(sun_mu, beam), reflectance, from_above, sun_share)
+        incident = np.ones(len(scattering))
+        if not self._shining:
+            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes.at(0.0)[0]) + sun_share
+        self._rate, self._origin = modes.rate, modes.origin_m
+        self._down, self._up = (light / incident[:, None, None] for light in (modes.down, modes.up))
         self._beam, self._sun_mu = beam / incident, sun_mu
-        self._sky = of_sky / (2.0 * PI * np.sum(w * mu * (1.0 - reflectance[:, 0]))) / incident
-        moments = np.einsum("i,il,nij->nlj", w, legendre, self._down)
-        moments += parity[:, None] * np.einsum("i,il,nij->nlj", w, legendre, self._up)
-        self._moments = moments
+        self._sky = of_sky / passed / incident
+        of_order = w[:, None] * water.legendre
+        self._moments = np.einsum("il,nij->nlj", of_order, self._down)
+        self._moments += water.parity[:, None] * np.einsum("il,nij->nlj", of_order, self._up)
+
+    def _bounded(self, free: Modes, of_sun: Modes, reflectance: Array, from_above: Array, level_beam: float) -> Modes:
+        """Return the modes in the amounts that surface and floor give them, that of the sun last.
+
+        reflectance: (i,) of the surface from below. from_above: (n, i) radiance that enters. level_beam: irradiance of
+        a level plane below the surface by the sun.
+        """
+
+        def at_surface(modes: Modes) -> Array:
+            down, up = modes.at(0.0)
+            return np.asarray(down - reflectance[:, None] * up, np.float64)
+
+        if np.isinf(self._floor_m):
+            driven = from_above - at_surface(of_sun)[..., 0]
+            amount = np.asarray(np.linalg.solve(at_surface(free), driven[..., None])[..., 0], np.float64)
+            return free.times(amount).beside(of_sun)
+        # a floor sends the same up in all directions
+        sent = 2.0 * self._albedo[:, None] * self._weight * self._mu
+
+        def at_floor(modes: Modes) -> Array:
+            down, up = modes.at(self._floor_m)
+            return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None], np.float64)
+
+        both = free.beside(free.mirrored(self._floor_m))
+        lit = self._shining + self._albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
+        ends = np.concatenate([at_surface(both), at_floor(both)], axis=1)
+        driven = np.concatenate(
+            [from_above - at_surface(of_sun)[..., 0], lit[:, None] - at_floor(of_sun)[..., 0]], axis=1
+        )
+        amount = np.linalg.solve(ends, driven[..., None])[..., 0]
+        return both.times(amount).beside(of_sun)
 
     # --- results -----------------------------------------------------------------------------------------------
 
@@ -297,7 +260,7 @@ class LightField:
         for number in range(len(normals)):
             of = np.flatnonzero(place == number)
             diffuse[of] = np.einsum("nj,ynj->yn", modes[number], fall[at[of]])
-        diffuse = diffuse.reshape(*y.shape, -1)
+        diffuse = diffuse.reshape(*y.shape, len(self.absorption))
         direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
         return diffuse + self._beam * direct * np.exp(-self._faded / self._sun_mu * y[..., None])
 
@@ -342,12 +305,3 @@ def _moments(phase: Phase | Array, count: int, least: int) -> Array:
         return np.array(moments, np.float64)
     many = max(least, BEAM_ORDERS + 1)
     return np.broadcast_to(phase_moments(phase, many), (count, many))
-
-
-def _particular(p: Array, q: Array, rate: Array, odd: Array, even: Array) -> tuple[Array, Array]:
-    """Return sum and difference (n, i) of the scaled radiance that is driven by a source exp(-rate y)."""
-    size = p.shape[1]
-    eye = np.eye(size) * rate[:, None, None]
-    system = np.concatenate([np.concatenate([-eye, p], axis=2), np.concatenate([q, -eye], axis=2)], axis=1)
-    solution = np.linalg.solve(system, np.concatenate([odd, even], axis=1)[..., None])[..., 0]
-    return solution[:, :size], solution[:, size:]

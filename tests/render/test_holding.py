@@ -16,7 +16,7 @@ from mr360uw.medium.ambient import LightAtCamera, ambient_parts
 from mr360uw.medium.lookup import ambient_ratio
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.ray_field import cosine_kernel
-from mr360uw.medium.transfer import Floor
+from mr360uw.medium.transfer import LambertFloor
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import dive_scene
 from mr360uw.sample.recording import record
@@ -69,7 +69,7 @@ def test_what_leaves_the_beam_becomes_ambient(water: str, floor_m: float | None)
     share, camera, albedo = 0.7, 4.0, 0.3
     medium = Medium(Water.jerlov(water), camera_depth_m=camera, floor_m=floor_m)
     nm, bands = medium.bands.wavelength_nm, medium.bands
-    floor = None if floor_m is None else Floor(floor_m, (albedo,))
+    floor = None if floor_m is None else LambertFloor(floor_m, (albedo,))
     field = spectral_model(medium.water, nm, "table", sky=("sun", SUN_UP, share), floor=floor)
     depth, normal = np.array([0.5, 3.0, 4.0, 4.001, 6.0, 12.0]), np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 
