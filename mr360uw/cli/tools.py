@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,6 +19,12 @@ def new(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml"), Role.WRITTEN
     ] = None,
+    at: Annotated[
+        str | None, typer.Option(help="direction of its foot, or of its middle where it swims: azimuth,elevation")
+    ] = None,
+    stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False,
+    swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False,
+    size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
     track: Annotated[
         Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
     ] = None,
@@ -28,10 +34,12 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
+    from mr360uw.cli.wishes import wish_of
     from mr360uw.first_look.first_scene import make_first_scene
 
     made = make_first_scene(
-        video, mesh, out, track=track, eye=None if eye is None else eye.value, overwrite=overwrite,
+        video, mesh, out, wish=wish_of(at, stand, swim, size), track=track, eye=None if eye is None else eye.value,
+        overwrite=overwrite,
         outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*made.lines, *made.next_lines]))
@@ -46,13 +54,14 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.first_look.plate_look import look_at_plate
     from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
 
+    of_eye: Literal["left", "right"] | None = None if eye is None else eye.value
+    in_air = video.suffix.lower() != ".toml" and not look_at_plate(video, of_eye).medium.underwater
     with terminal_progress() as progress:
-        written = analyse_video(
-            video, out, eye=None if eye is None else eye.value, overwrite=overwrite, progress=progress
-        )
+        written = analyse_video(video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress)
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 

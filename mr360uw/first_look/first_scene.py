@@ -10,11 +10,14 @@ from pathlib import Path
 
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
+from mr360uw.first_look.grey_card import grey_card_stops
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.panorama import Eye
+from mr360uw.first_look.place_in_plate import Wish
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.proposal import propose
-from mr360uw.first_look.proposal_words import found_lines, scene_lines
+from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
+from mr360uw.ibl.sun.words import SunFound
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
@@ -45,6 +48,7 @@ def make_first_scene(
     mesh: Path,
     out: Path | None = None,
     *,
+    wish: Wish | None = None,
     track: Path | None = None,
     eye: Eye | None = None,
     overwrite: bool = False,
@@ -53,14 +57,14 @@ def make_first_scene(
 ) -> FirstScene:
     """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
 
-    track: the camera's path, whose floor is taken from the .json beside it. eye: of a stereo plate, by default the left
-    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
-    `SceneError`; nothing is written then.
+    wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. eye: of a
+    stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
+    files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
-    chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
+    chosen = replace(propose(plate, seen, wish or Wish(), None if track is None else _floor_of(track)), track=track)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
@@ -68,13 +72,18 @@ def make_first_scene(
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
+        stops = grey_card_stops(live, draft)
     with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
         shown.write_bytes(screen_picture(picture.image_linear, ".png"))
-        written.write_text(text, "utf-8")
+        written.write_text(text + sun.to_uncomment, "utf-8")
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
-    lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
+    lines = [
+        *found_lines(plate, seen, chosen, sun.words),
+        *brightness_lines(stops),
+        *(f"note      {note}" for note in (*filter(None, [plate.doubt]), *loaded.notes)),
+    ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
-    view = f"{chosen.azimuth_deg:g},{chosen.elevation_deg:g},75"
+    view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
     commands = (
         f"next:     mr360uw composite {path} {path.with_suffix(f'.composite{suffix}').name}",
         f"or:       mr360uw still {path} look.png --view {view}",
@@ -108,12 +117,12 @@ def _floor_of(track: Path) -> float | None:
     try:
         floor = json.loads(table.read_text("utf-8"))["floor"]
         return None if floor is None else float(floor["height_m"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
 
 
-def _sun(loaded: Loaded, live: LivePreview) -> str:
-    """Return what is found of a sun in the whole first frame, in words."""
+def _sun(loaded: Loaded, live: LivePreview) -> SunFound:
+    """Return what is found of a sun in the whole first frame."""
     scene = loaded.scene
     frame = live.plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
-    return loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)
+    return loaded.surroundings.light.sun_found(frame.pixels, frame.time_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the part of a panorama before which an object is seen best: free water, sky, or even ground."""
+"""Finds the part of a panorama before which an object off the ground is seen best: open water, or sky."""
 
 from __future__ import annotations
 

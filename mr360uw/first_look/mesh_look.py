@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.composite import Mesh
-from mr360uw.composite.mesh.mesh import METRES
-from mr360uw.composite.mesh.rig import load_rig
+from mr360uw.composite.mesh.mesh import METRES, mesh_of_file
+from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.object_settings import Front
 from mr360uw.first_look.mesh_words import Habit, Kind, kind_of
 from mr360uw.types import Floats
@@ -30,8 +30,6 @@ _LONG = 0.8
 """Length over width from which a body counts as long, so that its thicker end may be a head."""
 _THICKER = 0.4
 """Logarithm of the ratio of cross-sections near both ends from which one is the thicker."""
-_FOOT = 0.03
-"""Height of the foot over the file's origin, over the body's height, below which it was made to stand there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +55,17 @@ class MeshLook:
 
 def look_at_mesh(path: Path, *, outside_files: bool = False) -> MeshLook:
     """Return what a mesh shows; raise `MeshError` where it cannot be read."""
-    rig = load_rig(path, "auto", "", outside=outside_files)
-    mesh, clips = rig.mesh, () if rig.rigging is None else rig.rigging.clips
+    file = read_mesh_file(path, outside=outside_files)
+    mesh, clips = mesh_of_file(path, file), () if file.rigging is None else file.rigging.clips
     tinted = bool(np.any(mesh.colors != 1.0)) and any(m.base_map is not None for m in mesh.materials)
-    kind, longest = kind_of(path.stem), float(np.max(mesh.extent_m))
+    kind = kind_of(path.stem, (part.name for part in file.parts))
+    longest = float(np.max(mesh.extent_m))
     size, why = _size(kind, longest)
     front, why_front, long = _front(mesh, kind)
     x, y, z = (mesh.extent_m / longest).tolist()
-    return MeshLook(path, kind, size, why, (x, y, z), front, why_front, long, _habit(mesh, kind), tinted, clips)
+    return MeshLook(
+        path, kind, size, why, (x, y, z), front, why_front, long, kind.habit if kind else "stands", tinted, clips
+    )
 
 
 def _size(kind: Kind | None, units: float) -> tuple[float, str]:
@@ -76,13 +77,6 @@ def _size(kind: Kind | None, units: float) -> tuple[float, str]:
         if low <= size <= high:
             return float(f"{size:.3g}"), f"its {units:.3g} units are {name}"
     return typical, f"its {units:.3g} units fit no unit for {what}, so a typical size"
-
-
-def _habit(mesh: Mesh, kind: Kind | None) -> Habit:
-    if kind is not None:
-        return kind.habit
-    foot = float(mesh.center_m[1] - 0.5 * mesh.extent_m[1])
-    return "stands" if abs(foot) < _FOOT * float(mesh.extent_m[1]) else "swims"
 
 
 def _front(mesh: Mesh, kind: Kind | None) -> tuple[Front, str, bool]:

@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-Habit = Literal["swims", "stands"]
+Habit = Literal["swims", "stands", "flies"]
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of thing. low_m, high_m: between which its longest side is. typical_m: where the file's own is not.
 
-    habit: whether it is seen in open water, or on the floor. blunt: whether its front is the thicker end.
+    habit: whether it is in open water, on the floor, or in the sky. blunt: whether its front is the thicker end.
     """
 
     word: str
@@ -50,6 +51,12 @@ KINDS: tuple[Kind, ...] = (
         blunt=False,
     ),
     *_kinds(
+        "bird 0.1 3 0.6; gull 0.3 1.7 1.2; pelican 1 3.4 2.5; parrot 0.15 1 0.4; eagle 0.6 2.5 2; balloon 0.2 30 0.4; "
+        "kite 0.3 5 1; butterfly 0.02 0.3 0.08; airship 10 250 60",
+        "flies",
+        blunt=False,
+    ),
+    *_kinds(
         "crab 0.05 0.6 0.25; lobster 0.15 0.9 0.4; bunny 0.1 0.6 0.3; rabbit 0.1 0.7 0.4; cow 1.2 3 2.2; "
         "horse 1.2 3 2.3; dog 0.3 1.5 0.9",
         "stands",
@@ -59,7 +66,9 @@ KINDS: tuple[Kind, ...] = (
         "cannon 0.8 4 2.2; amphora 0.3 1.5 0.8; chest 0.3 1.5 0.9; barrel 0.5 1.5 0.9; coral 0.05 4 0.6; "
         "sponge 0.05 2 0.6; rock 0.1 10 1.2; boulder 0.4 10 1.5; statue 0.3 6 1.8; column 0.5 12 3; temple 3 60 12; "
         "car 2.5 6 4.3; truck 3 18 5; bus 5 19 11; plane 5 75 10; bottle 0.08 0.5 0.25; person 1.2 2.2 1.75; "
-        "human 1.2 2.2 1.75",
+        "human 1.2 2.2 1.75; "
+        "mannequin 1.2 2.2 1.8; dummy 0.5 2.2 1.8; man 1.4 2.2 1.8; woman 1.3 2.1 1.7; soldier 1.2 2.2 1.8; "
+        "crate 0.3 2.5 0.8; chair 0.4 1.6 0.9; table 0.4 3 1.4",
         "stands",
         blunt=False,
     ),
@@ -68,8 +77,21 @@ KINDS: tuple[Kind, ...] = (
 young and large ones; the limits only decide which unit a file is in."""
 
 
-def kind_of(name: str) -> Kind | None:
-    """Return the kind whose word a file's name holds; short words must stand alone. None where there is none."""
+_OF_PROGRAMS = {"plane"}
+"""Words that modelling programs give to parts by themselves."""
+
+
+def kind_of(name: str, parts: Iterable[str] = ()) -> Kind | None:
+    """Return the kind whose word a file's name holds, or else one of its parts'; short words must stand alone.
+
+    None where there is none.
+    """
+    found = _kind_in(name)
+    named = (_kind_in(part) for part in parts)
+    return found or next((kind for kind in named if kind is not None and kind.word not in _OF_PROGRAMS), None)
+
+
+def _kind_in(name: str) -> Kind | None:
     plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
     words = re.split(r"[^a-z]+", plain)
     joined = "".join(words)

@@ -16,9 +16,12 @@ from mr360uw.ibl import environment
 from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.ibl.plate import remap
+from mr360uw.scene.inputs import eyes_of_plate
+from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
+from mr360uw.video.eyes_seen import EyesSeen
 
 COLUMNS, ROWS = 1024, 512
 """Pixels of the picture that is looked at."""
@@ -39,7 +42,8 @@ class PlateLook:
     """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames.
 
     still: one picture. size: (width, height) [pixels]. tilt: of the camera, None where it
-    cannot be told or is level. floor: whether something is seen below.
+    cannot be told or is level. floor: whether something is seen below. eyes: what the two of a stereo plate show, None
+    of mono; doubt: about their arrangement, or "".
     """
 
     path: Path
@@ -51,6 +55,8 @@ class PlateLook:
     dark: bool
     tilt: HorizonEstimate | None
     floor: bool
+    eyes: EyesSeen | None = None
+    doubt: str = ""
 
 
 def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
@@ -66,7 +72,9 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
         image = _levelled(image, tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
-    return PlateLook(path, image, still, size, reading, medium, dark, tilt, _has_floor(image, medium.underwater))
+    eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=reading.eye)))
+    floor = _has_floor(image, medium.underwater)
+    return PlateLook(path, image, still, size, reading, medium, dark, tilt, floor, eyes, doubt)
 
 
 def _indices(video: VideoReader) -> list[int]:

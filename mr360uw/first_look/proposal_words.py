@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode
+from mr360uw.first_look.ground_place import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
+from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.proposal import Proposal, sight_m
 from mr360uw.medium.fit.waterfit import CONFIDENT
@@ -40,39 +42,57 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
             f"in air: red is {plate.medium.red_far:.2f} of green or blue in the distance; nothing is done about water"
         )
     lines.append(f"where     {guess}{where} (confidence {plate.medium.confidence:.2f})")
+    if plate.medium.half:
+        lines.append(
+            "half      half under and half over water: taken as under water, the camera at its surface; no body is "
+            "drawn above"
+        )
     lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
     if plate.tilt is not None:
         roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
         lines.append(f"level     tilted by its window to the sky (Snell's): roll {roll:.0f}, pitch {pitch:.0f} degrees")
     if chosen.water is not None:
         lines += _water_lines(chosen)
-    if chosen.floor_m is not None:
-        how = "of the camera's track" if chosen.floor_known else "guessed: nothing shows it"
-        lines.append(f"floor     (receiver) {-chosen.floor_m:g} m below the camera, {how}")
-    elif chosen.water is not None:
-        lines.append("floor     none seen below, so no shadow on it (receiver)")
+    lines.append(_floor_line(chosen))
     named = f"a {mesh.kind.word} by its name" if mesh.kind else "unknown by its name"
     lines.append(
         f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
     )
-    if chosen.smaller:
+    return lines + _place_lines(chosen.place)
+
+
+def _floor_line(chosen: Proposal) -> str:
+    """Return what is known of the ground."""
+    place = chosen.place
+    if place.drop_m is None or place.hangs:
+        return "floor     none seen below, so no shadow on it (receiver)"
+    how = chosen.floor_by or "guessed: nothing shows it"
+    return f"floor     (receiver) {place.drop_m:.3g} m below the camera, {how}"
+
+
+def _place_lines(place: Place) -> list[str]:
+    """Return where the object is, and what is doubtful there."""
+    lines = []
+    if place.smaller:
         lines.append(
-            f"size      made {chosen.size_m:g} m long, because this water hides what is farther away; size_m sets it"
+            f"size      made {place.size_m:g} m long, because this water hides what is farther away; size_m sets it"
         )
-    place = (
-        "stands on the floor" if chosen.stands else f"off the floor, {chosen.elevation_deg:g} degrees over the horizon"
-    )
-    if chosen.lifted:
-        place += " (too small to be seen on it)"
-    side = _side(chosen.azimuth_deg)
-    ahead = "seen from the side" if chosen.face != "camera" else "facing the camera"
-    lines.append(f"place     {side}, {chosen.distance_m:g} m away, {place}, {ahead}")
+    how = "stands on the floor" if place.stands else f"off the floor, {place.elevation_deg:g} degrees over the horizon"
+    ahead = "seen from the side" if place.face != "camera" else "facing the camera"
+    lines.append(f"place     {_side(place.azimuth_deg)}, {place.distance_m:g} m away, {how}, {ahead}")
+    if place.hangs:
+        lines.append(
+            "ground    none is seen that it could stand on, so it hangs in the water; --stand puts it on a floor"
+        )
+    elif place.uneven > UNEVEN:
+        lines.append("ground    nowhere even: look at its foot; --at AZIMUTH,ELEVATION puts that elsewhere")
     return lines
 
 
 def _water_lines(chosen: Proposal) -> list[str]:
     water = chosen.water
     assert water is not None
+    assert chosen.view is not None
     code = np.round(255.0 * encode(np.clip(np.array(chosen.view.color), 0.0, 1.0), "srgb")).astype(int)
     hex_code = "".join(f"{c:02x}" for c in code.tolist())
     veil = f"open water has the colour #{hex_code} (veil)"
@@ -86,6 +106,17 @@ def _water_lines(chosen: Proposal) -> list[str]:
     return [
         f"water     {told}, sight {sight_m(water.type):.0f} m; {veil}",
         f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
+    ]
+
+
+def brightness_lines(stops: float | None) -> list[str]:
+    """Return a line where a grey card at the object's place is brighter or darker than the plate around by a stop."""
+    if stops is None or abs(stops) < 1.0:
+        return []
+    way = "darker" if stops < 0.0 else "brighter"
+    return [
+        f"grey      a grey card would be {abs(stops):.1f} stops {way} there than what is around it: "
+        f"light.exposure = {-stops:.1f} makes up for that"
     ]
 
 
@@ -107,12 +138,12 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
         rows.append((f'projection = "{plate.reading.projection}"', "by what its first picture shows"))
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
-    if chosen.floor_m is not None:
-        known = "of the camera's track" if chosen.floor_known else "a guess: height of the floor over the camera"
+    if chosen.place.drop_m is not None and not chosen.place.hangs:
+        known = chosen.floor_by or "a guess: height of the floor over the camera"
         rows += [
             ("", ""),
             ("[receiver]", "the floor, on which shadows fall"),
-            (f"height_m = {chosen.floor_m:g}", known),
+            (f"height_m = {-chosen.place.drop_m:.3g}", known),
         ]
     if chosen.lamp:
         rows += [("", ""), ("[[lamp]]", "the plate is dark"), ('attach = "camera"', ""), ("lumen = 3000.0", "")]
@@ -153,19 +184,23 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
 
 
 def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:
+    place = chosen.place
     rows = [
         ("[[object]]", ""),
         (f"mesh = {toml_value(relative_to(mesh.path, folder))}", ""),
-        (f"size_m = {chosen.size_m:g}", f"longest side; {mesh.why_size}"),
-        (f"azimuth_deg = {chosen.azimuth_deg:g}", "to the right of straight ahead"),
+        (
+            f"size_m = {place.size_m:g}",
+            f"longest side; {mesh.why_size if place.size_m == mesh.size_m else 'as it is put'}",
+        ),
+        (f"azimuth_deg = {place.azimuth_deg:g}", "to the right of straight ahead"),
     ]
-    if chosen.stands:
+    if place.stands:
         rows.append(('stand_on = "receiver"', "on the floor"))
     else:
-        rows.append((f"elevation_deg = {chosen.elevation_deg:g}", "over the horizon"))
-    face = '"camera"' if isinstance(chosen.face, str) else f"{chosen.face:g}"
+        rows.append((f"elevation_deg = {place.elevation_deg:g}", "over the horizon"))
+    face = '"camera"' if isinstance(place.face, str) else f"{place.face:g}"
     rows += [
-        (f"distance_m = {chosen.distance_m:g}", "from the camera"),
+        (f"distance_m = {place.distance_m:g}", "from the camera"),
         (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
         (f"face = {face}", 'azimuth its front points to, or "camera"'),
     ]

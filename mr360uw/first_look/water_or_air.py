@@ -33,6 +33,10 @@ _FALL = 0.4
 """Logarithm of light 40 degrees higher over that at the horizon, and of that over light 45 degrees lower, at least."""
 _REDDEST = 1.1
 """R / max(G, B), median below the horizon, above which no murk is water: soil and sunsets are redder."""
+_LOW_SKY, _MORE_RED = 0.42, 2.0
+"""Red ratio of the lowest sky, and that over the ratio just below the horizon, from which the plate is half in air.
+Real skies have 0.4 to 1.5 there, and water at most 0.39; murky water below, 0.35, is not told from a sky."""
+_SKY_DEG, _SEA_DEG = (3.0, 12.0), (-12.0, -3.0)
 _SURE = 0.35
 """Distance of the logarithm of a measure from its limit at which the answer is sure."""
 _DARK = 0.004
@@ -41,12 +45,16 @@ _DARK = 0.004
 
 @dataclass(frozen=True, slots=True)
 class WaterOrAir:
-    """Whether a plate is under water. confidence: 0 to 1. red_far: q, red_near: s of the module's text."""
+    """Whether a plate is under water. confidence: 0 to 1. red_far: q, red_near: s of the module's text.
+
+    half: whether it is so below the horizon only, and in air above.
+    """
 
     underwater: bool
     confidence: float
     red_far: float
     red_near: float
+    half: bool = False
 
 
 def red_ratio(image: Floats) -> Floats:
@@ -77,7 +85,17 @@ def water_or_air(image: Floats) -> WaterOrAir:
         _murk(image, _quantile(ratio, weight, lit & (up < _BELOW_SINE), 0.5)),
     ]
     margin = float(max(margins))
-    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near)
+    half = margin > 0.0 and _half_in_air(ratio, weight, up)
+    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near, half)
+
+
+def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:
+    """Return whether there is red just above the horizon, as in a sky, and little just below it, as in water."""
+    sky, sea = (
+        _quantile(ratio, weight, np.isfinite(ratio) & (up > np.sin(low)) & (up < np.sin(high)), 0.5)
+        for low, high in (np.radians(_SKY_DEG), np.radians(_SEA_DEG))
+    )
+    return sky > max(_LOW_SKY, _MORE_RED * sea)
 
 
 def _murk(image: Floats, red: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
+from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
@@ -54,6 +55,19 @@ def projection_notes(scene: Scene, video: VideoReader, index: int = 0) -> tuple[
     found = way_out(shape_of_frame(video, index), video.path)
     leave = 'if that is wrong, set plate.projection = "equirectangular"'
     return (f"{video.path} - {found}; {leave}",) if found else ()
+
+
+def eyes_of_plate(scene: Scene) -> tuple[EyesSeen | None, str]:
+    """Return what the two eyes of a scene's plate show in its first frame, None of mono; and a doubt, or ""."""
+    if scene.plate.eye is None:
+        return None, ""
+    with open_plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"eye": "both"})})) as video:
+        frame = next(iter(video.frames(0, 1)))
+        assert frame.right is not None
+        seen = eyes_seen(frame.image_linear, frame.right.image_linear)
+        tagged = video.spherical.stereo if video.spherical is not None else "mono"
+        doubt = seen.doubt(scene.plate.layout or (video.stereo if tagged == "mono" else tagged))
+    return seen, f"{scene.plate.path} - {doubt}" if doubt else ""
 
 
 def shape_of_frame(video: VideoReader, index: int = 0) -> Shape:

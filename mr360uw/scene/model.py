@@ -52,7 +52,7 @@ class PlateSettings(Parameters):
     )
     ocio: OcioSettings | None = parameter(None, "colour spaces of an OpenColorIO config, instead of transfer")
     eye: Literal["left", "right", "both"] | None = parameter(None, "the eyes of a stereo plate to work on")
-    layout: Literal["mono", "top-bottom", "left-right", "right-left"] | None = parameter(
+    layout: Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"] | None = parameter(
         None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
     )
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)

@@ -18,7 +18,7 @@ from uuid import UUID
 from mr360uw.errors import VideoError
 from mr360uw.video.metadata.mp4 import Box, edit_moov, read_moov, sample_entries, video_track
 
-Stereo = Literal["mono", "top-bottom", "left-right", "right-left", "custom"]
+Stereo = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left", "custom"]
 
 V1_TAG = "SPHERICAL-VIDEO"
 """Name of the tag that holds V1 XML in Matroska and WebM."""

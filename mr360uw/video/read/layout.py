@@ -16,8 +16,10 @@ from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.read.picture_shape import Shape, way_out
 
 Eye = Literal["left", "right", "both"]
-Layout = Literal["mono", "top-bottom", "left-right", "right-left"]
-"""Arrangement of the eyes in a frame, the left one named first: it is above, at the left or at the right."""
+Layout = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"]
+"""Arrangement of the eyes in a frame, the left one named first: it is above, below, at the left or at the right."""
+LEFT_FIRST: dict[str, Stereo] = {"right-left": "left-right", "bottom-top": "top-bottom"}
+"""Arrangements whose first eye is the right one, and what they are with the left one first."""
 _WIDEST = 5.0
 """Largest ratio of width to height of a squeezed panorama: 32:9 is usual (two eyes, one above the other, in 16:9)."""
 
@@ -101,10 +103,10 @@ def panorama_crops(
 
 
 def output_layout(stereo: Stereo) -> Stereo:
-    """Return the arrangement of outputs with both eyes: that of the plate, but never right-left, which V1 metadata
-    cannot say and players that know no other would show crossed.
+    """Return the arrangement of outputs with both eyes: that of the plate, but the left one first: metadata cannot
+    say bottom-top, V1 not even right-left, and players that know no other would show them crossed.
     """
-    return "left-right" if stereo == "right-left" else stereo
+    return LEFT_FIRST.get(stereo, stereo)
 
 
 def _may_be_squeezed(crop: Crop) -> bool:
@@ -121,17 +123,16 @@ def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Ste
 
 
 def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal["left", "right"]) -> Crop:
-    across, down = (1, 2) if stereo == "top-bottom" else (2, 1)
+    across, down = (1, 2) if LEFT_FIRST.get(stereo, stereo) == "top-bottom" else (2, 1)
     if stereo != "custom" and (width % (2 * across) or height % (2 * down)):
         raise VideoError(
             f"{path} - cannot be divided into two eyes, {stereo} (got {width}x{height}) - export it with a "
             f"{'height' if down == 2 else 'width'} that is a multiple of 4 and the other side even"
         )
-    if stereo == "top-bottom":
-        return Crop(0, 0 if eye == "left" else height // 2, width, height // 2, (width, height))
-    if stereo in ("left-right", "right-left"):
-        first = (eye == "left") == (stereo == "left-right")
-        return Crop(0 if first else width // 2, 0, width // 2, height, (width, height))
+    if stereo not in ("mono", "custom"):
+        first = (eye == "left") == (stereo not in LEFT_FIRST)
+        column, row = (0, height // 2) if down == 2 else (width // 2, 0)
+        return Crop(0 if first else column, 0 if first else row, width // across, height // down, (width, height))
     raise VideoError(f"{path} - its stereo layout is not known (got {stereo}) - export one eye as mono")
 
 
