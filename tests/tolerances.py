@@ -73,9 +73,9 @@ HELD = 0.05
 """A card of the sand's albedo on the sand of a dive, mean in each channel: what the project asks."""
 WATER_ADDS_UP = 5e-3
 """Ambient light and beam from tables over depth, linear between 256 nodes in single precision, against the solved sum."""
-COLOUR_OF_FLOOR = 0.05
+COLOUR_OF_FLOOR = 0.02
 """The same over a floor 3 m below: its light enters as three numbers, each with the spectrum of daylight within its wide
-channel. Red is 4 % off, green and blue 0.1 %."""
+channel. Red is 1 % off, green and blue 0.1 %."""
 DIVE_FLOOR = 5e-3
 """Irradiance of the dive's floor against the field solved with twice its 16 streams, which are right to 2e-3."""
 DIVE_SAND = 0.08

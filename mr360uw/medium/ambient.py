@@ -69,7 +69,7 @@ def ambient_parts(medium: Medium, light: LightAtCamera) -> tuple[Array, Array]:
         amounts.append(floor)
     whole, at_camera = (
         sum((a * _on_normals(medium, *sky, at) for a, sky in zip(amounts, skies, strict=True)), np.zeros(3))
-        for at in (depth, here)
+        for at in (depth if medium.floor_m is None else np.minimum(depth, medium.floor_m), here)
     )
     return diffuse_table(whole, at_camera[:, 0], depth, medium.camera_depth_m), floor
 
