@@ -127,7 +127,7 @@ def with_look(layer: Layer, look: PlateGrade, plate: VideoFrame) -> Layer:
 
 def _water(loaded: Loaded, frames: list[VideoFrame]) -> WaterView | None:
     """Return the open water of frames beside the solved medium; None without one."""
-    if loaded.surroundings.medium is None or loaded.scene.water.mode != "table":
+    if loaded.surroundings.medium is None or loaded.scene.water.mode not in ("table", "plate"):
         return None
     from mr360uw.composite.grading.water_shape import ELEVATIONS, SPAN_RAD, WaterView
     from mr360uw.medium.fit.profile import PlateProfile
