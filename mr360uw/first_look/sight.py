@@ -26,6 +26,10 @@ _APART, _DEEP = 0.25, 0.5
 """Distance across of the places that are compared, and extent away from the camera of each, over the height."""
 _NOISE = 1.5
 """Differences over those of open water from which they are the floor's."""
+_SURE_HEIGHT, _GUESSED_HEIGHT = 1.1, 1.7
+"""Factors that a known and a guessed height over the floor may be off by; the visibility is proportional to it."""
+_USUAL_M, _USUAL_RANGE = 20.0, 2.0
+"""Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
 _LEAST_ROWS = 4
 _UNSURE = 0.35
 """Standard error of c, relative to it, up to which it counts as told."""
@@ -35,14 +39,28 @@ _UNEVEN = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """A visibility [m] and the range it is in."""
+    """A visibility [m] and the range it is in. by: what told it, or ""."""
 
     visibility_m: float
     low_m: float
     high_m: float
+    by: str = ""
 
 
-def sight_over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
+def guess_sight(image: Floats, height_m: float | None, *, known: bool, usual_m: float) -> Sight:
+    """Return the visibility in a levelled panorama (h, w, 3) of linear light: by its floor, or what is usual.
+
+    height_m: of the camera over the floor, None where there is none; known: whether it is, or is guessed. usual_m: the
+    visibility of the nearest type of water.
+    """
+    found = None if height_m is None else _over_floor(image, height_m, _SURE_HEIGHT if known else _GUESSED_HEIGHT)
+    if found is not None:
+        return found
+    usual = min(usual_m, _USUAL_M)
+    return Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
+
+
+def _over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
     """Return the visibility by the floor of a levelled panorama (h, w, 3) of linear light; None where it is not told.
 
     height_m: of the camera over the floor; unsure: factor that it may be off by, 1 or more.
@@ -63,10 +81,11 @@ def sight_over_floor(image: Floats, height_m: float, unsure: float) -> Sight | N
     (slope, _), covariance = np.polyfit(way, log, 1, cov="unscaled")
     left = log - np.polyval(np.polyfit(way, log, 1), way)
     error = float(np.sqrt(covariance[0, 0] * np.sum(left**2) / (len(way) - 2)))
-    if slope >= 0.0 or error > -_UNSURE * slope:
+    if slope > -CONTRAST_LENGTHS / MOST_M or error > -_UNSURE * slope:
         return None
     visibility, wide = -CONTRAST_LENGTHS / slope, unsure * np.exp(2.0 * np.hypot(error / slope, _UNEVEN))
-    return Sight(*(float(np.clip(v, LEAST_M, MOST_M)) for v in (visibility, visibility / wide, visibility * wide)))
+    low, high = (float(np.clip(v, LEAST_M, MOST_M)) for v in (visibility / wide, visibility * wide))
+    return Sight(float(max(visibility, LEAST_M)), low, high, "contrast of the floor with distance")
 
 
 def _difference(light: Array, elevation: float, apart: int, high: float) -> float:

@@ -31,7 +31,7 @@ COLUMNS, ROWS = 256, 128
 """Size of the map: 1.4 degrees. Between its pixels the water about a sun is off by a tenth of a code."""
 FINER = 2
 """How many times finer a plate is looked at than the map."""
-_FINE_DEG, _COARSE_DEG, _WIDE_DEG = 0.5, 3.0, 2.0
+_FINE_DEG, _COARSE_DEG, _WIDE_DEG = 0.4, 1.6, 1.0
 """Deviations of the blurs between which structure is taken, and over which it is averaged."""
 _SMOOTH, _ROUGH = 0.02, 0.05
 """Structure, rms of the logarithm of light, from which a direction counts less as open water, and not at all."""
@@ -48,7 +48,7 @@ DARKEST = 1e-4
 """Light of open water that is told from black: a third of an 8-bit code."""
 _TINY = 1e-300
 _DIM = 0.05
-"""Light over that of open water that is added before logarithms are taken for structure: grain is none."""
+"""Light, over that of open water, that is added before logarithms and shares are taken: grain is no structure."""
 _LEAST_SEEN = 0.002
 """Fraction of the sphere that must be open water for the plate to be believed; half as much: half believed."""
 
@@ -99,11 +99,12 @@ def open_water(medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: f
     up = row_up(ROWS)
     model = medium.level_radiance(up)
     light = visible_gain(medium, gain) * model
+    dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
-    weight = _small(_eroded(_fade(structure(shown, float(luminance(light).max())), _SMOOTH, _ROUGH))) * seen
+    weight = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH))) * seen
     area = np.sqrt(1.0 - up**2)[:, None] * np.ones(COLUMNS)
     level = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
-    red = small[..., 0] / small.sum(axis=-1)
+    red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
     bright = luminance(small) / luminance(light)[:, None]
     weight = weight * _fade(red / _quantile(red, weight * level * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
     typical = _quantile(bright, weight * level * bright, 0.5)
@@ -126,10 +127,10 @@ def _from_beyond(medium: Medium, up: Array, above_ground_m: float | None) -> Arr
     return np.where(up < 0.0, left, share)
 
 
-def structure(shown: Floats, level: float) -> Array:
+def structure(shown: Floats, dim: float) -> Array:
     """Return the structure (h, w) of a panorama (h, w, 3) of linear light: the rms of its logarithm over a few degrees.
 
-    level: light of open water.
+    dim: light that is added before, of which differences are not seen.
     """
     import cv2
 
@@ -140,7 +141,7 @@ def structure(shown: Floats, level: float) -> Array:
         return np.asarray(cv2.GaussianBlur(values, (0, 0), degrees * scale))
 
     light = np.pad(luminance(shown), ((0, 0), (margin, margin)), mode="wrap")
-    log = np.log(blur(light, _FINE_DEG) + _DIM * level + DARKEST)
+    log = np.log(blur(light, _FINE_DEG) + dim)
     return np.sqrt(blur((log - blur(log, _COARSE_DEG)) ** 2, _WIDE_DEG))[:, margin:-margin]
 
 
