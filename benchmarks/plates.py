@@ -47,19 +47,24 @@ COLUMNS, RIM_COLUMNS = 1024, 512
 BALL_DEG, BODY_DEG, ASIDE_DEG = 3.0, 10.0, 5.0
 RIMS_M, BEYOND_M = (6.0, 12.0, 20.0, 30.0), 3000.0
 VISIBILITY_M = 15.0
-FLAT_FOV_DEG = 90.0
+FLAT_FOV_DEG, PITCH_DEG = 90.0, {"reef_clip_gopro_hero10": -28.0}
+"""Field of view of flat pictures, and the pitch of those that look down."""
 PRESETS = ("reef", "blue", "green")
 Table = dict[str, Any]
 
 
-def around(picture: np.ndarray, width: int = 2048) -> np.ndarray:
-    """Return a flat picture (h, w, 3) as a panorama: mirrored around the camera, its edges drawn up and down."""
+def around(picture: np.ndarray, pitch_deg: float, width: int = 2048) -> np.ndarray:
+    """Return a flat picture (h, w, 3) as a panorama: mirrored around the camera, its edges drawn up and down.
+
+    pitch_deg: of the picture's middle.
+    """
     height, fov = width // 2, np.radians(FLAT_FOV_DEG)
     rows, columns = picture.shape[:2]
     longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
     turn = np.mod(longitude + 0.5 * fov, 2.0 * fov)
     turn = np.minimum(turn, 2.0 * fov - turn) - 0.5 * fov
-    lon, lat = np.meshgrid(turn, np.clip(np.pi * (0.5 - (np.arange(height) + 0.5) / height), -1.2, 1.2))
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height) - np.radians(pitch_deg)
+    lon, lat = np.meshgrid(turn, np.clip(latitude, -1.2, 1.2))
     focal = 0.5 * columns / np.tan(0.5 * fov)
     x = focal * np.tan(lon) + 0.5 * columns - 0.5
     y = 0.5 * rows - 0.5 - focal * np.tan(lat) / np.cos(lon)
@@ -88,7 +93,7 @@ def plates(footage: Path, folder: Path) -> Iterator[Path]:
             continue
         flat = cv2.imread(str(path)) if path.suffix == ".jpg" else cv2.VideoCapture(str(path)).read()[1]
         out = folder / f"{path.stem}.png"
-        cv2.imwrite(str(out), around(flat))
+        cv2.imwrite(str(out), around(flat, PITCH_DEG.get(path.stem, 0.0)))
         yield out
     for preset in PRESETS:
         uw.sample_dive(folder / preset, DiveSettings.of(preset), width=COLUMNS, frames=1, overwrite=True)
@@ -100,13 +105,14 @@ def plates(footage: Path, folder: Path) -> Iterator[Path]:
 
 
 def open_direction(linear: Floats) -> tuple[float, float]:
-    """Return azimuth and elevation [deg] of the smoothest, lightest, least red place at and below the horizon."""
+    """Return azimuth and elevation [deg] of the smoothest, least red place at and below the horizon."""
     scale = linear.shape[0] / 180.0
-    light = np.log(luminance(np.maximum(linear, 0.0)) + 0.002).astype(np.float32)
+    code = encode(np.maximum(linear, 0.0), "srgb").astype(np.float32)
+    light = luminance(code)
     box = (round(6.0 * scale),) * 2
     mean, square = (cv2.blur(v, box) for v in (light, light * light))
-    red = cv2.blur((linear[..., 0] / np.maximum(linear.sum(axis=-1), 1e-3)).astype(np.float32), box)
-    cost = np.sqrt(np.maximum(square - mean * mean, 0.0)) + 0.25 * (np.quantile(mean, 0.9) - mean) + red
+    color = cv2.blur(code, box)
+    cost = np.sqrt(np.maximum(square - mean * mean, 0.0)) + 0.3 * (color[..., 0] - color[..., 2])
     elevation = 90.0 - (np.arange(len(linear)) + 0.5) / scale
     cost[(elevation < -5.0) | (elevation > 0.5)] = np.inf
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)

@@ -86,7 +86,7 @@ def _water_lines(chosen: Proposal) -> list[str]:
         told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
     return [
         f"water     {told}; {veil}",
-        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}: sets how fast things fade",
+        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}",
         f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
     ]
 

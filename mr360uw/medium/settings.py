@@ -25,7 +25,7 @@ from mr360uw.types import Floats
 
 Place = Literal["tropical", "temperate", "harbour"]
 PLACES: dict[str, JerlovType] = {"tropical": "IB", "temperate": "1C", "harbour": "7C"}
-"""Words for waters, and the types they stand for: divers see 45, 11 and 1.8 m there."""
+"""Words for waters, and the types they stand for: black targets are lost at 71, 27 and 5.4 m there."""
 WaterType = JerlovType | Place | Literal["pure", "chlorophyll", "csv", "none"]
 PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-forand"]
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]

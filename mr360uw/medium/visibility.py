@@ -4,9 +4,9 @@
     V = 4.8/e(532 nm)        e = a + b_m + w b_p
 
 e: attenuation [1/m] of contrast, by absorption, by molecules and by the fraction w of the particles' scattering that
-is by wide angles; the rest blurs a picture and leaves its contrast (`phase.wide_angle_moments`). The contrast of a black
-target against the water around it falls off as exp(-e V), whatever the light (Koschmieder 1924, Duntley 1963); it is
-lost at 0.8 %, ln(1/0.008) = 4.8 (Zaneveld & Pegau 2003, who count all scattering that a transmissometer loses).
+is by wide angles; the rest blurs a picture and leaves its contrast (`phase.wide_angle_moments`). The contrast of a
+black target against the water around it falls off as exp(-e V), whatever the light (Koschmieder 1924, Duntley 1963); it
+is lost at 0.8 %, ln(1/0.008) = 4.8 (Zaneveld & Pegau 2003, who count all scattering that a transmissometer loses).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def visibility_m(water: Water) -> float:
 def water_of_visibility(sight_m: float) -> Water:
     """Return the water between two neighbouring Jerlov types whose visibility is `sight_m` [m], 0.5 to 90.
 
-    The logarithms of a, b and Kd are mixed at every wavelength, so Kd is nowhere below a. Below the 1.3 m of type 9C
+    The logarithms of a, b and Kd are mixed at every wavelength, so Kd is nowhere below a. Below the 3.7 m of type 9C
     the line from 7C to 9C goes on. Raises `ParameterError` outside the range.
     """
     _check(sight_m)
@@ -70,7 +70,7 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
     _check(sight_m)
     pure = Water.pure()
     wanted = CONTRAST_LENGTHS / sight_m
-    nm = pure.a.wavelength_nm
+    nm = functools.reduce(np.union1d, [s.wavelength_nm for s in (pure.a, pure.b, water.a, water.b)])
     nm = nm[(nm >= water.range_nm[0]) & (nm <= water.range_nm[1])]
     absorption, molecular = pure.absorption(nm), np.minimum(pure.scattering(nm), water.scattering(nm))
     more_a, more_b = (np.maximum(v, 0.0) for v in (water.absorption(nm) - absorption, water.scattering(nm) - molecular))

@@ -51,7 +51,7 @@ class WaterSides:
         table = self.from_surface
         if table is None:
             return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
-        level = direction * np.where(direction[:, 1:] > 0.0, [1.0, 0.0, 1.0], 1.0)
+        level = np.stack([direction[:, 0], np.minimum(direction[:, 1], 0.0), direction[:, 2]], axis=-1)
         # a ray that a wave turns up stays in the water until the body
         return transmittance_lookup(table, distance_m, level[:, 1]), veil_ahead(table, distance_m, level)
 
