@@ -39,8 +39,6 @@ UPSAMPLED_COLOUR = 0.02
 """Colour of an upsampled albedo under D65 over 400 to 700 nm: the basis was made over 380 to 780 nm."""
 WHITE = 1e-12
 """White maps to (1, 1, 1): a normalised sum."""
-PLATE_LEVEL = 1e-6
-"""The veil's end equals the plate's profile: radiance and in-scatter are the same sum, far away."""
 TABLE_BETWEEN_DEPTHS = 4e-3
 """Tables mixed in a straight line from depths 6 % apart; the curve between is that of the light above the camera."""
 GAIN_STEP = 0.3
