@@ -77,7 +77,7 @@ class WaterKindSettings(Parameters):
         return self
 
     @property
-    def _of_visibility(self) -> bool:
+    def of_visibility_alone(self) -> bool:
         """True if the water follows from the visibility alone."""
         return self.visibility_m is not None and not {"type", "inherent", "kd"} & self.model_fields_set
 
@@ -85,7 +85,7 @@ class WaterKindSettings(Parameters):
     def label(self) -> str:
         """The water in a few words, as the plan shows it."""
         sight = "" if self.visibility_m is None else f" of {self.visibility_m:g} m visibility"
-        if self._of_visibility:
+        if self.of_visibility_alone:
             return f"water{sight}"
         known = PLACES.get(self.type)
         return (f"water {self.type}" if known is None else f"{self.type} water, type {known}") + sight
@@ -94,7 +94,7 @@ class WaterKindSettings(Parameters):
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
         if self.type == "none":
             return None
-        if self._of_visibility and self.visibility_m is not None:
+        if self.of_visibility_alone and self.visibility_m is not None:
             water = water_of_visibility(self.visibility_m)
         else:
             water = self._named()
