@@ -5,8 +5,8 @@
         [--ways WAY ...]
 
 A synthetic dive is graded in eleven known ways and recorded again. A body laid into the graded clip is compared with
-the grade of the composite that was made on the clip as it was. Code values of 8 bits; without `[match]`, with all of it
-on "auto", and with the grade given:
+the grade of the composite that was made on the clip as it was. Code values of 8 bits; without `[match]`, with its
+defaults (softness is measured), and with the grade given:
 
 colour: largest difference of the body's mean R', G', B'. contrast: standard deviation of the body's luma over the
 truth's. sharpness: root mean square gradient of luma over the body and its edge, over the truth's.
@@ -173,7 +173,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--preset", default="reef", choices=sorted(PRESETS))
     parser.add_argument("--pictures", type=Path)
-    parser.add_argument("--ways", nargs="*", default=["as is", "auto", "given"])
+    parser.add_argument("--ways", nargs="*", default=["as is", "default", "given"])
     parser.add_argument("--only", nargs="*", default=list(GRADES))
     options = parser.parse_args()
     missed = 0
@@ -193,16 +193,16 @@ def main() -> int:
             truth = [codes_of(f) for f in uw.open_video(folder / "truth.mp4").frames()][JUDGED]
             goal = measure(truth, alpha)
             print(label)
-            ways = {"as is": off, "auto": MatchSettings(), "given": MatchSettings(**(NEUTRAL | given))}
+            ways = {"as is": off, "default": MatchSettings(), "given": MatchSettings(**(NEUTRAL | given))}
             for way in options.ways:
                 made = codes_of(composite(scene, folder / "plate.mp4", backend, ways[way])[JUDGED].picture)
                 found = measure(made, alpha)
                 colour = float(np.abs(found.colour - goal.colour).max())
                 contrast, sharpness = found.contrast / goal.contrast, found.sharpness / goal.sharpness
                 meets = colour <= COLOUR_CODES, abs(contrast - 1) <= CONTRAST, abs(sharpness - 1) <= SHARPNESS
-                missed += way != "as is" and not all(meets)
+                missed += way == "given" and not all(meets)
                 print(
-                    f"   {way:6s}  colour {colour:5.2f}  contrast {contrast:5.3f}  "
+                    f"   {way:7s}  colour {colour:5.2f}  contrast {contrast:5.3f}  "
                     f"sharpness {sharpness:5.3f}  {'' if all(meets) else 'missed'}"
                 )
                 if options.pictures is not None:

@@ -54,5 +54,9 @@ class ParameterError(Mr360uwError, ValueError):
     """An argument outside its physical domain."""
 
 
-class OutputExistsError(VideoError):
+class OutputError(VideoError):
+    """An output that may not be written: it would replace an input or another output, or its place is unusable."""
+
+
+class OutputExistsError(OutputError):
     """The output is already there; nothing is overwritten without being asked to."""

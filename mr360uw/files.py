@@ -15,6 +15,11 @@ _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
 
 
+def is_ours(folder: Path) -> bool:
+    """Return whether a folder belongs to the user who runs this process; on Windows, whose rights differ, always."""
+    return not hasattr(os, "geteuid") or folder.stat().st_uid == os.geteuid()
+
+
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool = True, folder: Path | None = None) -> Iterator[Path]:
     """Yield the name of an empty new file; afterwards it is renamed to `path`, or removed if there was an exception.

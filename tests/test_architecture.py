@@ -15,7 +15,7 @@ import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
-    "files", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
+    "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
     "shapes", "yuv", "cache",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
@@ -114,6 +114,8 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools"}
     files = {
         ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
+        ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
         ROOT / "reading" / "files_read.py": {"contextlib", "contextvars"},

@@ -341,7 +341,7 @@ def test_outputs_that_cannot_be_written(scene: Path, run: Run) -> None:
     assert "folder" in err
     code, _, err = run("composite", scene, scene.parent / "dive.mp4", "--overwrite")
     assert code == 2
-    assert "which the scene reads" in err
+    assert "which this run reads" in err
     code, _, err = run("composite", scene, scene.parent / "out.xyz")
     assert code == 2
     assert "out.xyz" in err

@@ -182,3 +182,15 @@ def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
         assert made.dtype == read.dtype == alone.dtype
         np.testing.assert_array_equal(read, made)
         np.testing.assert_array_equal(alone, made)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="folders have owners on POSIX")
+def test_a_folder_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Made()
+    kept_arrays("test", ("a",), make)
+    other = os.geteuid() + 1
+    monkeypatch.setattr(os, "geteuid", lambda: other)
+    assert cache_folder() is None
+    for _ in range(2):
+        kept_arrays("test", ("a",), make)
+    assert make.count == 3

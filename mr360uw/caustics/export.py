@@ -16,11 +16,14 @@ from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.caustics.single_map import caustic_map
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
+from mr360uw.output_gate import check_outputs, made_folder
 from mr360uw.reading.limits import FRAMES
 
 Array = NDArray[np.floating[Any]]
+PAGE = "tiles.json"
+"""File of a folder of maps that says what they are."""
 ImageFormat = Literal["png", "exr"]
 
 CAUSTIC_WHITE = 8.0
@@ -62,35 +65,36 @@ def export_tiles(
     looping = type(sea).model_validate(sea.model_dump() | {"loop_s": loop_s})
     write = _write_png if image_format == "png" else _write_exr
     height_range = _height_range(looping, loop_s)
-    for i in range(frames):
-        time_s = loop_s * i / frames
-        height, normal = world_grid(looping, s.size, time_s)
-        maps = [
-            caustic_map(looping, sun, depth_m, time_s, s.size, grid, index, s.sun_half_angle_rad, s.method, backend)
-            for index in pass_indices(s.chromatic, refractive_index)
-        ]
-        caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))
-        images = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
-        for name, image in (_codes(images, height_range) if image_format == "png" else images).items():
-            with whole_file(paths[name][i]) as part:
-                write(image, part)
-        if progress is not None:
-            progress(i + 1, frames)
-    about = {
-        "tile_m": sea.tile_m, "loop_s": loop_s, "frames": frames, "depth_m": depth_m, "size": s.size,
-        "sun_direction_in_air": sun.tolist(), "refractive_index": refractive_index,
-        "caustic_white": CAUSTIC_WHITE if image_format == "png" else None,
-        "height_range_m": height_range if image_format == "png" else None, "sea": looping.model_dump(mode="json"),
-    }  # fmt: skip
-    page = Path(folder) / "tiles.json"
-    write_whole(page, json.dumps(about, indent=2) + "\n")
+    with made_folder(Path(folder)):
+        for i in range(frames):
+            time_s = loop_s * i / frames
+            height, normal = world_grid(looping, s.size, time_s)
+            maps = [
+                caustic_map(looping, sun, depth_m, time_s, s.size, grid, index, s.sun_half_angle_rad, s.method, backend)
+                for index in pass_indices(s.chromatic, refractive_index)
+            ]
+            caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))
+            images = {"caustic": caustic, "height": height[..., None], "normal": normal[..., [0, 2, 1]]}
+            for name, image in (_codes(images, height_range) if image_format == "png" else images).items():
+                with whole_file(paths[name][i]) as part:
+                    write(image, part)
+            if progress is not None:
+                progress(i + 1, frames)
+        about = {
+            "tile_m": sea.tile_m, "loop_s": loop_s, "frames": frames, "depth_m": depth_m, "size": s.size,
+            "sun_direction_in_air": sun.tolist(), "refractive_index": refractive_index,
+            "caustic_white": CAUSTIC_WHITE if image_format == "png" else None,
+            "height_range_m": height_range if image_format == "png" else None, "sea": looping.model_dump(mode="json"),
+        }  # fmt: skip
+        page = Path(folder) / PAGE
+        write_whole(page, json.dumps(about, indent=2) + "\n")
     return (*(p for group in paths.values() for p in group), page)
 
 
 def _free_paths(
     folder: Path, frames: int, loop_s: float, image_format: ImageFormat, *, overwrite: bool
 ) -> dict[str, list[Path]]:
-    """Return the images' paths by name in a folder that is made; raise what `export_tiles` says."""
+    """Return the images' paths by name; raise what `export_tiles` says."""
     if frames < 1 or not 0.0 < loop_s <= 3600.0:
         raise ParameterError(
             f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
@@ -100,10 +104,8 @@ def _free_paths(
         raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
     names = ("caustic", "height", "normal")
     paths = {n: [folder / f"{n}_{i:04d}.{image_format}" for i in range(frames)] for n in names}
-    there = [p for group in paths.values() for p in group if p.exists()]
-    if there and not overwrite:
-        raise OutputExistsError(f"{there[0]} - is there already - choose another folder, or overwrite")
-    folder.mkdir(parents=True, exist_ok=True)
+    outputs = [*(path for group in paths.values() for path in group), folder / PAGE]
+    check_outputs(outputs, overwrite=overwrite, folder=folder)
     return paths
 
 

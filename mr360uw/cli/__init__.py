@@ -13,6 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from mr360uw.cli import benching, camera_paths, dives, layering, rendering, tools, tuning
+from mr360uw.cli.gated import gated
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -43,7 +44,7 @@ for _command in (
     tools.info,
     benching.bench,
 ):
-    app.command()(_command)
+    app.command()(gated(_command))
 
 _INTERRUPTED, _TERMINATED = 130, 143  # 128 + SIGINT, 128 + SIGTERM, as shells count
 

@@ -7,14 +7,12 @@ import itertools
 import re
 from collections.abc import Sequence
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
     from mr360uw.preview.perspective import Perspective
-    from mr360uw.scene.model import Scene
 
 
 class Eye(StrEnum):
@@ -44,17 +42,6 @@ def frame_range(text: str | None) -> tuple[int, int | None]:
     if start < 0 or (stop is not None and stop <= start):
         raise ParameterError(f"--frames - is empty or negative (got {text!r}) - write a:b with 0 <= a < b")
     return start, stop
-
-
-def check_report(path: Path | None, scene: Scene) -> None:
-    """Raise `ParameterError` or `VideoError` where a report may not be written; None: there is none."""
-    from mr360uw.scene.inputs import keep_inputs
-
-    if path is None:
-        return
-    keep_inputs(scene, path)
-    if path.is_dir() or not path.parent.is_dir():
-        raise ParameterError(f"--report - cannot be written (got {path}) - name a file in a folder that is there")
 
 
 def worker_count(text: str) -> int | Literal["auto"]:

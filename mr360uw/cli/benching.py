@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import BackendOption, OverwriteOption
 
 _REGRESSED = 1
@@ -19,10 +20,16 @@ def bench(
         bool, typer.Option("--quick", help="fewer settings and smaller frames: about two minutes")
     ] = False,
     only: Annotated[list[str] | None, typer.Option(help="measure this stage alone; may be repeated")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="also write every measurement, as JSON")] = None,
-    page: Annotated[Path | None, typer.Option(help="also write a page with the Pareto fronts, as HTML")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="also write every measurement, as JSON"), Role.WRITTEN
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="also write a page with the Pareto fronts, as HTML"), Role.WRITTEN
+    ] = None,
     against: Annotated[
-        Path | None, typer.Option(help="JSON of an earlier run: list what is slower or worse, exit code 1 if any")
+        Path | None,
+        typer.Option(help="JSON of an earlier run: list what is slower or worse, exit code 1 if any"),
+        Role.READ,
     ] = None,
     backend: BackendOption = "auto",
     overwrite: OverwriteOption = False,
@@ -33,15 +40,12 @@ def bench(
     from mr360uw.bench.pareto_page import bench_page
     from mr360uw.bench.regressions import check_kinds, compare
     from mr360uw.files import write_whole
-    from mr360uw.preview.still import check_output
     from mr360uw.progress import terminal_progress
 
+    del overwrite  # the outputs have been looked at: see `gated`
     stages, before = chosen_stages(only or ()), None if against is None else read_report(against)
     if before is not None:
         check_kinds(before, quick=quick)
-    for path in (json_file, page):
-        if path is not None:
-            check_output(path, overwrite=overwrite)
     with terminal_progress() as progress:
         report = run_bench(stages, quick=quick, backend=backend, progress=progress)
     typer.echo(str(report))

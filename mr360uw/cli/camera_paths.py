@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import EyeOption, OverwriteOption
 from mr360uw.errors import ParameterError
 
@@ -17,26 +17,30 @@ if TYPE_CHECKING:
 
 
 def track(
-    video: Annotated[Path | None, typer.Argument(help="360 clip", show_default=False)] = None,
+    video: Annotated[Path | None, typer.Argument(help="360 clip", show_default=False), Role.READ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="track.csv or .json; both are written. .chan for Nuke, .py for Blender")
+        Path,
+        typer.Option("--out", "-o", help="track.csv or .json; both are written. .chan for Nuke, .py for Blender"),
+        Role.WRITTEN,
     ] = Path("track.csv"),
     height: Annotated[float | None, typer.Option(help="of the camera over the floor at time 0, in metres")] = None,
     length: Annotated[
         str | None, typer.Option(help="X,Y:X,Y=METRES: metres between what two pixels of the first frame show")
     ] = None,
     depth_log: Annotated[
-        Path | None, typer.Option("--depth-log", help="CSV of a dive computer with time_s and depth_m")
+        Path | None, typer.Option("--depth-log", help="CSV of a dive computer with time_s and depth_m"), Role.READ
     ] = None,
     depth_offset: Annotated[
         float | None, typer.Option("--depth-offset", help="the log's time at the clip's start [s]; default: found")
     ] = None,
-    mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked")] = None,
+    mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked"), Role.READ] = None,
     mask_only: Annotated[
         bool, typer.Option("--mask-only", help="leave out nothing else: also track what moves along with the camera")
     ] = False,
     solved: Annotated[
-        Path | None, typer.Option("--from", help="path of another program, or track.csv, in place of solving")
+        Path | None,
+        typer.Option("--from", help="path of another program, or track.csv, in place of solving"),
+        Role.READ,
     ] = None,
     fps: Annotated[float | None, typer.Option(help="frames a second of a file that counts frames")] = None,
     scale: Annotated[float, typer.Option(help="metres per unit of the file")] = 1.0,
@@ -47,7 +51,8 @@ def track(
 
     With --from, convert the path that another program has solved.
     """
-    from mr360uw.track.camera_track import check_outputs
+    from mr360uw.output_gate import check_work_folder
+    from mr360uw.track.camera_track import track_files
     from mr360uw.track.scale import DepthLog, Length, Measure
 
     if solved is not None:
@@ -68,13 +73,14 @@ def track(
         length=None if length is None else Length.parse(length),
         depth_log=None if depth_log is None else DepthLog(depth_log, depth_offset),
     )
-    check_outputs(out, overwrite=overwrite)
+    track_files(out, [video, *(file for file in (mask, depth_log) if file is not None)], overwrite=overwrite)
+    check_work_folder(_work_of(out))
     _solve(video, out, measure, mask, None if eye is None else eye.value, mask_only=mask_only, overwrite=overwrite)
 
 
 def floor(
-    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply")],
+    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`"), Role.READ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply"), Role.WRITTEN],
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
@@ -87,10 +93,16 @@ def floor(
     typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
 
 
+def _work_of(out: Path) -> Path:
+    """Return the folder in which the work of a track is kept until it is complete."""
+    return out.with_name(f"{out.stem}.track-work")
+
+
 def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
     """Write the path in another program's file as a track, or for another program."""
     from mr360uw.track.camera_files.exchange import EXPORTS, export, read_solved_path
     from mr360uw.track.camera_files.solved_path import track_of
+    from mr360uw.track.camera_track import track_files
     from mr360uw.track.path_words import report_lines
     from mr360uw.video import open_video
 
@@ -102,6 +114,7 @@ def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, sca
     if out.suffix.lower() in EXPORTS:
         written: tuple[Path, ...] = (export(track, out, fps or path.frame_rate, overwrite=overwrite),)
     else:
+        track_files(out, [solved], overwrite=overwrite)
         written = track.save(out, overwrite=overwrite)
     typer.echo(f"{path.format}: {len(track.time_s)} cameras")
     typer.echo("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
@@ -118,23 +131,24 @@ def _solve(
     overwrite: bool,
 ) -> None:
     """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
+    from mr360uw.output_gate import remove_work_folder
     from mr360uw.progress import terminal_progress
-    from mr360uw.track.camera_track import check_outputs, shot_path
+    from mr360uw.track.camera_track import shot_path, track_files
     from mr360uw.track.path_words import report_lines
     from mr360uw.track.tracking import track_shots
 
-    keep = out.with_name(f"{out.stem}.track-work")
+    keep = _work_of(out)
     try:
         with terminal_progress() as progress:
             shots = track_shots(
                 video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress
             )
     except ParameterError:  # the clip cannot be tracked; a run that was interrupted leaves the folder, and goes on
-        shutil.rmtree(keep, ignore_errors=True)
+        remove_work_folder(keep)
         raise
     outs = [out if len(shots) == 1 else shot_path(out, number) for number in range(1, len(shots) + 1)]
     for path in outs:
-        check_outputs(path, overwrite=overwrite)
+        track_files(path, overwrite=overwrite)
     for number, (path, shot) in enumerate(zip(outs, shots, strict=True), 1):
         if len(shots) > 1:
             typer.echo(f"shot {number}: frames {shot.start}:{shot.stop}, in a world of its own")
@@ -143,6 +157,6 @@ def _solve(
             continue
         written = shot.track.save(path, overwrite=overwrite)
         typer.echo("\n".join([*report_lines(shot.track), "wrote " + "\n      ".join(str(name) for name in written)]))
-    shutil.rmtree(keep, ignore_errors=True)
+    remove_work_folder(keep)
     if all(shot.track is None for shot in shots):
         raise ParameterError(f"{video} - none of its {len(shots)} shots can be tracked - see above")

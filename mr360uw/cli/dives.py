@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import OverwriteOption
 
 
 def sample(
-    folder: Annotated[Path, typer.Argument(help="folder to make")],
+    folder: Annotated[Path, typer.Argument(help="folder to make"), Role.FOLDER],
     preset: Annotated[
         str | None, typer.Option(help="reef, lagoon, blue, coast, green, dusk or storm; options override it")
     ] = None,
@@ -25,7 +26,7 @@ def sample(
     depth: Annotated[float | None, typer.Option(help="depth of the camera in metres")] = None,
     floor: Annotated[float | None, typer.Option(help="depth of the floor in metres; default: 3.5 below")] = None,
     sky: Annotated[str | None, typer.Option(help="clear, even or overcast")] = None,
-    sky_map: Annotated[str | None, typer.Option(help="HDR picture of the sky, with its sun")] = None,
+    sky_map: Annotated[str | None, typer.Option(help="HDR picture of the sky, with its sun"), Role.READ] = None,
     sun_elevation: Annotated[float | None, typer.Option(help="of the sun above the surface, in degrees")] = None,
     sun_azimuth: Annotated[float | None, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = None,
     wind: Annotated[float | None, typer.Option(help="speed of the wind in m/s")] = None,

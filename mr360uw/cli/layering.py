@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import OverwriteOption
 
 
@@ -23,8 +24,10 @@ class _Eye(Enum):
 
 
 def layer(
-    layers: Annotated[Path, typer.Argument(help="pattern of the EXR files of `composite --layers`: layers_%04d.exr")],
-    out: Annotated[Path, typer.Argument(help="video to write, .mov (ProRes 4444 with alpha)")],
+    layers: Annotated[
+        Path, typer.Argument(help="pattern of the EXR files of `composite --layers`: layers_%04d.exr"), Role.READ
+    ],
+    out: Annotated[Path, typer.Argument(help="video to write, .mov (ProRes 4444 with alpha)"), Role.WRITTEN],
     alpha: Annotated[_Alpha, typer.Option(help="colour as it is, or times alpha")] = _Alpha.straight,
     frame_rate: Annotated[float, typer.Option(help="frames a second, of the plate")] = 30.0,
     eye: Annotated[_Eye | None, typer.Option(help="of layers of two eyes")] = None,

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mr360uw.cli.arguments import frame_range
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
-from mr360uw.scene.inputs import keep_inputs, open_plate
-from mr360uw.scene.model import Scene, load_scene
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene, files_of, load_scene
 
 if TYPE_CHECKING:
     from mr360uw.match import WaterPatch
@@ -62,9 +63,7 @@ def match_lines(
 def _check_picture(scene: Scene, picture: Path, *, overwrite: bool) -> None:
     if picture.suffix.lower() != ".png":
         raise ParameterError(f"--picture - is no name of a PNG (got {picture}) - end it in .png")
-    if picture.exists() and not overwrite:
-        raise OutputExistsError(f"{picture} - is already there - choose another name, or give --overwrite")
-    keep_inputs(scene, picture.absolute())
+    check_outputs([picture], inputs=files_of(scene), overwrite=overwrite)
 
 
 def _patch(text: str) -> WaterPatch:

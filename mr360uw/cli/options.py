@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from mr360uw.cli.arguments import Eye
+from mr360uw.cli.gated import Role
 
-SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False)]
+SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
 FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
 BackendOption = Annotated[str, typer.Option(help="auto, gl or reference")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an output that is there")]

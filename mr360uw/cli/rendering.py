@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from mr360uw.cli.arguments import check_report, frame_range, variants, view_of, worker_count
+from mr360uw.cli.arguments import frame_range, variants, view_of, worker_count
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import (
     BackendOption,
     FrameOption,
@@ -27,32 +28,38 @@ from mr360uw.errors import ParameterError
 
 def composite(
     scene: SceneArgument,
-    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write")],
+    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write"), Role.WRITTEN],
     frames: FramesOption = None,
     backend: BackendOption = "auto",
     overrides: SetOption = None,
     scale: ScaleOption = None,
     overwrite: OverwriteOption = False,
-    layers: Annotated[Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr")] = None,
+    layers: Annotated[
+        Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr"), Role.WRITTEN
+    ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of earlier runs")] = False,
     workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
-    report_file: Annotated[Path | None, typer.Option("--report", help="also write the report, as JSON")] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="also write the report, as JSON"), Role.WRITTEN
+    ] = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
     measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time what each skip saves")] = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
+    from mr360uw.output_gate import check_outputs
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
-    from mr360uw.scene.model import at_scale, load_scene
+    from mr360uw.scene.model import at_scale, files_of, load_scene
 
     if measure and not explain:
         raise ParameterError("--measure - times the skips that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
-    check_report(report_file, loaded)
+    if report_file is not None:
+        check_outputs([report_file], inputs=files_of(loaded), overwrite=overwrite or explain)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         if measure:
@@ -67,13 +74,13 @@ def composite(
             cluster=dask, mixed=mixed,
         )  # fmt: skip
     if report_file is not None:
-        report.save(report_file)
+        report.save(report_file, overwrite=overwrite)
     typer.echo(str(report))
 
 
 def still(
     scene: SceneArgument,
-    out: Annotated[Path, typer.Argument(help="picture to write: .png, .jpg, .exr")],
+    out: Annotated[Path, typer.Argument(help="picture to write: .png, .jpg, .exr"), Role.WRITTEN],
     frame: FrameOption = None,
     time_s: TimeOption = None,
     view: ViewOption = None,
@@ -95,7 +102,9 @@ def still(
 
 def sweep(
     scene: SceneArgument,
-    out: Annotated[Path, typer.Argument(help="sheet to write: .png or .jpg; a page .html goes beside it")],
+    out: Annotated[
+        Path, typer.Argument(help="sheet to write: .png or .jpg; a page .html goes beside it"), Role.WRITTEN
+    ],
     overrides: Annotated[list[str], typer.Option("--set", help="key and its values, as in --set sea.wind_speed=2,4,8")],
     frame: FrameOption = None,
     time_s: TimeOption = None,
@@ -119,7 +128,9 @@ def sweep(
 
 def aerial(
     scene: SceneArgument,
-    out: Annotated[Path, typer.Argument(help="picture, numbered pictures (sea_%04d.exr) or video to write")],
+    out: Annotated[
+        Path, typer.Argument(help="picture, numbered pictures (sea_%04d.exr) or video to write"), Role.WRITTEN
+    ],
     frames: FramesOption = None,
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
@@ -137,7 +148,9 @@ def aerial(
 
 def check(
     scene: SceneArgument,
-    out: Annotated[Path | None, typer.Argument(help="the output, to be checked too", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Argument(help="the output, to be checked too", show_default=False), Role.READ
+    ] = None,
     frames: FramesOption = None,
     backend: BackendOption = "auto",
     overrides: SetOption = None,
@@ -153,7 +166,7 @@ def check(
 
 
 def clean(
-    folder: Annotated[Path, typer.Argument(help="folder of outputs")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="folder of outputs"), Role.READ] = Path(),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only list them")] = False,
 ) -> None:
     """Remove the finished parts of runs that were stopped, in FOLDER; runs in progress keep theirs."""

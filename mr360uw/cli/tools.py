@@ -9,14 +9,19 @@ from typing import Annotated
 import typer
 
 from mr360uw.cli.arguments import ImageFormat
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import BackendOption, EyeOption, FramesOption, OverwriteOption, SceneArgument, SetOption
 
 
 def new(
-    video: Annotated[Path, typer.Argument(help="360 plate: a video or a still")],
-    mesh: Annotated[Path, typer.Argument(help="glTF, USD, OBJ, PLY or STL")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml")] = None,
-    track: Annotated[Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it")] = None,
+    video: Annotated[Path, typer.Argument(help="360 plate: a video or a still"), Role.READ],
+    mesh: Annotated[Path, typer.Argument(help="glTF, USD, OBJ, PLY or STL"), Role.READ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml"), Role.WRITTEN
+    ] = None,
+    track: Annotated[
+        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
+    ] = None,
     eye: EyeOption = None,
     backend: BackendOption = "auto",
     overwrite: OverwriteOption = False,
@@ -33,8 +38,10 @@ def new(
 
 
 def analyse(
-    video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html")] = None,
+    video: Annotated[Path, typer.Argument(help="360 plate, or a scene file that names one"), Role.READ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="page to write; default: VIDEO.html"), Role.WRITTEN
+    ] = None,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -51,7 +58,7 @@ def analyse(
 
 def caustics(
     scene: SceneArgument,
-    folder: Annotated[Path, typer.Argument(help="folder for the images")],
+    folder: Annotated[Path, typer.Argument(help="folder for the images"), Role.FOLDER],
     frames: Annotated[int, typer.Option(help="number of frames of the loop")] = 48,
     loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
     depth_m: Annotated[float | None, typer.Option(help="depth of the caustics; default: the receiver's")] = None,
@@ -78,7 +85,9 @@ def match(
     caustics: Annotated[bool, typer.Option("--caustics", help="fit the sea to the caustics on the floor")] = False,
     water: Annotated[str | None, typer.Option(help="fit the water to open water at yaw,pitch,size in degrees")] = None,
     frames: FramesOption = None,
-    picture: Annotated[Path | None, typer.Option(help="PNG of the plate's caustics beside ours, with spectra")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="PNG of the plate's caustics beside ours, with spectra"), Role.WRITTEN
+    ] = None,
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:

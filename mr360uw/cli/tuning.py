@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.gated import Role
 from mr360uw.cli.options import BackendOption
 from mr360uw.errors import Mr360uwError
 
@@ -19,15 +20,22 @@ _NEEDED = ("nicegui", "tomlkit")
 
 
 def tune(
-    source: Annotated[Path, typer.Argument(metavar="SCENE_OR_VIDEO", help="scene file (TOML), or a 360 plate")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SCENE_OR_VIDEO", help="scene file (TOML), or a 360 plate"), Role.READ
+    ],
     mesh: Annotated[
-        Path | None, typer.Argument(help="with a plate: glTF, OBJ, PLY or STL; a scene is written as `new` does")
+        Path | None,
+        typer.Argument(help="with a plate: glTF, OBJ, PLY or STL; a scene is written as `new` does"),
+        Role.READ,
     ] = None,
     port: Annotated[int | None, typer.Option(help="default: 8360, or a free one", show_default=False)] = None,
     host: Annotated[
-        str, typer.Option(help="address to listen on; others than this machine's need a token")
+        str, typer.Option(help="address to listen on; others than this machine's let other machines in")
     ] = "127.0.0.1",
-    token: Annotated[str | None, typer.Option(help="instead of a random one, for other hosts")] = None,
+    token: Annotated[
+        str | None,
+        typer.Option(envvar="MR360UW_TOKEN", help="that visitors must show; default: a random one", show_default=False),
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="only print the address")] = False,
     backend: BackendOption = "auto",
 ) -> None:
@@ -51,12 +59,11 @@ def tune(
     gc.freeze()
     gc.enable()
 
-    def tell(text: str) -> None:
-        typer.echo(text)
-        if text.startswith("http") and not no_browser:
-            threading.Thread(target=webbrowser.open, args=(text,), daemon=True).start()
+    def show(door: Path) -> None:
+        if not no_browser:
+            threading.Thread(target=webbrowser.open, args=(door.as_uri(),), daemon=True).start()
 
     try:
-        serve(document, host=host, port=port, token=token, backend=backend, tell=tell)
+        serve(document, host=host, port=port, token=token, backend=backend, tell=typer.echo, show=show)
     except KeyboardInterrupt:
         return

@@ -110,6 +110,11 @@ class ObjectSettings(Parameters):
         None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0
     )
     emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
+    exposure: float = parameter(
+        0.0, "brighter (+) or darker (-) than the plate's light makes it: trim of the light that the camera gets",
+        unit="stops", low=-10.0, high=10.0,
+    )  # fmt: skip
+    tint: Vector = parameter((1.0, 1.0, 1.0), "factors on the red, green and blue of that light", unit="1")
     double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
     smooth_deg: float | None = parameter(
         None, "new normals, smooth across edges that bend by less than this (30 to 60 is usual), 0 = flat; none: the "
@@ -125,6 +130,11 @@ class ObjectSettings(Parameters):
     @classmethod
     def _not_negative(cls, color: Vector | None) -> Vector | None:
         return None if color is None else check_color(color)
+
+    @field_validator("tint")
+    @classmethod
+    def _no_negative_light(cls, tint: Vector) -> Vector:
+        return check_color(tint)
 
     @field_validator("key")
     @classmethod

@@ -224,4 +224,6 @@ def _factors(material: Material, settings: ObjectSettings) -> Material:
         changed = replace(changed, double_sided=settings.double_sided)
     r, g, b = (settings.emission_scale * c for c in material.emission)
     index = material.refractive_index if settings.refractive_index is None else settings.refractive_index
-    return replace(changed, emission=(r, g, b), refractive_index=index)
+    gain = 2.0**settings.exposure
+    red, green, blue = (gain * part for part in settings.tint)
+    return replace(changed, emission=(r, g, b), refractive_index=index, trim=(red, green, blue))

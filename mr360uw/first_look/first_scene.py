@@ -8,13 +8,14 @@ import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mr360uw.errors import OutputExistsError, ParameterError, SceneError, VideoError
-from mr360uw.files import write_whole
+from mr360uw.errors import ParameterError, SceneError, VideoError
+from mr360uw.files import whole_file
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.panorama import Eye
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import found_lines, scene_lines
+from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.render.loaded import Loaded
@@ -56,7 +57,7 @@ def make_first_scene(
     one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError` or
     `SceneError`; nothing is written then.
     """
-    path, preview = _targets(video, mesh, out, overwrite=overwrite)
+    path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
     chosen = replace(propose(plate, seen, None if track is None else _floor_of(track)), track=track)
@@ -67,8 +68,9 @@ def make_first_scene(
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
-    write_whole(path, text)
-    write_whole(preview, screen_picture(picture.image_linear, ".png"))
+    with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
+        shown.write_bytes(screen_picture(picture.image_linear, ".png"))
+        written.write_text(text, "utf-8")
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
     lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
@@ -81,7 +83,7 @@ def make_first_scene(
     return FirstScene(path, preview, tuple(lines), commands)
 
 
-def _targets(video: Path, mesh: Path, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:
+def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:
     """Return the names of the scene and of its preview; raise where they cannot be written."""
     if not video.name:
         raise VideoError(f"{video} - is a folder - name a video or a picture")
@@ -89,13 +91,7 @@ def _targets(video: Path, mesh: Path, out: Path | None, *, overwrite: bool) -> t
     if path.suffix.lower() != ".toml":
         raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
     preview = path.with_suffix(".preview.png")
-    for target in (path, preview):
-        if target.exists() and not overwrite:
-            raise OutputExistsError(f"{target} - is there already - name another with --out, or give --overwrite")
-    if preview.resolve() == video.resolve():
-        raise SceneError(str(path), [f"its preview would replace the plate (got {preview}) - name another with --out"])
-    if not path.parent.is_dir():
-        raise SceneError(str(path), [f"no such folder (got {path.parent}) - make it first"])
+    check_outputs([path, preview], inputs=[video, mesh, *([] if track is None else [track])], overwrite=overwrite)
     for name in (str(video), str(mesh)):
         if any("\ud800" <= c <= "\udfff" for c in name):
             raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])

@@ -17,15 +17,15 @@ from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
 from mr360uw.from_above.onto_plate import write_onto_plate
 from mr360uw.from_above.settings import AerialScene
+from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES
-from mr360uw.scene.inputs import keep_inputs
+from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
+from mr360uw.scene.model import files_of
 from mr360uw.video import VideoFrame, create_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.read.images import is_pattern, matching_files, numbered
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
-from mr360uw.video.write.creating import check_target
 
 Write = Callable[[int, AerialPicture], None]
 """Takes the number of a frame and its picture."""
@@ -62,8 +62,7 @@ def aerial_film(
     """
     began = time.perf_counter()
     path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
-    check_target(path, Path())
-    keep_inputs(scene, path.absolute())
+    check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     if scene.plate is not None:
         done = write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
         return AerialReport(path, done, time.perf_counter() - began)
@@ -114,7 +113,7 @@ def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> 
     """Yield a function that writes frames of a scene; the output is complete afterwards, or absent."""
     around = scene.camera.projection == "equirectangular"
     if path.suffix.lower() == ".exr":
-        there = matching_files(path)[:1] if is_pattern(path) else [(0, path)] if path.exists() else []
+        there = matching_files(path)[:1] if is_pattern(path) else []
         if there and not overwrite:
             raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
 

@@ -67,6 +67,10 @@ class LightSettings(Parameters):
         0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0,
         fixed="one holds for the clip's whole track",
     )  # fmt: skip
+    exposure: float = parameter(
+        0.0, "brighter (+) or darker (-) than the plate's light makes them: all objects, see object.exposure",
+        unit="stops", low=-10.0, high=10.0,
+    )  # fmt: skip
     white_cd_m2: float = parameter(
         2000.0, "luminance that the plate's white stands for: how bright lamps look beside it", unit="cd/m2",
         above=0.0, high=1e7,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective
-from mr360uw.preview.still import check_output, still_of
+from mr360uw.preview.still import still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
-from mr360uw.scene.inputs import keep_inputs
-from mr360uw.scene.model import at_scale, load_scene
+from mr360uw.scene.model import at_scale, files_of, load_scene
 from mr360uw.video.write.image_writer import picture_codes
 
 LARGEST_SHEET = 64
@@ -69,10 +69,8 @@ def sweep(
     if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise ParameterError(f"{out} - is no name of a sheet (got {out.suffix!r}) - end it in .png or .jpg")
     page = out.with_suffix(".html")
-    for path in (out, page):
-        check_output(path, overwrite=overwrite)
     scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
-    keep_inputs(scenes[0], out.absolute(), page.absolute())
+    check_outputs([out, page], inputs=[scene, *files_of(scenes[0])], overwrite=overwrite)
     found = []
     with LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):

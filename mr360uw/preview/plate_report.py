@@ -8,15 +8,16 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
+from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import keep_inputs, open_plate
-from mr360uw.scene.model import PlateSettings, Scene, load_scene
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import PlateSettings, Scene, files_of, load_scene
 from mr360uw.video import VideoFrame
 
 _PICTURES = 6
@@ -48,10 +49,7 @@ def analyse_video(
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
     page = _page(source, out)
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
-    for path in (page, *tracks):
-        if path.exists() and not overwrite:
-            raise OutputExistsError(f"{path} - is there already - name another page with --out, or give --overwrite")
-    keep_inputs(scene, page, *tracks)
+    check_outputs([page, *tracks], inputs=[source, *files_of(scene)], overwrite=overwrite)
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
     with open_plate(scene) as video:
         over_time = surroundings_over_time(scene)

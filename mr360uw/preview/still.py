@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from mr360uw.color import in_plate_primaries
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import ParameterError
+from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
-from mr360uw.scene.inputs import keep_inputs, open_plate
-from mr360uw.scene.model import Scene
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoFrame
 from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
@@ -67,23 +68,15 @@ def save_still(
 ) -> None:
     """Write a still (see `render_still`) as a picture, whose kind follows the suffix.
 
-    Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`.
+    Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`,
+    and `OutputError`.
     """
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
-    check_output(path, overwrite=overwrite)
-    keep_inputs(scene, path.absolute())
+    check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
     with open_plate(scene) as plate:
         write_picture(path, whole_frame(picture, plate.stereo))
-
-
-def check_output(path: Path, *, overwrite: bool) -> None:
-    """Raise `ParameterError` where the folder of an output is missing, `OutputExistsError` where it is there."""
-    if not path.absolute().parent.is_dir():
-        raise ParameterError(f"{path} - its folder is missing (got {path.parent}) - make it first")
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
 
 
 def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.files import write_whole
+from mr360uw.files import is_ours, write_whole
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -35,16 +35,19 @@ _PACKAGE = Path(__file__).parents[1]
 def cache_folder() -> Path | None:
     """Return where results are kept: $MR360UW_CACHE, or mr360uw below $XDG_CACHE_HOME or ~/.cache.
 
-    None for nowhere: the variable is empty, or the user has no home.
+    None for nowhere: the variable is empty, the user has no home, or the folder is another user's, who could have put
+    results there that are not ours.
     """
     named = os.environ.get(FOLDER)
     if named == "":
         return None
     try:
         if named is not None:
-            return Path(named).expanduser()
-        return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "mr360uw"
-    except RuntimeError:  # there is no home, as in some containers
+            folder = Path(named).expanduser()
+        else:
+            folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "mr360uw"
+        return folder if not folder.exists() or is_ours(folder) else None
+    except (RuntimeError, OSError):  # there is no home, as in some containers, or it cannot be entered
         return None
 
 

@@ -12,18 +12,18 @@ from typing import TypeVar
 
 from mr360uw.composite import load_object
 from mr360uw.errors import Mr360uwError, SceneError, VideoError
+from mr360uw.output_gate import check_outputs
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.stages.match_stage import clip_colour, clip_look
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import keep_inputs, open_plate, projection_notes
+from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.keyed import keyed_in_words
 from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
-from mr360uw.scene.model import Scene
+from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.write.creating import check_target
 from mr360uw.video.write.delivery import resolved
 
 T = TypeVar("T")
@@ -109,8 +109,7 @@ def _output(scene: Scene, video: VideoReader, out: Path | None) -> tuple[str, tu
     written.
     """
     if out is not None:
-        keep_inputs(scene, out)
-        check_target(out, video.path)
+        check_outputs([out], inputs=files_of(scene), overwrite=True)  # one that is there may be meant to be replaced
     kinds: list[str] = []
     notes: tuple[str, ...] = ()
     problem = ""

@@ -151,7 +151,9 @@ class Loader:
         """
         kept, (width, height) = self.kept, self._size
         with files_read() as object_files:
-            loaded = load_objects(scene.objects, kept)
+            stops = scene.light.exposure
+            trimmed = [one.model_copy(update={"exposure": one.exposure + stops}) for one in scene.objects]
+            loaded = load_objects(trimmed if stops else scene.objects, kept)
         with files_read() as other_files:
             of_eyes = self._size, scene.plate.eye
             receiver = kept.get("receiver", (scene.receiver, of_eyes), lambda: self._receiver(scene))

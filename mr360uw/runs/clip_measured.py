@@ -8,11 +8,11 @@ from pathlib import Path
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import cache_file, keep_arrays
 from mr360uw.reading.kept_reads import stamp
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipFacts, clip_facts
 from mr360uw.render.loaded import Loaded
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_facts import arrays_of_facts, load_facts
-from mr360uw.scene.inputs import input_files
 from mr360uw.video import VideoReader
 from mr360uw.video.read.projection import projection_of
 
@@ -50,5 +50,5 @@ def _file_of(loaded: Loaded, video: VideoReader, keys: WorkKeys) -> Path | None:
     if projection_of(plate.path, plate.projection) != "equirectangular" or plate.ocio is not None:
         return None
     wanted = plan.track_sun.runs, plan.track_gain.runs, plan.pattern.runs, plan.match.runs
-    files = [(str(file), stamp(file)) for file in input_files(plate.path)]
+    files = [(str(file), stamp(file)) for file in files_named(plate.path)]
     return cache_file("first-pass", (keys.first_pass, wanted, video.width, video.height, files))

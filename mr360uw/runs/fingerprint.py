@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.loaded import Loaded
-from mr360uw.scene.inputs import input_files
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.overrides import dotted
 
@@ -78,7 +78,7 @@ def work_keys(loaded: Loaded, inputs: tuple[InputFile, ...], backend: str, measu
 
 def _named(scene: Scene) -> Iterator[Path]:
     """Yield the files that a scene names."""
-    return (file for path in files_of(scene) for file in input_files(path))
+    return (file for path in files_of(scene) for file in files_named(path))
 
 
 def _mark(file: InputFile) -> list[Any]:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from mr360uw.reading.numbered_files import numbered
 from mr360uw.runs.outputs import Output
 from mr360uw.runs.work_folder import WorkFolder
-from mr360uw.video.read.images import numbered
 
 _MEASURED_S = 5.0
 """Time [s] over which the rate is measured at least."""

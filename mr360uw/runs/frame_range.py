@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mr360uw.composite.aovs import RECIPE, Part, exr_parts, stereo_parts
+from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import Frame, Stages, finished, frame_stages
@@ -19,7 +20,6 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.stages.light_stage import LightKnots
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
-from mr360uw.video.read.images import numbered
 from mr360uw.video.write.writer import VideoWriter
 
 

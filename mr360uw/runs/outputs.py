@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
+from mr360uw.output_gate import check_outputs, check_work_folder
+from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.runs.run_report import counted
 from mr360uw.runs.sinks import Part, segment_bounds
-from mr360uw.runs.work_folder import WorkFolder
-from mr360uw.scene.inputs import keep_inputs
-from mr360uw.scene.model import Scene
+from mr360uw.runs.work_folder import WorkFolder, work_path
+from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.read.images import is_pattern, matching_files, numbered
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.segment import Segment
 
@@ -43,11 +43,14 @@ class Output:
         *,
         overwrite: bool,
     ) -> Output:
-        """Return an output; raise `VideoError` or `ParameterError` where its names are those of other files."""
+        """Return an output; raise `OutputError` or `ParameterError` where it may not be written."""
         pattern = None if layers is None else Path(layers).absolute()
         output = cls(Path(path).absolute(), pattern, video, scene, span, overwrite)
-        keep_inputs(scene, output.path, *([] if pattern is None else [pattern]))
-        output.check_layers()
+        if pattern is not None and (not is_pattern(pattern) or pattern.suffix.lower() != ".exr"):
+            raise ParameterError(f"{layers} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
+        outputs = [output.path, *([] if pattern is None else [pattern])]
+        check_outputs(outputs, inputs=files_of(scene), overwrite=overwrite)
+        check_work_folder(work_path(output.path))
         return output
 
     @property
@@ -73,22 +76,6 @@ class Output:
                 f"pattern such as {self.path.stem}_%04d{self.path.suffix}, or one frame"
             )
         return segment_bounds(*self.span, 1)
-
-    def check_layers(self) -> None:
-        """Raise `ParameterError` where the layers are no pattern of EXR files, or have names of the output."""
-        layers = self.layers
-        if layers is None:
-            return
-        if not is_pattern(layers) or layers.suffix.lower() != ".exr":
-            raise ParameterError(f"{layers} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
-        own = {self.picture(index).resolve() for index in range(*self.span)}
-        identities = {_identity(path) for path in own if path.exists()}
-        files = {numbered(layers, index) for index in range(*self.span)}
-        for file in sorted(files):
-            if file.resolve() in own or (identities and file.exists() and _identity(file) in identities):
-                raise ParameterError(
-                    f"{layers} - is the name of the output too (got {file.name}) - give the layers one of their own"
-                )
 
     def check_pictures(self) -> None:
         """Raise `OutputExistsError` where numbered files of the output or of its layers are there."""
@@ -153,9 +140,3 @@ def _leading(segments: list[Segment], start: int) -> list[Segment]:
     while (segment := longest.get(found[-1].stop if found else start)) is not None:
         found.append(segment)
     return found
-
-
-def _identity(file: Path) -> tuple[int, int]:
-    """Return the numbers by which a file is the same under another name, a hard link."""
-    found = file.stat()
-    return found.st_dev, found.st_ino

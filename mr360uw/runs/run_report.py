@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.render.plan import Plan
 from mr360uw.runs.fingerprint import InputFile
 
@@ -63,10 +64,11 @@ class Report:
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
-    def save(self, path: Path) -> None:
-        """Write the report as JSON; `OSError` where it cannot be written."""
+    def save(self, path: Path, *, overwrite: bool = False) -> None:
+        """Write the report as JSON; `OutputError` where it may not be written, `OSError` where it cannot."""
         from mr360uw import __version__
 
+        check_outputs([path], overwrite=overwrite)
         write_whole(path, json.dumps(self._table() | {"mr360uw": __version__}, indent=2) + "\n")
 
     def _table(self) -> dict[str, object]:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from filelock import FileLock, Timeout
 
 from mr360uw.errors import OutputExistsError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_facts import load_facts, save_facts
@@ -73,10 +73,11 @@ def work_path(out: Path) -> Path:
 def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[WorkFolder]:
     """Yield an output's work folder, locked; it is removed at the end, or kept where an exception leaves work to reuse.
 
-    fresh: nothing of an earlier run is used. Raises `OutputExistsError` where another run holds it, and `OSError`.
+    fresh: nothing of an earlier run is used. Raises `OutputExistsError` where another run holds it, `OutputError` where
+    the name is that of something else, and `OSError`.
     """
     path = work_path(out)
-    path.mkdir(exist_ok=True)
+    make_work_folder(path)
     lock = FileLock(path / _LOCK)
     try:
         lock.acquire(timeout=0)
@@ -91,8 +92,8 @@ def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[W
     finally:
         keeps = not done and _has_work(path)
         lock.release()
-        if not keeps and path.exists():
-            shutil.rmtree(path)
+        if not keeps:
+            remove_work_folder(path)
 
 
 def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[str, ...]]:
@@ -105,7 +106,7 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[
         kept = "the first pass is kept" if same_pass else "the first pass too"
         notes.append(f"the scene changed since the run that was stopped: its frames are made again, {kept}")
     for file in path.iterdir():
-        keeps = file.name == _LOCK or (same_pass if file.name == _FACTS else same_pictures)
+        keeps = file.name in (_LOCK, MARKER) or (same_pass if file.name == _FACTS else same_pictures)
         if not keeps or ".part" in file.name:
             file.unlink()
     write_whole(path / _KEYS, json.dumps(asdict(keys), indent=2) + "\n")
@@ -133,7 +134,7 @@ def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
     for path in stale_work(where):
         size = sum(file.stat().st_size for file in path.iterdir())
         if not dry_run:
-            shutil.rmtree(path)
+            remove_work_folder(path)
         lines.append(f"{'found' if dry_run else 'removed'} {path} ({size / 1e6:.1f} MB)")
     return lines
 
@@ -150,7 +151,7 @@ def stale_work(where: Path) -> list[Path]:
     """Return the work folders in a folder that no run holds."""
     found = []
     for path in sorted(where.glob(f"*{SUFFIX}")):
-        if (path / _KEYS).is_file():
+        if is_work_folder(path):
             lock = FileLock(path / _LOCK)
             try:
                 with lock.acquire(timeout=0):

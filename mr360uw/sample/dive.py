@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.sample.camera_noise import with_noise
@@ -66,13 +67,9 @@ def sample_dive(
     check_recording(width, frames, samples)
     folder = Path(folder)
     made = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
-    if not overwrite:
-        for path in (made.plate, made.mesh, made.scene, made.truth):
-            if path.exists():
-                raise OutputExistsError(f"{path} - is there already - name another folder, or give --overwrite")
+    check_outputs([made.plate, made.mesh, made.scene, made.truth], overwrite=overwrite, folder=folder)
+    check_folder(folder / TRUTH_FOLDER)
     dive = Dive(settings, width, width // 2, samples=samples)
-    (folder / TRUTH_FOLDER).mkdir(parents=True, exist_ok=True)
-    write_whale(made.mesh)
     times = [float(index / frame_rate) for index in range(frames)]
 
     def image(index: int) -> Floats:
@@ -88,12 +85,14 @@ def sample_dive(
             if progress is not None:
                 progress(index + 1, frames)
 
-    with one_blas_thread():
-        record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
-    if settings.moves:
-        write_whole(folder / TRACK, _track(settings, times))
-    write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")
-    write_whole(made.scene, scene_text(dive_scene(dive)))
+    with made_folder(folder / TRUTH_FOLDER):
+        write_whale(made.mesh)
+        with one_blas_thread():
+            record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
+        if settings.moves:
+            write_whole(folder / TRACK, _track(settings, times))
+        write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")
+        write_whole(made.scene, scene_text(dive_scene(dive)))
     return made
 
 

@@ -1,16 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens the plate of a scene, and protects the scene's input files from being overwritten."""
+"""Opens the plate of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-
-from mr360uw.errors import VideoError
-from mr360uw.parameters import Parameters
-from mr360uw.scene.model import PlateSettings, Scene, files_of
+from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
-from mr360uw.video.read.images import is_pattern, matching_files
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
 from mr360uw.video.read.scaled import scaled
@@ -67,22 +61,3 @@ def shape_of_frame(video: VideoReader, index: int = 0) -> Shape:
     frame = next(iter(video.frames(index, index + 1)))
     codes = frame.yuv if frame.yuv is not None else frame.rgb
     return "panorama" if codes is None else shape_of_codes(codes, frame.spec.bits)
-
-
-def keep_inputs(scene: Parameters, *outputs: Path) -> None:
-    """Raise `VideoError` where an output, a file or a numbered pattern, would replace a file that the scene reads."""
-    inputs = {file.resolve(): file for path in files_of(scene) for file in input_files(path)}
-    for output in outputs:
-        hit = next((file for file in input_files(output) if file.resolve() in inputs), None)
-        if hit is not None:
-            raise VideoError(f"{output} - would replace {hit}, which the scene reads - choose another name")
-
-
-def input_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a path, a numbered pattern or a wildcard stands for."""
-    if is_pattern(path):
-        yield from (file for _, file in matching_files(path))
-    elif "*" in path.name:
-        yield from path.parent.glob(path.name)
-    else:
-        yield path

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.types import Floats
 
 Kind = Literal["still", "turning", "moving"]
@@ -100,33 +102,25 @@ class CameraTrack:
 
         out: the name of either. Raises `ParameterError` or `OutputExistsError`.
         """
-        paths = check_outputs(out, overwrite=overwrite)
+        paths = track_files(out, overwrite=overwrite)
         for path, text in zip(paths, (self.csv(), self.json()), strict=True):
             write_whole(path, text)
         return paths
 
 
-def check_outputs(out: str | Path, *, overwrite: bool) -> tuple[Path, Path]:
-    """Return the paths of the table and of the JSON for the name of either; raise where they cannot be written."""
+def track_files(out: str | Path, inputs: Iterable[Path] = (), *, overwrite: bool) -> tuple[Path, Path]:
+    """Return the paths of the table and of the JSON for the name of either.
+
+    inputs: files that were read for them. Raises `ParameterError`, or `OutputError` where they may not be written.
+    """
     out = Path(out)
     if out.suffix.lower() not in SUFFIXES:
         raise ParameterError(
             f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json (with --from: .chan, .py)"
         )
     paths = out.with_suffix(".csv"), out.with_suffix(".json")
-    for path in paths:
-        check_new(path, overwrite=overwrite)
+    check_outputs(paths, inputs=inputs, overwrite=overwrite)
     return paths
-
-
-def check_new(path: Path, *, overwrite: bool) -> None:
-    """Raise `ParameterError` or `OutputExistsError` where a file cannot be written."""
-    if not path.absolute().parent.is_dir():
-        raise ParameterError(f"{path} - its folder is missing - make it first, or name another")
-    if path.is_dir():
-        raise ParameterError(f"{path} - is a folder - name a file")
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
 
 
 def shot_path(out: Path, number: int) -> Path:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import stamp
 from mr360uw.track.between import solve_between
@@ -92,8 +92,11 @@ def track_shots(
     """
     load_colmap()
     measure = Measure() if measure is None else measure
-    with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
+    if keep is not None:
+        check_work_folder(Path(keep))
+    with open_video(video, eye=eye) as clip:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
+    with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
         measure = replace(measure, frame_width=clip.width)
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
         (folder / "keys").mkdir(exist_ok=True)
@@ -144,11 +147,10 @@ def _folder(
     folder, files = Path(keep), [Path(video)] + ([] if mask is None else [Path(mask)])
     of = json.dumps([_KEPT, settings, *(stamp(path) for path in files)])
     note = folder / "input.json"
+    make_work_folder(folder)
     if not (note.is_file() and note.read_text("utf-8") == of):
-        if folder.exists() and any(folder.iterdir()) and not note.is_file():
-            raise ParameterError(f"{folder} - holds other files - name a folder of its own")
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+        remove_work_folder(folder)
+        make_work_folder(folder)
         write_whole(note, of)
     yield folder
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands before the tuning page: only its own pages, and holders of the token where there is one, get through.
+"""Access control of the tuning page: its own pages and holders of its token get through, nobody else.
 
 A page on another site can send requests to an address on this machine. Those are known by their `Origin`; a name that
-was made to point here (DNS rebinding) is known by `Host`.
+was made to point here (DNS rebinding) is known by `Host`. Another user of this machine can connect to its loopback
+addresses; he does not know the token.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ _HEADERS = (
     (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
 )
-_FORBIDDEN = 403
+_BAD_REQUEST, _FORBIDDEN = 400, 403
+_NO_PATH = "\\\r\n\0"
+"""Characters that no address of the page has; browsers take a backslash for a slash."""
 _POLICY_VIOLATION = 1008
 """Close code of a WebSocket that is refused (RFC 6455, 7.4.1)."""
 
@@ -57,10 +60,10 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """An ASGI application before another one.
 
-    host: that is listened on. token: that requests must show, in the query once and then in a cookie; None: none.
+    host: that is listened on. token: that requests must show, in the query of "/" once and then in a cookie.
     """
 
-    def __init__(self, app: App, host: str, token: str | None) -> None:
+    def __init__(self, app: App, host: str, token: str) -> None:
         self._app, self._host, self._token = app, host.strip("[]").lower(), token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -70,15 +73,17 @@ class Guard:
             return
         headers: list[tuple[bytes, bytes]] = scope["headers"]
         hosts, origins = _values(headers, b"host"), _values(headers, b"origin")
-        if len(hosts) != 1 or not self._is_own(hosts[0]):
+        if any(character in scope["path"] for character in _NO_PATH) or not all(map(_is_readable, origins)):
+            await _refuse(scope, receive, send, "this request cannot be read", _BAD_REQUEST)
+        elif len(hosts) != 1 or not self._is_own(hosts[0]):
             await _refuse(
                 scope, receive, send, "this name does not stand for this page: use the address it was started with"
             )
         elif any(not _same_place(origin, hosts[0]) for origin in origins):
             await _refuse(scope, receive, send, "requests of other pages are not answered")
-        elif self._token is None or self._shows_token(headers, hosts[0]):
+        elif self._shows_token(headers, hosts[0]):
             await self._app(scope, receive, _with_headers(send))
-        elif scope["type"] == "http" and self._is_token(_query(scope).get("token", "")):
+        elif scope["type"] == "http" and scope["path"] == "/" and self._is_token(_query(scope).get("token", "")):
             await _answer(send, 303, b"", self._welcome(scope, hosts[0]))
         else:
             await _refuse(scope, receive, send, "a token is needed: open the address that was printed at the start")
@@ -100,7 +105,7 @@ class Guard:
         return True  # an address cannot be made to point elsewhere
 
     def _is_token(self, shown: str) -> bool:
-        return self._token is not None and hmac.compare_digest(shown.encode(), self._token.encode())
+        return hmac.compare_digest(shown.encode(), self._token.encode())
 
     def _shows_token(self, headers: list[tuple[bytes, bytes]], host: str) -> bool:
         cookies: SimpleCookie = SimpleCookie()
@@ -112,10 +117,13 @@ class Guard:
         return any(self._is_token(morsel.value) for name, morsel in cookies.items() if name == _cookie_name(host))
 
     def _welcome(self, scope: Scope, host: str) -> list[tuple[bytes, bytes]]:
-        """Return the headers of an answer that sets the cookie and leads to the same address without the token."""
+        """Return the headers of an answer that sets the cookie and leads to "/" without the token.
+
+        A strict cookie would not be sent where a local file leads here, as the one does that opens the browser.
+        """
         rest = urlencode([(k, v) for k, v in parse_qsl(scope["query_string"].decode("latin-1")) if k != "token"])
-        place = "/" + scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
-        cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+        place = f"/?{rest}" if rest else "/"
+        cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Lax"
         return [(b"location", place.encode()), (b"set-cookie", cookie.encode())]
 
 
@@ -130,6 +138,14 @@ def _values(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[str]:
 
 def _query(scope: Scope) -> dict[str, str]:
     return dict(parse_qsl(scope["query_string"].decode("latin-1")))
+
+
+def _is_readable(origin: str) -> bool:
+    try:
+        urlsplit(origin)
+    except ValueError:
+        return False
+    return True
 
 
 def _same_place(origin: str, host: str) -> bool:
@@ -148,12 +164,12 @@ def _with_headers(send: Send) -> Send:
     return wrapped
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, why: str) -> None:
+async def _refuse(scope: Scope, receive: Receive, send: Send, why: str, status: int = _FORBIDDEN) -> None:
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": why})
     else:
-        await _answer(send, _FORBIDDEN, why.encode(), [(b"content-type", b"text/plain; charset=utf-8")])
+        await _answer(send, status, why.encode(), [(b"content-type", b"text/plain; charset=utf-8")])
 
 
 async def _answer(send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]]) -> None:

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import html
+import itertools
 import secrets
 import socket
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.parse import urlencode
 
 import uvicorn
 from fastapi import FastAPI
@@ -23,7 +27,7 @@ from mr360uw.files import write_whole
 from mr360uw.preview.plate_clip import clip_of
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.guard import Guard, is_loopback
+from mr360uw.tune.guard import Guard
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
@@ -49,21 +53,33 @@ def serve(
     token: str | None = None,
     backend: str = "auto",
     tell: Callable[[str], None],
+    show: Callable[[Path], None] = lambda _: None,
 ) -> None:
     """Serve a document's page until the process is interrupted.
 
-    port: None takes `PORT`, or a free one where that is taken. token: made where others than this machine can reach the
-    host. tell: called with the page's address once it answers, and with what becomes of unsaved changes. Raises
-    `ParameterError` where the address cannot be had, and what opening the plate raises.
+    port: None takes `PORT`, or a free one where that is taken. token: that visitors must show; None makes a random one.
+    tell: called with the page's address once it answers, and with what becomes of unsaved changes. show: called then
+    with a file that leads a browser to that address: only its owner can read it, whereas all users of the machine can
+    read the arguments of a program. Raises `ParameterError` where the address cannot be had or the token is empty, and
+    what opening the plate raises.
     """
+    if token == "":
+        raise ParameterError("--token - must not be empty (got '') - leave it out for a random one")
     clip = clip_of(document.scene)
-    if token is None and not is_loopback(host):
-        token = secrets.token_urlsafe(24)
+    token = secrets.token_urlsafe(24) if token is None else token
     listening = _listen(host, port)
     name = f"[{host}]" if ":" in host else host
-    query = "" if token is None else f"/?token={token}"
-    address = f"http://{name}:{listening.getsockname()[1]}{query}"
-    app = _application(document, clip, backend, lambda: tell(address))
+    address = f"http://{name}:{listening.getsockname()[1]}/?{urlencode({'token': token})}"
+    private = TemporaryDirectory(prefix="mr360uw-")  # which its owner alone can enter
+    door = Path(private.name) / "tune.html"
+    door.write_text(f'<meta http-equiv="refresh" content="0; url={html.escape(address)}">', "utf-8")
+    door.chmod(0o600)
+
+    def answers() -> None:
+        tell(address)
+        show(door)
+
+    app = _application(document, clip, backend, answers)
     config = uvicorn.Config(
         Guard(app, host, token), log_level="warning", access_log=False, lifespan="on", ws_max_size=2**22,
         timeout_graceful_shutdown=2,
@@ -74,8 +90,10 @@ def serve(
             asyncio.run(uvicorn.Server(config).serve(sockets=[listening]))
     finally:
         listening.close()
+        private.cleanup()
         if document.dirty:
-            path = document.path.with_suffix(".unsaved.toml")
+            names = (document.path.with_suffix(f".unsaved{number or ''}.toml") for number in itertools.count())
+            path = next(name for name in names if not name.exists() and not name.is_symlink())
             write_whole(path, document.text)
             tell(f"changes that were not saved are in {path}")
 

@@ -1,28 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The colour of a grade: both directions, what patches tell of it, and where codes end."""
+"""The colour of a grade: both directions, and what patches tell of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from mr360uw.color import ColorSpec, decode_signal, encode, in_rec709
-from mr360uw.composite.grading.code_ends import code_ends, ends_kept
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade
-from mr360uw.composite.grading.grade_search import found_colour
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
-from mr360uw.composite.grading.water_shape import (
-    ELEVATIONS,
-    SPAN_RAD,
-    WaterView,
-    bent_by,
-    black_by_colour,
-    with_number,
-)
 from mr360uw.composite.over import empty_tile, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, Layer, Rectangle, YuvImage
@@ -171,80 +161,6 @@ def test_given_numbers_stay_and_contradictions_are_said() -> None:
         solve_patches([], start, ("gamma",))
 
 
-def clipped(seed: int = 1) -> Floats:
-    """Return R'G'B' (n, 3) of a glow whose green clips over many reds, and of water without red, under noise."""
-    rng = np.random.default_rng(seed)
-    light = rng.uniform(0.0, 1.1, (40_000, 1)) + rng.uniform(-0.1, 0.1, (40_000, 3)) + [-0.3, 0.0, -0.05]
-    return np.clip(light, 0.0, 1.0) + rng.normal(0.0, 0.002, (40_000, 3))
-
-
-def test_ends_of_the_codes_are_found_where_many_clip() -> None:
-    codes = clipped()
-    assert code_ends([codes]) == (None, None)
-    low, high = code_ends([ColourGrade((0.06, 0.06, 0.06), (0.9, 0.9, 0.9)).graded(codes)])
-    assert low == pytest.approx(0.06, abs=tol.CODE_END)
-    assert high == pytest.approx(0.9, abs=tol.CODE_END)
-    dark = ColourGrade((0.06, 0.06, 0.06)).graded(clipped())
-    dark[:400, 0] = 0.01  # codes of one channel lie beyond the pile
-    assert code_ends([dark]) == (None, None)
-    smooth = 0.1 + 0.7 * np.random.default_rng(2).random((40_000, 1)) * np.ones(3)
-    assert code_ends([smooth]) == (None, None)
-    even = smooth.copy()
-    even[:4000] = [0.7, 0.82, 0.81]  # an evenly lit sky
-    assert code_ends([even]) == (None, None)
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A frame that shows codes (H, W, 3)."""
-
-    codes: Floats
-    spec: ColorSpec = SPECS["srgb"]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.codes.shape[0], self.codes.shape[1]
-
-    def linear(self, part: Rectangle) -> Floats:
-        """Return a part of it as light."""
-        rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
-        return decode_signal(self.codes[rows, columns], self.spec)
-
-
-LOWERED, FADED = ColourGrade(white=(0.9, 0.9, 0.9)), ColourGrade((0.06, 0.06, 0.06), (0.9, 0.9, 0.9))
-
-
-@pytest.mark.parametrize(
-    ("grade", "dark", "settings", "found"),
-    [
-        (LOWERED, False, {}, NO_GRADE),
-        (LOWERED, True, {}, LOWERED),
-        (FADED, False, {}, NO_GRADE),
-        (FADED, False, {"black": 0.06}, FADED),
-        (FADED, True, {}, NO_GRADE),
-    ],
-)
-def test_white_is_taken_only_where_black_is_known(
-    grade: ColourGrade, dark: bool, settings: dict[str, float], found: ColourGrade
-) -> None:
-    """A glow that clips over water that reaches no black; dark: with some codes near black, too few for a pile."""
-    rng = np.random.default_rng(3)
-    codes = np.minimum(rng.uniform(0.45, 1.1, (160, 250, 1)) + rng.uniform(-0.2, 0.2, (160, 250, 3)), 1.0)
-    if dark:
-        codes[80, :, 0] = np.linspace(0.0, 0.1, 250)
-    colour, lines = found_colour([Shown(grade.graded(codes))], MatchSettings(**settings), [])
-    np.testing.assert_allclose(colour.numbers, found.numbers, atol=tol.CODE_END)
-    assert any("only with black" in line for line in lines) == (found == NO_GRADE)
-
-
-def test_codes_near_an_end_show_that_it_was_kept() -> None:
-    codes = np.linspace(0.0, 1.0, 9000).reshape(3000, 3)
-    assert ends_kept([codes]) == (True, True)
-    assert ends_kept([LOWERED.graded(codes)]) == (True, False)
-    assert ends_kept([FADED.graded(codes)]) == (False, False)
-
-
 def test_settings_say_what_is_wrong() -> None:
     place = {"azimuth_deg": 10.0, "elevation_deg": -5.0}
     for given, message in (
@@ -258,56 +174,6 @@ def test_settings_say_what_is_wrong() -> None:
         MatchSettings(black=0.4, white=(1.0, 0.5, 1.0))
     given_black = MatchSettings(black=(0.1, 0.0, 0.0), gamma=0.9)
     assert given_black.colour_over(GRADES["lifted"]) == ColourGrade((0.1, 0.0, 0.0), (0.9, 0.9, 0.9), 0.9)
-    assert given_black.open_keys == ("white", "contrast", "saturation")
-
-
-def water(grade: ColourGrade, slopes: tuple[float, float, float] = (1.1, 0.8, 0.9)) -> WaterView:
-    """Return a plate's water whose light falls with `slopes`, beside a medium that falls as (1.1, 0.8, 0.9)."""
-    up = np.linspace(-SPAN_RAD, SPAN_RAD, ELEVATIONS)[:, None]
-    gain = np.array([0.02, 0.2, 0.3])
-    codes = grade.graded(encode(gain * np.exp(up * 2.0 * np.array(slopes)), "srgb"))
-    return WaterView(codes[None], 0.5 * np.exp(up * 2.0 * np.array([1.1, 0.8, 0.9]))[None], ColorSpec())
-
-
-@pytest.mark.parametrize(
-    ("grade", "name", "value"),
-    [
-        (ColourGrade((0.06, 0.06, 0.06)), "black", 0.06),
-        (ColourGrade(contrast=1.4), "contrast", 1.4),
-        (ColourGrade(gamma=0.8), "gamma", 0.8),
-    ],
-)
-def test_the_shape_of_the_water_tells_one_number(grade: ColourGrade, name: str, value: float) -> None:
-    found = bent_by(water(grade), NO_GRADE, ORDER)
-    assert found is not None
-    assert found == (name, pytest.approx(value, abs=tol.BENT))
-    assert bent_by(water(grade), NO_GRADE, ("saturation",)) is None
-    assert bent_by(water(grade), with_number(NO_GRADE, name, value), ORDER) is None
-
-
-SIDE = np.exp(0.3 * np.linspace(-1.0, 1.0, ELEVATIONS) ** 2)[:, None]
-"""Light that the medium does not know, alike in all colours."""
-
-
-def test_the_colours_of_the_water_tell_a_lifted_black() -> None:
-    def seen(grade: ColourGrade, slopes: tuple[float, float, float] = (1.1, 0.8, 0.9)) -> WaterView:
-        plain = water(NO_GRADE, slopes)
-        light = decode_signal(plain.codes, plain.spec) * SIDE
-        return replace(plain, codes=grade.graded(encode(light, "srgb")))
-
-    lifted = seen(ColourGrade((0.06, 0.06, 0.06)))
-    assert bent_by(lifted, NO_GRADE, ORDER) is None
-    assert black_by_colour(lifted, NO_GRADE) == pytest.approx(0.06, abs=tol.BENT)
-    assert black_by_colour(seen(FADED), LOWERED) == pytest.approx(0.06, abs=tol.BENT)
-    for other in (NO_GRADE, ColourGrade(contrast=1.4), ColourGrade(gamma=0.8), ColourGrade(saturation=1.4)):
-        assert black_by_colour(seen(other), NO_GRADE) is None
-    for slopes in ((1.6, 0.8, 0.9), (1.1, 1.1, 0.8), (0.5, 0.8, 1.3)):
-        assert black_by_colour(seen(NO_GRADE, slopes), NO_GRADE) is None
-
-
-def test_water_that_the_medium_does_not_describe_tells_nothing() -> None:
-    assert bent_by(water(NO_GRADE), NO_GRADE, ORDER) is None
-    for slopes in ((1.6, 0.8, 0.9), (1.1, 1.1, 0.8), (0.5, 0.8, 1.3)):
-        assert bent_by(water(NO_GRADE, slopes), NO_GRADE, ORDER) is None
-    both = ColourGrade((0.1, 0.1, 0.1), contrast=1.4)
-    assert bent_by(water(both), NO_GRADE, ORDER) is None
+    assert given_black.open_keys == ()  # without a patch nothing is looked for
+    patched = MatchSettings(black=0.1, gamma=0.9, patch=(PatchSettings.model_validate(place),))
+    assert patched.open_keys == ("white", "contrast", "saturation")

@@ -64,10 +64,10 @@ def test_numbers_stand_in_place_of_the_plate() -> None:
     assert found.of_scene(by_hand, 500, 0.5) == PlateGrade(1.0, 0.5, 0.75, 500)
     assert not found.of_scene(MatchSettings(enabled=False, sharpening=1.0), 1000).changes
     assert not found.of_scene(MatchSettings(softness=0.0), 1000).changes
-    plain = MatchSettings(softness=0.0, black=0.0, white=1.0, gamma=1.0, contrast=1.0, saturation=1.0)
+    plain = MatchSettings(softness=0.0)
     assert not plain.changes
     assert not plain.measures
-    assert MatchSettings(softness=0.0).measures
+    assert MatchSettings().measures
     assert MatchSettings().measures
     assert not MatchSettings(enabled=False).measures
 

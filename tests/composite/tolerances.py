@@ -169,10 +169,8 @@ PATCH_BLACK = 0.01
 """Black from patches: a code of 8 bits is 0.004, and saturation that is not known mixes channels that differ by 0.02."""
 PATCH_NUMBER = 0.02
 """Numbers of a curve from exact patches whose untold numbers are at rest: the solver's stop, and black's share."""
-CODE_END = 0.006
-"""End of the codes from a pile: one and a half codes of 255, as wide as half a pile."""
-BENT = 0.01
-"""Number of a grade from a profile without noise: a parabola through candidates 0.01 and 0.02 apart."""
 GRADED_RENDER = 0.002
 """Codes of a composite in a graded plate of floats against the grade of the composite: half an 8-bit code, of light that
 is read through tables of float32, and of devices that cut it to halves."""
+TRIM = 2e-3
+"""Light of a body with a trim of two stops: layers of half floats, at light below 2."""

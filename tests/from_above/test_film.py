@@ -119,7 +119,7 @@ def test_every_problem_of_a_scene_is_told_at_once(tmp_path: Path, aerial: Run) -
         ("nowhere/a.png", [], "folder is missing"),
         ("a.png", ["--set", "camera.projection=equirectangular", "--set", "camera.width=15"], "twice as wide as high"),
         ("a.png", ["--set", "floor.ground=picture", "--set", "floor.picture=nix.png"], "no such file"),
-        ("sea.toml", [], "already there"),
+        ("sea.toml", [], "which this run reads"),
     ],
 )
 def test_bad_input(name: str, options: list[str], message: str, sea: Path, tmp_path: Path, aerial: Run) -> None:
@@ -132,7 +132,7 @@ def test_bad_input(name: str, options: list[str], message: str, sea: Path, tmp_p
 def test_inputs_are_kept(sea: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "ground.png"), np.full((8, 8, 3), 99, np.uint8))
     scene = load_aerial(sea, ["floor.ground=picture", "floor.picture=ground.png"])
-    with pytest.raises(VideoError, match="which the scene reads"):
+    with pytest.raises(VideoError, match="which this run reads"):
         aerial_film(scene, tmp_path / "ground.png", overwrite=True)
 
 

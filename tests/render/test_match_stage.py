@@ -83,11 +83,21 @@ def test_a_clip_has_one_look_in_every_range(tmp_path: Path, whale: Path) -> None
 
 
 def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -> None:
-    plain = dict.fromkeys(("white", "gamma", "contrast", "saturation"), 1.0) | {"black": 0.0, "softness": 0.0}
+    plain = {"softness": 0.0}
     for match, runs in (({}, True), ({"enabled": False}, False), (plain, False), (plain | {"sharpening": 1}, True)):
         assert load(scene_of(tmp_path, whale, **match), *SIZE).plan.match.runs == runs
     given = load(scene_of(tmp_path, whale, **(plain | {"softness": 1.0, "black": 0.05})), *SIZE)
     assert given.plan.match.why == "the grade as set: black 0.050, softness 1"
+
+
+def test_an_ungraded_plate_is_never_read_through_a_grade_that_nobody_gave(tmp_path: Path, whale: Path) -> None:
+    """Codes that end away from black and white, as of a lit hall in HDR or a murky dive, are no grade by themselves."""
+    faded = (0.38 + 0.3 * gradient_plate(96, 48, sun=None) / 2.0).astype(np.float32)
+    faded[::7] = 0.38  # many pixels share the darkest code
+    tables: dict[str, Any] = {"light": {"sun": "none"}, "draw": {"samples": 5}}
+    off, default = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"enabled": False}, {}))
+    as_is, made = (render_frame(faded, scene, backend="reference") for scene in (off, default))
+    np.testing.assert_array_equal(made.image_linear, as_is.image_linear)
 
 
 def test_patches_must_be_read_and_lie_within_the_clip(tmp_path: Path, whale: Path) -> None:

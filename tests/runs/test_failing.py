@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.errors import DamagedFrameError, GlError, ParameterError, VideoError
+from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.runs import forecast
@@ -191,7 +191,7 @@ def test_layers_under_the_output_s_names_are_refused(whole: Path, tmp_path: Path
         link = os.link if kind == "hard link" else os.symlink
         link(tmp_path / "out_0001.exr", tmp_path / "layers_0001.exr")
     before = sorted(path.name for path in tmp_path.iterdir())
-    with pytest.raises(ParameterError, match="is the name of the output too"):
+    with pytest.raises(OutputError, match="is the name of another output too"):
         uw.composite_video(bare(whole), out, layers=layers, frames=(0, 3), overwrite=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 

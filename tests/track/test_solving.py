@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.errors import ParameterError
+from mr360uw.errors import OutputError, ParameterError
 from mr360uw.sample.recording import record
 from mr360uw.sphere import directions, yaw_matrix
 from mr360uw.track.scale import Measure
@@ -88,6 +88,6 @@ def test_a_folder_of_other_files_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
     (tmp_path / "work" / "diary.txt").write_text("mine", "utf-8")
     record(tmp_path / "clip.mp4", iter(np.zeros((4, 64, 128, 3))), Fraction(24), seed=1)
-    with pytest.raises(ParameterError, match="holds other files"):
+    with pytest.raises(OutputError, match="is no folder that mr360uw made"):
         track_shots(tmp_path / "clip.mp4", keep=tmp_path / "work")
     assert (tmp_path / "work" / "diary.txt").read_text("utf-8") == "mine"

@@ -4,11 +4,18 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import os
 import shutil
 import socket
+import subprocess
 import sys
+import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -78,3 +85,51 @@ def test_a_port_that_is_taken_is_told(
         taken.listen()
         assert run(monkeypatch, dive.scene, "--port", taken.getsockname()[1], "--no-browser") == 2
     assert "--host, --port - cannot be listened on" in capsys.readouterr().err
+
+
+def test_an_empty_token_is_refused(
+    dive: SampleDive, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("nicegui", reason="the tuning page needs the extra tune")
+    assert run(monkeypatch, dive.scene, "--no-browser", "--token", "") == 2
+    assert "--token - must not be empty (got '') - leave it out for a random one" in capsys.readouterr().err
+
+
+def test_the_token_reaches_the_browser_by_a_file_of_the_user_alone(dive: SampleDive, tmp_path: Path) -> None:
+    """On loopback too a stranger is refused; the token is not among the arguments of any program."""
+    pytest.importorskip("nicegui", reason="the tuning page needs the extra tune")
+    seen, browser = tmp_path / "seen.json", tmp_path / "browser.py"
+    browser.write_text(
+        "import json, os, stat, sys\n"
+        "from urllib.parse import urlsplit\n"
+        "from urllib.request import url2pathname\n"
+        "file = url2pathname(urlsplit(sys.argv[1]).path)\n"
+        "rights = [stat.S_IMODE(os.stat(path).st_mode) for path in (file, os.path.dirname(file))]\n"
+        f"part = {str(seen)!r} + '.part'\n"
+        "json.dump([sys.argv[1], rights, open(file).read()], open(part, 'w'))\n"
+        f"os.replace(part, {str(seen)!r})\n",
+        "utf-8",
+    )
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}  # NiceGUI looks for it
+    ours["BROWSER"] = f"{sys.executable} {browser} %s"
+    command = [sys.executable, "-m", "mr360uw", "tune", str(dive.scene), "--port", "0"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ours)
+    try:
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        place, _, token = address.partition("?token=")
+        assert len(token) >= 32
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(place, timeout=30.0)
+        for _ in range(600):
+            if seen.exists():
+                break
+            time.sleep(0.05)
+        argument, rights, page = json.loads(seen.read_text("utf-8"))
+    finally:
+        server.terminate()
+        server.communicate(timeout=60.0)
+    assert token not in argument
+    assert rights == [0o600, 0o700]
+    assert address in page
+    assert not Path(urllib.request.url2pathname(urlsplit(argument).path)).exists(), "the file stays behind"

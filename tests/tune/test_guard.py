@@ -72,7 +72,10 @@ async def page(scope: Message, _receive: Any, send: Any) -> None:
     ],
 )
 def test_only_own_names_and_own_pages_get_through(host: str, headers: Any, expected: bool, kind: str) -> None:
-    sent, through = asked(Guard(page, host, None), headers, kind=kind)
+    pairs = list(headers.items() if isinstance(headers, dict) else headers)
+    place = pairs[0][1] if pairs else ""
+    shown = ("cookie", f"mr360uw_{place.rsplit(':', 1)[-1] if ':' in place else 80}=s3cret")
+    sent, through = asked(Guard(page, host, "s3cret"), [*pairs, shown], kind=kind)
     assert through == expected
     if not expected and kind == "http":
         assert sent[0]["status"] == 403
@@ -91,7 +94,7 @@ def test_a_token_is_taken_from_the_query_once_and_then_from_the_cookie() -> None
     answer = dict(sent[0]["headers"])
     assert (sent[0]["status"], answer[b"location"]) == (303, b"/?a=1")
     cookie = answer[b"set-cookie"].decode()
-    assert {"HttpOnly", "SameSite=Strict", "Path=/"} <= set(cookie.split("; "))
+    assert {"HttpOnly", "SameSite=Lax", "Path=/"} <= set(cookie.split("; "))
     pair = cookie.split(";")[0]
     for kind in ("http", "websocket"):
         assert asked(guard, {**OWN, "cookie": f"theme=dark; {pair}"}, kind=kind)[1]
@@ -111,13 +114,24 @@ def test_a_wrong_token_is_refused(query: str) -> None:
     assert not asked(Guard(page, "192.168.0.7", "s3cret"), OWN, query="token=s3cret", kind="websocket")[1]
 
 
-def test_the_redirect_stays_here() -> None:
-    sent, _ = asked(Guard(page, "192.168.0.7", "s3cret"), OWN, path="//evil.example/", query="token=s3cret")
-    assert dict(sent[0]["headers"])[b"location"] == b"/evil.example/"
+@pytest.mark.parametrize("path", ["//evil.example/", "/picture/1", "/\\evil.com", "/\r\nset-cookie: a=b"])
+def test_a_token_opens_the_page_alone(path: str) -> None:
+    """Nothing of the request's path ever stands in an answer's headers."""
+    sent, through = asked(Guard(page, "192.168.0.7", "s3cret"), OWN, path=path, query="token=s3cret")
+    assert not through
+    assert sent[0]["status"] in (400, 403)
+    assert b"location" not in dict(sent[0]["headers"])
+
+
+@pytest.mark.parametrize("origin", ["http://[::1", "http://[v1.a"])
+def test_an_origin_that_cannot_be_read_is_a_bad_request(origin: str) -> None:
+    sent, through = asked(Guard(page, "127.0.0.1", "s3cret"), {"host": "127.0.0.1:8360", "origin": origin})
+    assert not through
+    assert sent[0]["status"] == 400
 
 
 def test_answers_forbid_foreign_loads() -> None:
-    sent, _ = asked(Guard(page, "127.0.0.1", None), {"host": "127.0.0.1"})
+    sent, _ = asked(Guard(page, "127.0.0.1", "s3cret"), {"host": "127.0.0.1", "cookie": "mr360uw_80=s3cret"})
     headers = dict(sent[0]["headers"])
     policy = headers[b"content-security-policy"].decode()
     assert "default-src 'self'" in policy

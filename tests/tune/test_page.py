@@ -102,7 +102,8 @@ def page(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     scene = folder / "scene.toml"
     scene.write_text(re.sub(r"(?m)^\[draw\]$", "# [draw]", dive.scene.read_text("utf-8")) + QUICK, "utf-8")
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}  # NiceGUI looks for it
-    command = [sys.executable, "-m", "mr360uw", "tune", str(scene), "--port", "0", "--no-browser", "--token", TOKEN]
+    ours["MR360UW_TOKEN"] = TOKEN
+    command = [sys.executable, "-m", "mr360uw", "tune", str(scene), "--port", "0", "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ours)
     try:
         assert server.stdout is not None
@@ -402,6 +403,17 @@ def test_others_are_refused(page: Page) -> None:
         connection.request("GET", path, headers=headers)
         assert connection.getresponse().status == expected, headers
         connection.close()
+
+
+def test_a_local_file_that_leads_to_the_address_opens_the_page(page: Page, tmp_path: Path) -> None:
+    """As the file does with which the browser is started."""
+    (tmp_path / "door.html").write_text(f'<meta http-equiv="refresh" content="0; url={page.address}">', "utf-8")
+    fresh = page.browser.new_context()
+    tab = fresh.new_page()
+    tab.goto((tmp_path / "door.html").as_uri())
+    tab.wait_for_url(f"{page.base}/")
+    tab.locator("h1").get_by_text("scene.toml").wait_for()
+    fresh.close()
 
 
 def test_the_whole_clip_is_rendered_from_the_page(page: Page) -> None:

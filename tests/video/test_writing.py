@@ -373,7 +373,7 @@ def test_nothing_is_overwritten_unless_asked(tmp_path) -> None:
     with pytest.raises(OutputExistsError, match="already there"):
         transcode(source, target)
     assert target.read_bytes() == b"precious"
-    with pytest.raises(VideoError, match="replace the plate"):
+    with pytest.raises(VideoError, match="which this run reads"):
         transcode(source, source, overwrite=True)
     transcode(source, target, overwrite=True)
     assert len(decoded(target)) == 2

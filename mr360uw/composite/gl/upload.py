@@ -188,6 +188,7 @@ def _material_texels(m: Material, entries: dict[Texture, MapEntry], cut_maps: Se
             (*m.emission, 0.0),
             (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
             *(_NO_MAP if texture is None else entries[texture] for texture in maps),
+            (*m.trim, 0.0),
         ],
         np.float32,
     )

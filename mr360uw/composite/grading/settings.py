@@ -20,7 +20,7 @@ Black = Literal["auto"] | _Black | tuple[_Black, _Black, _Black]
 White = Literal["auto"] | _White | tuple[_White, _White, _White]
 Reflectance = Annotated[float, Field(gt=0.0, le=1.0)]
 COLOUR = ("black", "white", "gamma", "contrast", "saturation")
-"""The keys of a grade's colour, which are numbers or "auto"."""
+"""The keys of a grade's colour: numbers, or "auto", which is solved from patches or changes nothing."""
 
 
 class PatchSettings(Parameters):
@@ -60,22 +60,25 @@ class MatchSettings(Parameters):
 
     enabled: bool = parameter(True, "whether anything of the plate's look is reckoned with", fixed=_ONE_LOOK)
     black: Black = parameter(
-        "auto", "code of black, 0 to 1, of all channels or of red, green, blue; auto: patches, or where codes end",
-        unit="1", fixed=_ONE_LOOK,
+        "auto", "code of black, 0 to 1, of all channels or of red, green, blue; auto: by the patches, else 0", unit="1",
+        fixed=_ONE_LOOK,
     )  # fmt: skip
     white: White = parameter(
-        "auto", "code of white, 0 to 1, of all channels or of red, green, blue; auto: patches, or where codes end",
-        unit="1", fixed=_ONE_LOOK,
+        "auto", "code of white, 0 to 1, of all channels or of red, green, blue; auto: by the patches, else 1", unit="1",
+        fixed=_ONE_LOOK,
     )  # fmt: skip
     gamma: Literal["auto"] | Annotated[float, Field(ge=0.3, le=3.0)] = parameter(
-        "auto", "exponent of the codes, below 1 brighter; auto: patches, else 1", unit="1", fixed=_ONE_LOOK
+        "auto", "exponent of the codes, below 1 brighter; auto: by the patches, else 1", unit="1", fixed=_ONE_LOOK
     )
     contrast: Literal["auto"] | Annotated[float, Field(ge=LEAST_CONTRAST, le=MOST_CONTRAST)] = parameter(
-        "auto", "slope at middle grey of an S curve that keeps black and white; auto: patches, else 1", unit="1",
+        "auto", "slope at middle grey of an S curve that keeps black and white; auto: by the patches, else 1", unit="1",
         fixed=_ONE_LOOK,
     )  # fmt: skip
     saturation: Literal["auto"] | Annotated[float, Field(ge=0.1, le=4.0)] = parameter(
-        "auto", "factor on the distance of codes from their luma; auto: patches, else 1", unit="1", fixed=_ONE_LOOK
+        "auto",
+        "factor on the distance of codes from their luma; auto: by the patches, else 1",
+        unit="1",
+        fixed=_ONE_LOOK,
     )
     patch: tuple[PatchSettings, ...] = parameter((), "things of known colour in the plate", fixed=_ONE_LOOK)
     softness: Literal["auto"] | Annotated[float, Field(ge=0.0, le=10.0)] = parameter(
@@ -113,8 +116,8 @@ class MatchSettings(Parameters):
 
     @property
     def open_keys(self) -> tuple[str, ...]:
-        """The keys of the colour that are to be found."""
-        return tuple(name for name in COLOUR if getattr(self, name) == "auto")
+        """The keys of the colour that the patches are to tell."""
+        return tuple(name for name in COLOUR if self.patch and getattr(self, name) == "auto")
 
     @property
     def reading(self) -> Hashable:
@@ -138,7 +141,7 @@ class MatchSettings(Parameters):
 
     @property
     def in_words(self) -> str:
-        """The numbers that are set and change anything, and what is found in the plate instead; "" for nothing."""
+        """The numbers that are set and change anything, and those that patches or the plate tell; "" for nothing."""
         set_ = self.colour_over(NO_GRADE)
         parts = [
             f"{name} {number_words(getattr(set_, name))}"
@@ -150,12 +153,12 @@ class MatchSettings(Parameters):
             for name in ("softness", "sharpening")
             if getattr(self, name) not in (0.0, "auto")
         ]
-        open_ = [*(["softness"] if self.softness == "auto" else []), *self.open_keys]
         patches = f"{len(self.patch)} patch{'es' * (len(self.patch) > 1)}"
-        source = f" in {patches} and" * bool(self.patch and self.open_keys)
-        found = f"looked for{source} in the plate: {', '.join(open_)}" if open_ else ""
+        solved = f"solved from {patches}: {', '.join(self.open_keys)}" if self.open_keys else ""
         unread = f"{patches} not read, as every number is set" if self.patch and not self.open_keys else ""
-        return "; ".join(filter(None, ["the grade as set: " + ", ".join(parts) if parts else "", found, unread]))
+        soft = "softness measured in the plate" if self.softness == "auto" else ""
+        given = "the grade as set: " + ", ".join(parts) if parts else ""
+        return "; ".join(filter(None, [given, solved, unread, soft]))
 
 
 def number_words(value: float | Three) -> str:

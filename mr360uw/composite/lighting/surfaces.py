@@ -47,7 +47,7 @@ class Reflected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radiance:
-    """Radiance of surfaces towards the camera, before attenuation by the water, each (n, 3).
+    """Radiance of surfaces towards the camera, before attenuation by the water and with their trim, each (n, 3).
 
     diffuse, glossy: reflected ambient light. direct: reflected light of every source.
     """
@@ -120,10 +120,10 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     coat = _Coat(view, n_dot_v, dielectric * (1.0 - metal) + hits.base * metal, albedo)
     bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
     return Radiance(
-        diffuse=albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
-        glossy=mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
+        diffuse=hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
+        glossy=hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
         direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
-        emission=hits.emission,
+        emission=hits.trim * hits.emission,
     )
 
 
@@ -136,7 +136,7 @@ def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> 
     area = hits.footprint.some(lit)
     seen[lit] = source.visibility(area.middle + bias_m[lit, None] * hits.geometric_normal[lit], area.sides)
     waves = source.pattern(hits.point, hits.footprint_m)
-    irradiance = arrival.irradiance * seen[:, None] * waves
+    irradiance = hits.trim * arrival.irradiance * seen[:, None] * waves
     n_dot_l = np.maximum(n_dot_l, 0.0)
     diffuse, glossy = coat.albedo * INV_PI * irradiance * n_dot_l[:, None], _highlight(arrival, hits, coat) * irradiance
     pattern = (diffuse + glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))

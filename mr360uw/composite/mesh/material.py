@@ -20,7 +20,8 @@ class Material:
     base_color: (r, g, b, a). Every map multiplies its factor: `metallic_roughness_map` the roughness in its
     green and the metallic in its blue channel, `occlusion_map` in its red; `normal_map` is in tangent space,
     (x, y, z) = 2 rgb - 1.
-    refractive_index: relative to vacuum; below water its ratio to that of water applies.
+    refractive_index: relative to vacuum; below water its ratio to that of water applies. trim: factors on light that
+    reaches the camera; other surfaces receive it untrimmed.
     """
 
     name: str = ""
@@ -34,6 +35,7 @@ class Material:
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     refractive_index: float = 1.5
+    trim: tuple[float, float, float] = (1.0, 1.0, 1.0)
     base_map: Texture | None = None
     metallic_roughness_map: Texture | None = None
     normal_map: Texture | None = None

@@ -112,6 +112,7 @@ class Hits:
     emission: Floats
     occlusion: Floats
     refractive_index: Floats
+    trim: Floats
     footprint_m: Floats
     normal_change: Floats
     footprint: Footprint
@@ -226,6 +227,7 @@ def surface_along(
         emission=emission,
         occlusion=occlusion,
         refractive_index=index,
+        trim=np.array([material.trim for material in geometry.materials])[geometry.material[triangle]],
         footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
         footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),

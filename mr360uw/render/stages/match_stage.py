@@ -9,22 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.color import code_range, encode, ycbcr_from_rgb
-from mr360uw.composite.grading.colour_grade import ColourGrade, code_of
+from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_map import plate_map
 from mr360uw.types import Floats, Layer
 from mr360uw.video import VideoFrame, VideoReader
-
-if TYPE_CHECKING:
-    from mr360uw.composite.grading.water_shape import WaterView
 
 FRAMES = 5
 """Frames of a clip whose look is measured, evenly spread; each is the keyframe before its place."""
@@ -61,8 +56,8 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
     shown: for each patch of the settings, the frame that shows it.
     """
     settings = loaded.scene.match
-    from mr360uw.composite.grading.grade_search import found_colour
     from mr360uw.composite.grading.point_spread import point_spread
+    from mr360uw.composite.grading.read_patches import patched_colour
 
     look = PlateGrade(columns=frames[0].shape[1])
     found: tuple[str, ...] = ()
@@ -71,8 +66,8 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
         soft = f"blur of {look.softness_px:.2f} px" if look.softness_px > 0.0 else "blur: not told by this plate"
         found = (soft,)
     if settings.open_keys:
-        colour, lines = found_colour(frames, settings, shown, _water(loaded, frames))
-        look, found = replace(look, colour=colour), (*found, *lines)
+        colour, line = patched_colour(settings, shown)
+        look, found = replace(look, colour=colour), (*found, line)
     return replace(look, found=found)
 
 
@@ -123,23 +118,6 @@ def with_look(layer: Layer, look: PlateGrade, plate: VideoFrame) -> Layer:
     from mr360uw.composite.grading.matched_layer import matched_layer
 
     return matched_layer(layer, look, plate.linear)
-
-
-def _water(loaded: Loaded, frames: list[VideoFrame]) -> WaterView | None:
-    """Return the open water of frames beside the solved medium; None without one."""
-    if loaded.surroundings.medium is None or loaded.scene.water.mode not in ("table", "plate"):
-        return None
-    from mr360uw.composite.grading.water_shape import ELEVATIONS, SPAN_RAD, WaterView
-    from mr360uw.medium.fit.profile import PlateProfile
-
-    up, codes, model = np.sin(np.linspace(-SPAN_RAD, SPAN_RAD, ELEVATIONS)), [], []
-    for frame in frames:
-        levelled = plate_map(frame.pixels, loaded.surroundings.camera.at(frame.time_s)[1][1])
-        codes.append(code_of(PlateProfile.from_map(levelled)(up), frame.spec))
-        medium = loaded.surroundings.medium_at(frame.time_s)
-        assert medium is not None
-        model.append(medium.level_radiance(up))
-    return WaterView(np.array(codes), np.array(model), frames[0].spec)
 
 
 def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:

@@ -10,12 +10,13 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import read_text
 from mr360uw.track.camera_files.colmap_text import is_colmap, read_colmap
 from mr360uw.track.camera_files.metashape import is_metashape, read_metashape
 from mr360uw.track.camera_files.path_tables import is_blender_json, is_table, read_blender_json, read_path_table
 from mr360uw.track.camera_files.solved_path import Y_UP_FROM_Z_UP, SolvedPath
-from mr360uw.track.camera_track import CameraTrack, check_new
+from mr360uw.track.camera_track import CameraTrack
 
 EXPORTS = (".chan", ".py")
 
@@ -71,7 +72,7 @@ def export(track: CameraTrack, out: Path, frame_rate: float | None, *, overwrite
     """Write a track as .chan for Nuke or .py for Blender; raise `ParameterError` or `OutputExistsError`."""
     if frame_rate is None:
         raise ParameterError(f"{out} - counts frames (got a track in seconds) - give the clip too, or --fps")
-    check_new(out, overwrite=overwrite)
+    check_outputs([out], overwrite=overwrite)
     text = nuke_chan(track, frame_rate) if out.suffix.lower() == ".chan" else blender_script(track, frame_rate)
     write_whole(out, text)
     return out

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.output_gate import check_outputs
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.floor.floor_points import FloorPoints, floor_points
@@ -110,12 +111,7 @@ def check_mesh_output(out: str | Path, *, overwrite: bool) -> Path:
     path = Path(out)
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a mesh (got {path.suffix!r}) - end it in .glb or .ply")
-    if not path.absolute().parent.is_dir():
-        raise ParameterError(f"{path} - its folder is missing - make it first, or name another")
-    if path.is_dir():
-        raise ParameterError(f"{path} - is a folder - name a file")
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is already there - choose another name, or give --overwrite")
+    check_outputs([path], overwrite=overwrite)
     return path
 
 

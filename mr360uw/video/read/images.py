@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,38 +18,13 @@ from mr360uw.color import ColorSpec, Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
+from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.reader import VideoReader, check_range
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
-
-_NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
-
-
-def is_pattern(path: Path) -> bool:
-    """Return whether a name is the pattern of a sequence, with %04d or #### in it."""
-    return _NUMBER.search(path.name) is not None
-
-
-def numbered(path: Path, number: int) -> Path:
-    """Return the file of a pattern with this number."""
-    found = _NUMBER.search(path.name)
-    assert found is not None
-    digits = int(found[2] or 0) if found[1] or not found[3] else len(found[3])
-    return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
-
-
-def matching_files(path: Path) -> list[tuple[int, Path]]:
-    """Return the existing files of a pattern with their numbers, ascending."""
-    found = _NUMBER.search(path.name)
-    assert found is not None
-    before, after = re.escape(path.name[: found.start()]), re.escape(path.name[found.end() :])
-    name = re.compile(f"{before}(\\d+){after}")
-    folder = path.parent.iterdir() if path.parent.is_dir() else ()
-    hits = ((name.fullmatch(file.name), file) for file in folder)
-    return sorted((int(hit[1]), file) for hit, file in hits if hit)
 
 
 def picture_files(path: Path) -> list[Path] | None:

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-import os
 from fractions import Fraction
 from pathlib import Path
 
-from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.errors import VideoError
+from mr360uw.output_gate import check_outputs
 from mr360uw.video.clip import Clip, checked_rate
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.settings import EncodeSettings
@@ -37,18 +37,17 @@ def create_video(
     not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
     time stamps. frames: (start, stop) of those that will be written, which time code and chapters follow; default: all.
 
-    OutputExistsError where the output is there already and `overwrite` is not set; VideoError where it cannot be made.
+    Raises `OutputExistsError` where the output is there already and `overwrite` is not set, `OutputError` where it may
+    not be written, `VideoError` where it cannot be made.
     """
     path = Path(path)
     if like is None:
         if width is None or height is None:
             raise VideoError(f"{path} - the size of a new video is missing - give like, or width and height")
         like = _new_clip(path, width, height, frame_rate, sound)
-    check_target(path, like.path)
+    check_outputs([path], inputs=[like.path] if like.path.name else [], overwrite=overwrite)
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return ImageWriter(path, like, overwrite)
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is already there - choose another name or allow overwriting")
     from mr360uw.video.write.container_writer import ContainerWriter
 
     return ContainerWriter(
@@ -70,16 +69,3 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
         time_base=1 / rate,
         sound=Path(sound) if sound is not None else None,
     )
-
-
-def check_target(path: Path, plate: Path) -> None:
-    """Raise `VideoError` where no output can be made under a name, whatever its kind."""
-    folder = path.parent
-    if not folder.is_dir():
-        raise VideoError(f"{path} - the output folder is missing (got {folder}) - make it first")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise VideoError(f"{path} - the output folder may not be written to (got {folder}) - choose another one")
-    if path.is_dir():
-        raise VideoError(f"{path} - is a folder - name a file in it")
-    if path.exists() and plate.exists() and plate.name and path.samefile(plate):
-        raise VideoError(f"{path} - the output would replace the plate - choose another name")

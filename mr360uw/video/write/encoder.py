@@ -41,6 +41,7 @@ class Encoder:
             os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 writes its settings to stderr unless told not to
         context.width, context.height = like.frame_size
         context.pix_fmt = self._pixel_format(context.codec)
+        self._check_size(*like.frame_size)
         context.time_base = like.time_base
         context.framerate = like.frame_rate
         context.thread_type = "AUTO"
@@ -69,6 +70,15 @@ class Encoder:
             f"{self._path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of "
             f"{', '.join(name for name in known if name.startswith('yuv4') or name in _IN_PAIRS.values())}"
         )
+
+    def _check_size(self, width: int, height: int) -> None:
+        """Raise `VideoError` where colour at half resolution does not come out even."""
+        chroma = av.VideoFormat(self._context.pix_fmt, width, height).components[-1]
+        if (chroma.width < width and width % 2) or (chroma.height < height and height % 2):
+            raise VideoError(
+                f"{self._path} - {self._context.pix_fmt} has colour at half resolution: columns and rows must be even "
+                f"(got {width}x{height}) - crop or resize the plate, or write pictures"
+            )
 
     def encode(self, frame: VideoFrame, pts: int) -> list[Any]:
         """Return the packets that are ready once a frame is encoded, with the time stamp `pts` in place of its own."""

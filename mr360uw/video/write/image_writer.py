@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from mr360uw.color import in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import whole_file
+from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.gpano import marked
 from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.images import is_pattern, matching_files, numbered
 from mr360uw.video.read.suffixes import FLOAT_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.writer import VideoWriter
@@ -38,7 +38,7 @@ class ImageWriter(VideoWriter):
         self.path, self._clip, self._folder = path, like, folder
         self._many = is_pattern(path)
         self._written = 0
-        there = matching_files(path)[:1] if self._many else [(0, path)] if path.exists() else []
+        there = matching_files(path)[:1] if self._many else []
         if there and not overwrite:
             raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
         self.notes = (*like.notes, *(["pictures carry no sound"] if like.has_audio else []))

@@ -19,17 +19,17 @@ from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
 from mr360uw.color import encode
-from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
+from mr360uw.output_gate import check_outputs
 from mr360uw.reading.limits import FRAMES
+from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.types import Floats
 from mr360uw.video.clip import checked_rate
 from mr360uw.video.exr import read_exr
 from mr360uw.video.metadata.spherical import SphericalMetadata, write_spherical
 from mr360uw.video.metadata.tags import BT709_TAGS
-from mr360uw.video.read.images import is_pattern, matching_files
 from mr360uw.video.read.probe import create_local
-from mr360uw.video.write.creating import check_target
 
 Alpha = Literal["straight", "premultiplied"]
 
@@ -60,9 +60,7 @@ def layer_video(
     rate = checked_rate(frame_rate, path)
     if path.suffix.lower() != ".mov":
         raise VideoError(f"{path} - ProRes with alpha is a .mov (got {path.suffix}) - name it {path.stem}.mov")
-    check_target(path.absolute(), Path())
-    if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path} - is already there - choose another name or allow overwriting")
+    check_outputs([path], inputs=[layers], overwrite=overwrite)
     numbers = range(min(files), max(files) + 1)
     FRAMES.check(f"{layers} frames", len(numbers), VideoError)
     part = new_file(path)

@@ -7,7 +7,7 @@
 #include "composite/gl/shaders/texture.glsl"
 
 const int TRIANGLE_TEXELS = 11;
-const int MATERIAL_TEXELS = 9;
+const int MATERIAL_TEXELS = 10;
 
 struct Triangle {
     vec3 a, b, c;
@@ -28,6 +28,7 @@ struct Surface {
     vec3 emission;
     float occlusion;
     float refractive_index;
+    vec3 trim;
     float footprint_m;
     vec3 weights;
     bool behind;
@@ -123,6 +124,7 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     s.roughness = factors.y;
     s.emission = listed(materials, row + 2).rgb;
     s.refractive_index = listed(materials, row + 3).z;
+    s.trim = listed(materials, row + 9).rgb;
     s.occlusion = 1.0;
     vec4 map;
 #if defined(METALLIC_ROUGHNESS_MAP)

@@ -96,7 +96,7 @@ Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
         parts.lamps += reflected_light(coat, s, light.towards, lit ? free * light.irradiance : vec3(0.0), light.half_angle);
     }
 #endif
-    return parts;
+    return trimmed(parts, s.trim);
 }
 #endif
 

@@ -82,6 +82,16 @@ Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, f
     return parts;
 }
 
+Parts trimmed(Parts parts, vec3 trim) {
+    parts.diffuse *= trim;
+    parts.glossy *= trim;
+    parts.sun *= trim;
+    parts.lamps *= trim;
+    parts.caustics *= trim;
+    parts.emission *= trim;
+    return parts;
+}
+
 // radiance reflected to the camera of a beam from one direction; irradiance: across the beam
 vec3 reflected_light(Coat coat, Surface s, vec3 towards, vec3 irradiance, float half_angle) {
     float n_dot_l = max(dot(s.normal, towards), 0.0);

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of numbered files: patterns such as out_%04d.png or out_####.png."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+_NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
+
+
+def is_pattern(path: Path) -> bool:
+    """Return whether a name is the pattern of a sequence, with %04d or #### in it."""
+    return _NUMBER.search(path.name) is not None
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return the file of a pattern with this number."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    digits = int(found[2] or 0) if found[1] or not found[3] else len(found[3])
+    return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
+
+
+def matching_files(path: Path) -> list[tuple[int, Path]]:
+    """Return the existing files of a pattern with their numbers, ascending."""
+    name = matcher(path)
+    folder = path.parent.iterdir() if path.parent.is_dir() else ()
+    hits = ((name.fullmatch(file.name), file) for file in folder)
+    return sorted((int(hit[1]), file) for hit, file in hits if hit)
+
+
+def matcher(path: Path) -> re.Pattern[str]:
+    """Return an expression for the names of a pattern's files; its first group is their number."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    before, after = re.escape(path.name[: found.start()]), re.escape(path.name[found.end() :])
+    return re.compile(f"{before}(\\d+){after}")
+
+
+def files_named(path: Path) -> Iterator[Path]:
+    """Yield the files that a path, a numbered pattern or a wildcard stands for."""
+    if is_pattern(path):
+        yield from (file for _, file in matching_files(path))
+    elif "*" in path.name:
+        yield from path.parent.glob(path.name)
+    else:
+        yield path

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What commands may not do to a user's files: replace what they read or wrote, or remove what they did not make."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.hostile.bench import Bench, contents
+
+COMPOSITE = ("composite", "scene.toml", "out.png", "--backend", "reference", "--set", "water.type=none")
+
+
+def test_reports_replace_nothing(bench: Bench) -> None:
+    """The scene file, an input, the output of the same run: never; a file of somebody else's: when asked to."""
+    bench.put("notes.json", "mine")
+    for report, says in (
+        ("notes.json", "already there"),
+        ("plate.png", "already there"),
+        ("out.png", "another output"),
+    ):
+        bench.refuses(*COMPOSITE, "--report", report, says=(report, says))
+    for report in ("scene.toml", "plate.png", "mesh.glb"):
+        bench.refuses(*COMPOSITE, "--report", report, "--overwrite", says=(report, "which this run reads"))
+    code, _, err = bench.run(*COMPOSITE, "--report", "notes.json", "--overwrite")
+    assert (code, err) == (0, "")
+    assert json.loads((bench.folder / "notes.json").read_text("utf-8"))["frames"]["written"] == 1
+
+
+def test_pages_of_a_benchmark_have_names_of_their_own(bench: Bench) -> None:
+    bench.put("before.json", "{}")
+    bench.refuses("bench", "--quick", "--json", "x", "--page", "x", says=("another output",))
+    bench.refuses("bench", "--quick", "--json", "no/x", says=("folder is missing",))
+
+
+def test_a_converted_path_does_not_replace_the_one_it_is_made_from(bench: Bench) -> None:
+    bench.put("a.chan", "1 0 0 0 0 0 0\n2 0 0 -1 0 0 0\n")
+    bench.refuses("track", "--from", "a.chan", "--fps", "24", "-o", "a.chan", "--overwrite", says=("this run reads",))
+    code, _, err = bench.run("track", "--from", "a.chan", "--fps", "24", "-o", "b.csv")
+    assert (code, err) == (0, "")
+    bench.refuses("track", "--from", "b.csv", "-o", "b.json", "--overwrite", says=("b.csv", "this run reads"))
+
+
+@pytest.mark.parametrize("kind", ["folder", "link to a folder", "link to nothing", "file"])
+def test_work_folders_that_others_made_are_left_alone(kind: str, bench: Bench) -> None:
+    """Of a composite and of a track; a link is not followed, and files that look like ours are no marker."""
+    mine = bench.folder / "mine"
+    mine.mkdir()
+    bench.put("mine/run.json", "{}")
+    for name in ("out.png.mr360uw", "my.track-work"):
+        work = bench.folder / name
+        if kind == "folder":
+            work.mkdir()
+            (work / "run.json").write_text("{}")
+            (work / "input.json").write_text("mine")
+        elif kind == "file":
+            work.write_text("mine")
+        else:
+            work.symlink_to(mine if kind == "link to a folder" else "nothing")
+    bench.refuses(*COMPOSITE, says=("out.png.mr360uw",))
+    bench.refuses(*COMPOSITE, "--overwrite", "--fresh", says=("out.png.mr360uw",))
+    bench.refuses("track", "plate.png", "-o", "my.csv", "--height", "1.5", says=("my.track-work",))
+    before = contents(bench.folder)
+    code, _, _ = bench.run("clean", ".")
+    assert code == 0
+    assert contents(bench.folder) == before
+
+
+def test_links_to_nothing_and_unusable_folders_are_said_before_the_first_frame(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (bench.folder / "dangling.png").symlink_to("nothing.png")
+    bench.refuses("composite", "scene.toml", "dangling.png", "--overwrite", says=("leads to no file",))
+    bench.refuses(*COMPOSITE, "--layers", "no/l_%04d.exr", says=("no/l_%04d.exr", "folder is missing"))
+    monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)  # root, who may run this, may write anywhere
+    bench.refuses(*COMPOSITE, "--layers", "l_%04d.exr", says=("l_%04d.exr", "may not be written to"))
+
+
+def test_sizes_that_a_codec_cannot_hold_are_said(bench: Bench) -> None:
+    cv2.imwrite(str(bench.folder / "odd.png"), np.full((35, 70, 3), 90, np.uint8))
+    bench.refuses_with('plate.path="odd.png"', says=("must be even (got 70x35)",), out="out.mp4")
+
+
+def test_on_a_full_disk_a_first_scene_is_not_left_alone(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mr360uw.first_look import first_scene
+
+    def full(*_: Any) -> bytes:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(first_scene, "screen_picture", full)
+    bench.refuses("new", "plate.png", "mesh.glb", "-o", "new.toml", says=("No space left",))
+
+
+def test_a_run_that_fails_leaves_no_empty_folder(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mr360uw.sample import dive
+
+    def full(_: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(dive, "write_whale", full)
+    bench.refuses("sample", "deep/er", "--width", "64", "--frames", "1", says=("No space left",))
+
+
+def test_a_wrong_mask_leaves_no_work(bench: Bench) -> None:
+    pytest.importorskip("pycolmap", reason="tracking needs the extra track")
+    from fractions import Fraction
+
+    from mr360uw.sample.recording import record
+
+    record(bench.folder / "clip.mp4", iter(np.zeros((4, 64, 128, 3))), Fraction(24), seed=1)
+    cv2.imwrite(str(bench.folder / "mask.png"), np.zeros((8, 16), np.uint8))
+    for mask, says in (("mask.png", "another size"), ("scene.toml", "scene.toml")):
+        bench.refuses("track", "clip.mp4", "-o", "t.csv", "--height", "1", "--mask", mask, says=(says,))
