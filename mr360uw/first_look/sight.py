@@ -30,6 +30,8 @@ _SURE_HEIGHT, _GUESSED_HEIGHT = 1.1, 1.7
 """Factors that a known and a guessed height over the floor may be off by; the visibility is proportional to it."""
 _USUAL_M, _USUAL_RANGE = 20.0, 2.0
 """Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
+_LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.05, 4.0
+"""Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
 _LEAST_ROWS = 4
 _UNSURE = 0.35
 """Standard error of c, relative to it, up to which it counts as told."""
@@ -72,6 +74,9 @@ def _over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
     high = np.maximum(_DEEP * np.sin(angle) ** 2 * rows / np.pi, 1.0)
     contrast = np.array([_difference(green, -a, s, h) for a, s, h in zip(angle, apart, high, strict=True)])
     noise = np.array([_difference(green, np.radians(_FLATTEST_DEG), s, h) for s, h in zip(apart, high, strict=True)])
+    below = float(np.median(green[round(rows * (0.5 + angle[0] / np.pi))]))
+    if contrast[0] < max(_LEAST_TEXTURE * below, _LEAST_OVER_NOISE * noise[0]):
+        return None
     seen = contrast > _NOISE * noise
     seen[np.argmin(seen) if not seen.all() else len(seen) :] = False  # what comes after the last that shows is noise
     if np.count_nonzero(seen) < _LEAST_ROWS:
