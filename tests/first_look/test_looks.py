@@ -127,12 +127,12 @@ def test_a_wide_thing_has_its_front_at_z_and_one_with_its_foot_at_the_origin_sta
 
 
 def floor_seen(height_m: float, sight_m: float) -> Floats:
-    """Return a panorama (512, 1024, 3) of patches of sand, 0.3 m across, under water of a visibility."""
-    ray = directions(1024, 512)
+    """Return a panorama (512, 1024, 3) of patches of sand under water of a visibility."""
+    ray, patch_m = directions(1024, 512), 0.15 * height_m
     down = np.maximum(-ray[..., 1], 1e-3)
     x, z = (ray[..., k] / down * height_m for k in (0, 2))
     cells = np.random.default_rng(7).uniform(0.3, 1.0, (512, 512))
-    sand = cells[(np.floor(x / 0.3).astype(int)) % 512, (np.floor(z / 0.3).astype(int)) % 512]
+    sand = cells[np.floor(x / patch_m).astype(int) % 512, np.floor(z / patch_m).astype(int) % 512]
     left = np.where(ray[..., 1] < 0.0, np.exp(-4.8 * height_m / down / sight_m), 0.0)
     light = (left * sand + (1.0 - left) * 0.6)[..., None] * np.array([0.05, 0.3, 0.35])
     return (light + np.random.default_rng(8).normal(0.0, 1e-4, light.shape)).astype(np.float32)
