@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far one sees in the water of a panorama: the contrast of a level floor falls off with its distance.
 
-    |L(x + l) - L(x)|  ~  exp(-c s)        s = h/sin(e)        visibility = 4.8/c
+    |L(x + l) - L(x)|  ~  exp(-c s)        s = h/sin(e)        V = 4.8/c
 
 Differences of light between places of the floor that lie a fixed length apart do not have the veil in them; the water
-between floor and camera leaves exp(-c s) of them (Koschmieder 1924, Duntley 1963). h: height of the camera over the
-floor, e: angle below the horizon.
+between floor and camera leaves exp(-c s) of them (`medium.visibility`). h: height of the camera over the floor, e: angle
+below the horizon.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _USUAL_M, _USUAL_RANGE = 20.0, 2.0
 """Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
 _LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 15.0
 """Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
-_LEAST_ROWS = 4
+_LEAST_ROWS = 5
 _UNSURE = 0.35
 """Standard error of c, relative to it, up to which it counts as told."""
 _UNEVEN = 0.15
@@ -78,14 +78,13 @@ def _over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
     if contrast[0] < max(_LEAST_TEXTURE * below, _LEAST_OVER_NOISE * noise[0]):
         return None
     seen = contrast > _NOISE * noise
-    seen[np.argmin(seen) if not seen.all() else len(seen) :] = False  # what comes after the last that shows is noise
+    seen = np.logical_and.accumulate(seen)  # beyond the first row that does not show, all is noise
     if np.count_nonzero(seen) < _LEAST_ROWS:
         return None
     way = height_m / np.sin(angle[seen])
     log = 0.5 * np.log(contrast[seen] ** 2 - noise[seen] ** 2)
-    (slope, _), covariance = np.polyfit(way, log, 1, cov="unscaled")
-    left = log - np.polyval(np.polyfit(way, log, 1), way)
-    error = float(np.sqrt(covariance[0, 0] * np.sum(left**2) / (len(way) - 2)))
+    (slope, _), covariance = np.polyfit(way, log, 1, cov=True)
+    error = float(np.sqrt(covariance[0, 0]))
     if slope > -CONTRAST_LENGTHS / MOST_M or error > -_UNSURE * slope:
         return None
     visibility, wide = -CONTRAST_LENGTHS / slope, unsure * np.exp(2.0 * np.hypot(error / slope, _UNEVEN))
