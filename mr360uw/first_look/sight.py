@@ -4,8 +4,8 @@
     |L(x + l) - L(x)|  ~  exp(-c s)        s = h/sin(e)        V = 4.8/c
 
 Differences of light between places of the floor that lie a fixed length apart do not have the veil in them; the water
-between floor and camera leaves exp(-c s) of them (`medium.visibility`). h: height of the camera over the floor, e: angle
-below the horizon.
+between floor and camera leaves exp(-c s) of them (`medium.visibility`). h: height of the camera over the floor, e:
+angle below the horizon.
 """
 
 from __future__ import annotations

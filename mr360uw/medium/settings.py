@@ -38,7 +38,7 @@ class WaterKindSettings(Parameters):
         "IB", "Jerlov type, tropical (IB), temperate (1C), harbour (7C), pure, chlorophyll, csv; none: no water"
     )
     visibility_m: float | None = parameter(
-        None, "horizontal distance at which a black target is lost in the picture; alone, without a type: the type too", unit="m",
+        None, "horizontal distance at which a black target is lost in the picture; alone: and the type", unit="m",
         low=LEAST_M, high=MOST_M,
     )  # fmt: skip
     chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
