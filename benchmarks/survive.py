@@ -32,11 +32,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
+from mr360uw.reading.numbered_files import matching_files  # noqa: E402
 from mr360uw.runs.work_folder import work_path  # noqa: E402
 from mr360uw.sample import SampleDive, sample_dive  # noqa: E402
 from mr360uw.scene.model import load_scene  # noqa: E402
 from mr360uw.video import EncodeSettings, create_video  # noqa: E402
-from mr360uw.video.read.images import matching_files  # noqa: E402
 
 CRASH_WIDTH, CRASH_FRAMES, SEGMENT = 128, 24, 3
 """Pictures 64 wide are too narrow: x264's macroblock tree then reads memory that it has not written; packets vary."""
@@ -109,8 +109,8 @@ class Command:
         work = work_path(self.out)
         if self.kind == "png":
             lists = [file.read_text() for file in work.glob("pictures-*")]
-            return sum(text.count("\n") for text in lists), 0
-        tables, data = {p.stem for p in work.glob("0*.npy")}, {p.stem for p in work.glob("0*.packets")}
+            return sum(text.count(";") for text in lists), 0
+        tables, data = {p.stem for p in work.glob("0*.npz")}, {p.stem for p in work.glob("0*.packets")}
         return SEGMENT * len(tables), len(data - tables)
 
 

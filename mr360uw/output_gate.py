@@ -76,8 +76,15 @@ def made_folder(folder: Path) -> Iterator[None]:
         raise
 
 
-def check_work_folder(folder: Path) -> None:
-    """Raise `OutputError` where the name of a work folder is that of something that this package did not make."""
+def check_work_folder(folder: Path, keeps: Iterable[Path] = ()) -> None:
+    """Raise `OutputError` where the name of a work folder is that of something that this package did not make.
+
+    keeps: files that may not lie in it, as it is removed in the end.
+    """
+    files = (file for path in keeps for file in files_named(path))
+    inside = next((file for file in files if folder.resolve() in file.resolve().parents), None)
+    if inside is not None:
+        raise OutputError(f"{inside} - lies in a folder that the run removes (got {folder}) - move it elsewhere")
     if folder.is_symlink():
         raise OutputError(f"{folder} - is a link where work is to be kept - remove it, or name another output")
     if folder.exists() and not is_work_folder(folder):

@@ -116,6 +116,7 @@ def composite_video(
     workers: int | Literal["auto"] = 1,
     cluster: str | None = None,
     mixed: bool = False,
+    report: str | Path | None = None,
 ) -> Report:
     """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
 
@@ -124,7 +125,8 @@ def composite_video(
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
     each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
-    there is a first pass. tell: gets a line on the time and the disk space that a long run will take.
+    there is a first pass. report: file that the report is written to as JSON. tell: gets a line on the time and the
+    disk space that a long run will take.
 
     Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
@@ -132,9 +134,10 @@ def composite_video(
     began = time.perf_counter()
     with open_plate(scene) as video:
         span = video.check_range(*frames)
-        output = Output.of(scene, video, out, layers, span, overwrite=overwrite)
+        output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
         renderer, fallback = make_backend(backend, scene.plate.eyes)
         crew = make_crew(workers, cluster, len(parts))
@@ -154,7 +157,7 @@ def composite_video(
                     times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = output.complete(work, parts)
         looks = (*video.doubts, *projection_notes(scene, video, span[0]))
-    return replace(
+    done_report = replace(
         _report(Path(out), total, loaded, renderer, times),
         seconds=time.perf_counter() - began,
         notes=(*looks, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
@@ -162,6 +165,9 @@ def composite_video(
         workers=1 if crew is None else crew.count,
         inputs=inputs,
     )
+    if output.report is not None:
+        done_report.save(output.report, overwrite=overwrite)
+    return done_report
 
 
 def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:

@@ -59,9 +59,9 @@ def test_after_an_edit_of_the_sources_results_are_made_anew(monkeypatch: pytest.
     monkeypatch.setattr(disk_cache, "_PACKAGE", tmp_path)
     for time_ns in (1, 1, 2):
         os.utime(tmp_path / "module.py", ns=(time_ns, time_ns))
-        disk_cache._sources.cache_clear()
+        disk_cache.sources_stamp.cache_clear()
         kept_arrays("test", (), make)
-    disk_cache._sources.cache_clear()
+    disk_cache.sources_stamp.cache_clear()
     assert make.count == 2
 
 

@@ -35,7 +35,7 @@ def frame_range(text: str | None) -> tuple[int, int | None]:
         return 0, None
     head, colon, tail = text.partition(":")
     try:
-        start = int(head) if head else 0
+        start = int(head) if head or not colon else 0
         stop = (int(tail) if tail else None) if colon else start + 1
     except ValueError:
         raise ParameterError(f"--frames - is not a range (got {text!r}) - write a:b, as in 0:48") from None

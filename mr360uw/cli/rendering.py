@@ -49,17 +49,14 @@ def composite(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
-    from mr360uw.output_gate import check_outputs
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
-    from mr360uw.scene.model import at_scale, files_of, load_scene
+    from mr360uw.scene.model import at_scale, load_scene
 
     if measure and not explain:
         raise ParameterError("--measure - times the skips that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
-    if report_file is not None:
-        check_outputs([report_file], inputs=files_of(loaded), overwrite=overwrite or explain)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         if measure:
@@ -71,10 +68,8 @@ def composite(
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
             progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),
-            cluster=dask, mixed=mixed,
+            cluster=dask, mixed=mixed, report=report_file,
         )  # fmt: skip
-    if report_file is not None:
-        report.save(report_file, overwrite=overwrite)
     typer.echo(str(report))
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -46,13 +46,14 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.first_look.plate_look import look_at_plate
     from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
 
+    of_eye: Literal["left", "right"] | None = None if eye is None else eye.value
+    in_air = video.suffix.lower() != ".toml" and not look_at_plate(video, of_eye).medium.underwater
     with terminal_progress() as progress:
-        written = analyse_video(
-            video, out, eye=None if eye is None else eye.value, overwrite=overwrite, progress=progress
-        )
+        written = analyse_video(video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress)
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 

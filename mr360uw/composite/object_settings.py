@@ -35,7 +35,7 @@ class KeySettings(Parameters):
     distance_m: float | None = parameter(None, "instead of position_m, as the object's", unit="m", above=0.0, high=1e5)
     rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll)", unit="deg")
     face: Facing | None = parameter(None, "side that its front is turned to, as the object's", unit="deg")
-    scale: float | None = parameter(None, "factor on the object's size", unit="1", above=0.0, high=1e6)
+    scale: float | None = parameter(None, "factor on the object's size", unit="1", low=1e-6, high=1e6)
 
     @model_validator(mode="after")
     def _one_place(self) -> KeySettings:
@@ -78,7 +78,7 @@ class ObjectSettings(Parameters):
         None, "length of its longest side, whatever the unit of the file, instead of scale", unit="m",
         above=0.0, high=1e6,
     )  # fmt: skip
-    scale: float = parameter(1.0, "factor on the object's size", unit="1", above=0.0, high=1e6)
+    scale: float = parameter(1.0, "factor on the object's size", unit="1", low=1e-6, high=1e6)
     unit: Unit = parameter("auto", "unit of the file; auto: metres, or what USD says, with a note if it looks wrong")
     attach: Attachment = parameter(
         "world",

@@ -21,8 +21,9 @@ from mr360uw.composite.motion import Motion, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Poses, playback
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.errors import MeshError
+from mr360uw.errors import MeshError, ParameterError
 from mr360uw.reading.kept_reads import KeptReads
+from mr360uw.reading.limits import OBJECTS
 from mr360uw.types import Floats
 
 _AT_REST = {
@@ -122,6 +123,7 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
     Every file is read once, and objects that differ only in where they are share their meshes. kept: what was read
     before, for an object that changes.
     """
+    OBJECTS.check("scene - its number of objects", len(all_settings), ParameterError)
     kept = KeptReads() if kept is None else kept
     several = 4 * len(all_settings)
 

@@ -13,7 +13,10 @@ from pydantic import Field, field_validator, model_validator
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.parameters import Parameters, parameter
 
-Vector = tuple[float, float, float]
+FARTHEST = 1e9
+"""Largest number of a position [m] or a rotation [deg]: beyond it the sums of single-precision numbers overflow."""
+_Part = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Vector = tuple[_Part, _Part, _Part]
 Extent = Annotated[float, Field(gt=0.0, le=1e6)]
 Interpolation = Literal["linear", "smooth"]
 Quality = Literal["draft", "final", "reference"]

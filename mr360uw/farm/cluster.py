@@ -15,6 +15,8 @@ from mr360uw.farm.job import Job, OpenJob
 from mr360uw.runs.frame_range import RunTimes
 from mr360uw.runs.sinks import Part
 
+_SCHEMES = ("tcp", "tls", "ws", "wss")
+"""Kinds of connections to a scheduler."""
 _RETRIES = 1
 """Workers that may die over a part, beside the first."""
 
@@ -58,6 +60,11 @@ def _opened(job: Job, thread: int) -> OpenJob:  # noqa: ARG001 - a renderer belo
 
 def _client(address: str) -> Any:
     """Return a connection to a scheduler, to be used in a `with` block."""
+    scheme = address.partition("://")[0] if "://" in address else _SCHEMES[0]
+    if scheme not in _SCHEMES:
+        raise ParameterError(
+            f"--dask - is no address of a scheduler (got {address!r}) - begin it with {', '.join(_SCHEMES)}://"
+        )
     try:
         return _distributed().Client(address, timeout=10)
     except (OSError, ValueError) as error:

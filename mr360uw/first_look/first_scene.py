@@ -15,6 +15,7 @@ from mr360uw.first_look.panorama import Eye
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import found_lines, scene_lines
+from mr360uw.ibl.sun.words import SunFound
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
@@ -70,9 +71,9 @@ def make_first_scene(
         picture = live.frame(draft, 0, width).picture
     with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
         shown.write_bytes(screen_picture(picture.image_linear, ".png"))
-        written.write_text(text, "utf-8")
+        written.write_text(text + sun.to_uncomment, "utf-8")
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
-    lines = [*found_lines(plate, seen, chosen, sun), *(f"note      {note}" for note in loaded.notes)]
+    lines = [*found_lines(plate, seen, chosen, sun.words), *(f"note      {note}" for note in loaded.notes)]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
     view = f"{chosen.azimuth_deg:g},{chosen.elevation_deg:g},75"
     commands = (
@@ -108,12 +109,12 @@ def _floor_of(track: Path) -> float | None:
     try:
         floor = json.loads(table.read_text("utf-8"))["floor"]
         return None if floor is None else float(floor["height_m"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
 
 
-def _sun(loaded: Loaded, live: LivePreview) -> str:
-    """Return what is found of a sun in the whole first frame, in words."""
+def _sun(loaded: Loaded, live: LivePreview) -> SunFound:
+    """Return what is found of a sun in the whole first frame."""
     scene = loaded.scene
     frame = live.plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
-    return loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)
+    return loaded.surroundings.light.sun_found(frame.pixels, frame.time_s)

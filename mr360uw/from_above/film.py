@@ -19,6 +19,7 @@ from mr360uw.from_above.onto_plate import write_onto_plate
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
+from mr360uw.reading.files_read import files_read
 from mr360uw.reading.limits import FRAMES
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.scene.model import files_of
@@ -68,7 +69,9 @@ def aerial_film(
         return AerialReport(path, done, time.perf_counter() - began)
     start, stop = _range(scene, path, frames, rate)
     with _output(scene, path, rate, overwrite) as write:
-        loaded = LoadedAerial.of(scene)
+        with files_read() as read:
+            loaded = LoadedAerial.of(scene)
+        check_outputs([path], inputs=read, overwrite=True)  # textures and the like, which only meshes name
         for index in range(start, stop):
             write(index, loaded.picture(float(index / rate)))
             if progress is not None:

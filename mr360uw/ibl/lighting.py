@@ -25,6 +25,7 @@ from mr360uw.ibl.sun.detect import find_disc, lost_light, split_disc, split_give
 from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.glare import without_glare
+from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.split import Split, with_sun
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
@@ -49,7 +50,7 @@ def environment(
 
     settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
     already. sun: "detect" follows `settings.sun`: by default the sun is detected, inside Snell's window if
-    `underwater`, and left in the sky where the confidence is too low; a direction (3,) as seen by the camera measures
+    `underwater`, and left in the sky as far as the confidence is low; a direction (3,) as seen by the camera measures
     the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
     residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
     default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
@@ -113,11 +114,12 @@ def _detected(
     plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None, glare: float
 ) -> Split | None:
     disc = find_disc(plate, underwater=underwater)
-    if disc is None or disc.confidence < settings.minimum_confidence:
+    share = 0.0 if disc is None else taken_share(disc.confidence, settings.minimum_confidence)
+    if disc is None or share == 0.0:
         return None
     split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, disc.blob.direction, disc.blob)
-    return close(split, plate, ratio) if lost else split
+    return (close(split, plate, ratio) if lost else split).shared(share, plate.coarse)
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:

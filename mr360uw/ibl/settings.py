@@ -64,7 +64,8 @@ class LightSettings(Parameters):
         0.0, "compass heading of the frame's centre, 0 = north, + = east", unit="deg", low=-360.0, high=360.0
     )
     minimum_confidence: float = parameter(
-        0.5, "a detected sun below this confidence is left in the sky", unit="1", low=0.0, high=1.0,
+        0.5, "confidence at which half a detected sun's light is its beam: from half of it some, at 1.5 times it all",
+        unit="1", low=0.0, high=1.0,
         fixed="one holds for the clip's whole track",
     )  # fmt: skip
     exposure: float = parameter(

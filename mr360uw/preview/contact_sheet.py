@@ -20,6 +20,7 @@ from mr360uw.preview.perspective import Perspective
 from mr360uw.preview.still import still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
+from mr360uw.reading.files_read import files_read
 from mr360uw.scene.model import at_scale, files_of, load_scene
 from mr360uw.video.write.image_writer import picture_codes
 
@@ -72,12 +73,13 @@ def sweep(
     scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
     check_outputs([out, page], inputs=[scene, *files_of(scenes[0])], overwrite=overwrite)
     found = []
-    with LivePreview(backend) as live:
+    with files_read() as read, LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
             picture = still_of(live, one, frame=frame, time_s=time_s, view=view)
             found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
             if progress is not None:
                 progress(number, len(scenes))
+    check_outputs([out, page], inputs=read, overwrite=overwrite)
     write_whole(out, encoded(contact_sheet(found), out.suffix))
     write_whole(page, contact_page(scene.name, found))
     return [out, page]

@@ -11,6 +11,7 @@ import numpy as np
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
+from mr360uw.medium.settings import WaterSettings
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
 from mr360uw.render.first_pass import first_pass
@@ -30,14 +31,15 @@ def analyse_video(
     out: str | Path | None = None,
     *,
     eye: Literal["left", "right"] | None = None,
+    in_air: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> list[Path]:
     """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
 
     source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
-    source is no scene file. out: the page; the track goes beside it as .sun.json and .sun.csv. Raises `VideoError`,
-    `SceneError`, `ParameterError` or `OutputExistsError`.
+    source is no scene file. in_air: whether it then is a plate without water. out: the page; the track goes beside it
+    as .sun.json and .sun.csv. Raises `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.level.horizon import estimate_horizon
     from mr360uw.ibl.report import Snapshot, level_section, light_report
@@ -46,7 +48,11 @@ def analyse_video(
     from mr360uw.medium.spectral.sensor import named_sensor
 
     source = Path(source)
-    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
+    if source.suffix == ".toml":
+        scene = load_scene(source)
+    else:
+        water = WaterSettings(type="none") if in_air else WaterSettings()
+        scene = Scene(plate=PlateSettings(path=source, eye=eye), water=water)
     page = _page(source, out)
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     check_outputs([page, *tracks], inputs=[source, *files_of(scene)], overwrite=overwrite)
@@ -62,7 +68,7 @@ def analyse_video(
             frame = next(iter(video.frames(int(index), int(index) + 1)))
             reader = over_time(frame.time_s).light
             light = reader.of(frame.pixels, time_s=frame.time_s)
-            words = reader.sun_in_words(frame.pixels, frame.time_s)
+            words = reader.sun_found(frame.pixels, frame.time_s).words
             snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     sections = []

@@ -11,6 +11,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
+from mr360uw.reading.files_read import files_read
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoFrame
@@ -18,6 +19,9 @@ from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import write_picture
+
+_LATEST_S = 1e6
+"""Largest time within a clip [s]: eleven days."""
 
 
 def render_still(
@@ -50,6 +54,8 @@ def still_of(
     if frame is not None and time_s is not None:
         raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
     index = frame or 0
+    if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
+        raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
     if time_s is not None:
         index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
     picture = live.frame(scene, index).picture
@@ -74,7 +80,9 @@ def save_still(
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
-    picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    with files_read() as read:
+        picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    check_outputs([path], inputs=read, overwrite=overwrite)  # textures and the like, which only meshes name
     with open_plate(scene) as plate:
         write_picture(path, whole_frame(picture, plate.stereo))
 

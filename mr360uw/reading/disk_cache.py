@@ -12,6 +12,7 @@ import functools
 import hashlib
 import io
 import os
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,7 @@ FOLDER = "MR360UW_CACHE"
 """Variable of the environment that names another folder; empty: nothing is kept."""
 _ROOM = 1 << 30
 """Bytes that all files take at most; those that were used longest ago are removed first."""
+_SOURCES = (".py", ".csv", ".json", ".glsl", ".vert", ".geom", ".frag")
 _DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parents[1]
 
@@ -59,7 +61,7 @@ def cache_file(kind: str, depends_on: Sequence[object]) -> Path | None:
     folder = cache_folder()
     if folder is None:
         return None
-    found = hashlib.sha256(_sources().encode())
+    found = hashlib.sha256(sources_stamp().encode())
     for item in depends_on:
         if isinstance(item, np.ndarray):
             found.update(f"{item.dtype}{item.shape}".encode())
@@ -110,8 +112,11 @@ def read_arrays(path: Path) -> Arrays | None:
         os.utime(path)
     except OSError:
         return None
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return dict(arrays)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile):  # a file of another kind under a right hash
+        return None
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
@@ -144,8 +149,8 @@ def _make_room(folder: Path) -> None:
 
 
 @functools.cache
-def _sources() -> str:
-    """Return what changes with NumPy and with the modules and tables of this package."""
+def sources_stamp() -> str:
+    """Return what changes with NumPy and with the modules, shaders and tables of this package."""
     return repr((np.__version__, sorted(_stamps(_PACKAGE))))
 
 
@@ -155,6 +160,6 @@ def _stamps(folder: str | Path) -> Iterator[tuple[str, int, int]]:
         for entry in entries:
             if entry.is_dir():
                 yield from _stamps(entry.path)
-            elif entry.name.endswith((".py", ".csv")):
+            elif entry.name.endswith(_SOURCES):
                 stat = entry.stat()
                 yield entry.path, stat.st_size, stat.st_mtime_ns

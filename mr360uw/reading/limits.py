@@ -19,7 +19,7 @@ class Limit:
     """A limit. variable: environment variable that sets it; default: in millions of `unit`; covers: for the manual."""
 
     variable: str
-    default: int
+    default: float
     unit: str
     covers: str
 
@@ -27,7 +27,7 @@ class Limit:
         """Return the limit in units; raise `ParameterError` where the variable holds no positive number."""
         text = os.environ.get(self.variable, "").strip()
         if not text:
-            return self.default * _MILLION
+            return round(self.default * _MILLION)
         try:
             value = round(float(text) * _MILLION)
         except (ValueError, OverflowError):
@@ -53,4 +53,7 @@ DATA = Limit("MR360UW_MAX_DATA", 1000, "bytes", "a mesh file, one of its arrays,
 TRIANGLES = Limit("MR360UW_MAX_TRIANGLES", 10, "triangles", "a mesh file, each repetition counted")
 TEXT = Limit("MR360UW_MAX_TEXT", 10, "bytes", "a scene, a table, a track or a material library")
 FRAMES = Limit("MR360UW_MAX_FRAMES", 1, "frames", "frames made of a still: nine hours at 30 a second")
-LIMITS = (PICTURE, TEXTURE, DATA, TRIANGLES, TEXT, FRAMES)
+OBJECTS = Limit("MR360UW_MAX_OBJECTS", 0.001, "objects", "the objects of a scene")
+PRIMS = Limit("MR360UW_MAX_PRIMS", 1, "prims", "a USD stage, each reference to a prim counted")
+PARTICLES = Limit("MR360UW_MAX_PARTICLES", 10, "particles", "marine snow about the camera in one frame")
+LIMITS = (PICTURE, TEXTURE, DATA, TRIANGLES, TEXT, FRAMES, OBJECTS, PRIMS, PARTICLES)

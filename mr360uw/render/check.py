@@ -64,7 +64,7 @@ def check_scene(
     output = None
     if video is not None:
         _check_other_clips(scene, video, frames, found)
-        output = found.of(lambda: _output(scene, video, None if out is None else Path(out)))
+        output = found.of(lambda: _output(scene, video, None if out is None else Path(out), where))
     if video is None or loaded is None or renderer is None or output is None or found.lines:
         raise SceneError(where, list(found.lines))
     kinds, notes = output
@@ -102,14 +102,15 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
 
 
-def _output(scene: Scene, video: VideoReader, out: Path | None) -> tuple[str, tuple[str, ...]]:
+def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:
     """Return a description of the output, or of the possible ones, and what the first lacks of the plate.
 
     Raises `VideoError` if none can be opened. Outputs are tried in a temporary folder: beside real files nothing is
     written.
     """
     if out is not None:
-        check_outputs([out], inputs=files_of(scene), overwrite=True)  # one that is there may be meant to be replaced
+        inputs = [Path(where), *files_of(scene)]
+        check_outputs([out], inputs=inputs, overwrite=True)  # one that is there may be meant to be replaced
     kinds: list[str] = []
     notes: tuple[str, ...] = ()
     problem = ""
@@ -155,6 +156,6 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
     if loaded.plan.sun.runs and loaded.scene.light.sun == "detect":
         frame = next(iter(video.frames(0, 1)))
         frame = frame.graded_by(clip_colour(loaded, look))
-        lines.append(f"light     first frame: {loaded.surroundings.light.sun_in_words(frame.pixels, frame.time_s)}")
+        lines.append(f"light     first frame: {loaded.surroundings.light.sun_found(frame.pixels, frame.time_s).words}")
     lines += [f"look      {line}" for line in (() if look is None else look.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])

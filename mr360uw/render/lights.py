@@ -32,7 +32,7 @@ from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.given import given_direction
-from mr360uw.ibl.sun.words import sun_in_words
+from mr360uw.ibl.sun.words import SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level_light import irradiance_from_level
@@ -151,15 +151,15 @@ class LightReader:
             mixed *= luminance(sun.irradiance) / luminance(mixed)
         return replace(sun, irradiance=mixed.astype(np.float32))
 
-    def sun_in_words(self, plate: Floats | YuvImage, time_s: float) -> str:
-        """Return one line on the sun that is detected in a plate's frame, or on the candidate that comes nearest."""
+    def sun_found(self, plate: Floats | YuvImage, time_s: float) -> SunFound:
+        """Return what is found of a sun in a plate's frame."""
         world_from_camera, settings = self.world_from_camera(time_s), self._settings
         options: Any = {"up": world_from_camera[1], "refractive_index": self._refractive_index}
         if isinstance(plate, YuvImage):
             seen: Plate = plate_of_yuv(plate, settings, **options)
         else:
             seen = LinearPlate.of(checked_plate(plate), settings, **options)
-        return sun_in_words(seen, world_from_camera, settings.minimum_confidence, underwater=self._underwater)
+        return sun_found(seen, world_from_camera, settings.minimum_confidence, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""

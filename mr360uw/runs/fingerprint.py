@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keys by which kept work is recognised: hashes of a scene, of the files that it names, and of the version."""
+"""Keys by which kept work is recognised: hashes of a scene, of the files that it names, and of the sources."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mr360uw.reading.disk_cache import sources_stamp
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
@@ -26,11 +27,15 @@ _JOINED = ("sound", "faststart", "threads")
 
 @dataclass(frozen=True, slots=True)
 class InputFile:
-    """A file that a scene reads. digest: SHA-256 of its size and of its content, of large files of 16 blocks of it."""
+    """A file that a scene reads. digest: SHA-256 of its size and of its content, of large files of 16 blocks of it.
+
+    changed_ns: of large files the time of the last change of any of their data, which programs cannot set back; else 0.
+    """
 
     path: Path
     size: int
     digest: str
+    changed_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +48,15 @@ class WorkKeys:
 
 def input_file(path: Path) -> InputFile:
     """Return a file's fingerprint; raise `OSError` where it cannot be read."""
-    size = path.stat().st_size
+    stat = path.stat()
+    size = stat.st_size
     found = hashlib.sha256(str(size).encode())
     with path.open("rb") as file:
         step = max(_BLOCK, (size - _BLOCK) // (_BLOCKS - 1))
         for start in range(0, size, step):
             file.seek(start)
             found.update(file.read(_BLOCK))
-    return InputFile(path, size, found.hexdigest())
+    return InputFile(path, size, found.hexdigest(), stat.st_ctime_ns if size > _BLOCKS * _BLOCK else 0)
 
 
 def input_fingerprints(loaded: Loaded) -> tuple[InputFile, ...]:
@@ -61,8 +67,6 @@ def input_fingerprints(loaded: Loaded) -> tuple[InputFile, ...]:
 
 def work_keys(loaded: Loaded, inputs: tuple[InputFile, ...], backend: str, measured: tuple[int, int]) -> WorkKeys:
     """Return the keys of a scene's work by a renderer. measured: frames [a, b) that its first pass reads."""
-    from mr360uw import __version__
-
     scene = loaded.scene
     tables = scene.model_dump(mode="json")
     for name in _JOINED:
@@ -71,8 +75,8 @@ def work_keys(loaded: Loaded, inputs: tuple[InputFile, ...], backend: str, measu
     read = {*_named(part), *loaded.other_files}
     of_first_pass = [_mark(f) for f in inputs if f.path in read]
     keyed = [key for key in tables["keys"] if dotted(key["parameter"])[0] in _FIRST_PASS]
-    first = [__version__, {name: tables[name] for name in _FIRST_PASS}, keyed, of_first_pass, measured]
-    pictures = [__version__, tables, [_mark(f) for f in inputs], measured, backend]
+    first = [sources_stamp(), {name: tables[name] for name in _FIRST_PASS}, keyed, of_first_pass, measured]
+    pictures = [sources_stamp(), tables, [_mark(f) for f in inputs], measured, backend]
     return WorkKeys(_hash(first), _hash(pictures))
 
 
@@ -82,7 +86,7 @@ def _named(scene: Scene) -> Iterator[Path]:
 
 
 def _mark(file: InputFile) -> list[Any]:
-    return [str(file.path), file.size, file.digest]
+    return [str(file.path), file.size, file.digest, file.changed_ns]
 
 
 def _hash(value: Any) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,11 +23,13 @@ from mr360uw.video.write.segment import Segment
 class Output:
     """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
 
-    path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None.
+    path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report:
+    file of the run's report, or None.
     """
 
     path: Path
     layers: Path | None
+    report: Path | None
     video: VideoReader
     scene: Scene
     span: Part
@@ -42,16 +45,22 @@ class Output:
         span: Part,
         *,
         overwrite: bool,
+        report: str | Path | None = None,
     ) -> Output:
         """Return an output; raise `OutputError` or `ParameterError` where it may not be written."""
         pattern = None if layers is None else Path(layers).absolute()
-        output = cls(Path(path).absolute(), pattern, video, scene, span, overwrite)
+        told = None if report is None else Path(report).absolute()
+        output = cls(Path(path).absolute(), pattern, told, video, scene, span, overwrite)
         if pattern is not None and (not is_pattern(pattern) or pattern.suffix.lower() != ".exr"):
             raise ParameterError(f"{layers} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
-        outputs = [output.path, *([] if pattern is None else [pattern])]
-        check_outputs(outputs, inputs=files_of(scene), overwrite=overwrite)
-        check_work_folder(work_path(output.path))
+        output.check(files_of(scene))
         return output
+
+    def check(self, inputs: Sequence[Path]) -> None:
+        """Raise `OutputError` where the output may not be written. inputs: files that the run reads."""
+        outputs = [path for path in (self.path, self.layers, self.report) if path is not None]
+        check_outputs(outputs, inputs=inputs, overwrite=self.overwrite)
+        check_work_folder(work_path(self.path), [*inputs, *outputs])
 
     @property
     def is_pictures(self) -> bool:
@@ -98,6 +107,11 @@ class Output:
             return create_video(self.path, self.video, overwrite=True).notes
         wanted = set(parts)
         segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
+        if len(segments) < len(wanted):
+            raise VideoError(
+                f"{self.path} - finished parts were damaged before they could be joined (got {len(segments)} of "
+                f"{len(wanted)} whole) - the same command makes the others again"
+            )
         return self._join(segments, self.path, work.path, overwrite=self.overwrite)
 
     def finished_part(self, work: WorkFolder) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -22,6 +23,8 @@ from mr360uw.video.write.segment import Segment, stored_segments
 
 SUFFIX = ".mr360uw"
 """Ending of the folder's name, after the whole name of the output."""
+_PICTURE = re.compile(r"^(\d+);", re.MULTILINE)
+"""Line of a finished picture: what was cut off by a kill has no end, and the next line begins anew."""
 _LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "facts.npz", "pictures"
 
 
@@ -54,14 +57,13 @@ class WorkFolder:
         """Return the indices of the frames whose pictures are complete."""
         done: set[int] = set()
         for file in self.path.glob(f"{_PICTURES}-*"):
-            lines = file.read_text("ascii", "replace").split("\n")[:-1]  # the last may be cut
-            done.update(int(line) for line in lines if line.isdigit())
+            done.update(int(number) for number in _PICTURE.findall(file.read_text("ascii", "replace")))
         return done
 
     def add_picture(self, index: int, start: int) -> None:
         """Note that the pictures of frame `index` are complete; start: first frame of the range, which has a file."""
         with (self.path / f"{_PICTURES}-{start}").open("a", encoding="ascii") as file:
-            file.write(f"{index}\n")
+            file.write(f"\n{index};")
 
 
 def work_path(out: Path) -> Path:

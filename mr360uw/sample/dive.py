@@ -67,7 +67,8 @@ def sample_dive(
     check_recording(width, frames, samples)
     folder = Path(folder)
     made = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
-    check_outputs([made.plate, made.mesh, made.scene, made.truth], overwrite=overwrite, folder=folder)
+    outputs = [made.plate, made.mesh, made.scene, made.truth, *([folder / TRACK] if settings.moves else [])]
+    check_outputs(outputs, overwrite=overwrite, folder=folder)
     check_folder(folder / TRUTH_FOLDER)
     dive = Dive(settings, width, width // 2, samples=samples)
     times = [float(index / frame_rate) for index in range(frames)]
@@ -86,9 +87,9 @@ def sample_dive(
                 progress(index + 1, frames)
 
     with made_folder(folder / TRUTH_FOLDER):
-        write_whale(made.mesh)
         with one_blas_thread():
             record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
+        write_whale(made.mesh)
         if settings.moves:
             write_whole(folder / TRACK, _track(settings, times))
         write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")

@@ -7,6 +7,7 @@ Both ways are OpenColorIO's own processors, on the CPU, without the approximatio
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -17,9 +18,15 @@ from pydantic import model_validator
 
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.limits import DATA
 from mr360uw.yuv.plate_mapping import Levels
 
 _BUILT_IN = "ocio://"
+_GRID = 17
+"""Values of each channel, from 0 to 1, that must come back from light."""
+_LARGEST_LOSS = 1e-3
+"""Largest difference of a value that came back: a quarter of an 8-bit code. Tables that OCIO inverts keep 1e-4."""
 _NAMES_SHOWN = 12  # of a config's colour spaces, in a message
 
 
@@ -83,6 +90,7 @@ def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
                 f"plate.ocio.{where} - is no colour space of {name} (got {space!r:.60}) - take one of "
                 f"{', '.join(spaces[:_NAMES_SHOWN])}{' ...' if len(spaces) > _NAMES_SHOWN else ''}"
             )
+    _check_files(config, (settings.input, settings.working), name)
     identity = config.getCacheID()
     for source, target in ((settings.input, settings.working), (settings.working, settings.input)):
         try:
@@ -92,7 +100,49 @@ def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
                 f"plate.ocio - {name} does not convert {source} to {target} (got {error!s:.120}) - take a colour space "
                 "that can be converted both ways"
             ) from error
-    return OcioMapping(name, settings.input, settings.working, identity, levels == "data")
+    mapping = OcioMapping(name, settings.input, settings.working, identity, levels == "data")
+    _check_inverse(mapping)
+    return mapping
+
+
+def _check_inverse(mapping: OcioMapping) -> None:
+    """Raise `ParameterError` where values do not come back from light: what is drawn could not be written then."""
+    steps = np.linspace(0.0, 1.0, _GRID)
+    values = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    back = np.asarray(mapping.to_values(mapping.to_light(values)), np.float64)
+    wrong = float(np.max(np.abs(np.where(np.isfinite(back), back, np.inf) - values)))
+    if not wrong <= _LARGEST_LOSS:
+        raise ParameterError(
+            f"plate.ocio - {mapping.source} does not come back from {mapping.working} (got values that are off by "
+            f"{wrong:.3g} of 1) - take a colour space that can be converted both ways without loss"
+        )
+
+
+def _check_files(config: Any, spaces: Sequence[str], where: str) -> None:
+    """Raise `VideoError` where a table that conversions of colour spaces read is missing, no file, or too large."""
+    ocio = _library()
+    found: list[Path] = []
+
+    def look(transform: Any) -> None:
+        if isinstance(transform, ocio.GroupTransform):
+            for one in transform:
+                look(one)
+        elif isinstance(transform, ocio.FileTransform):
+            name = Path(config.getCurrentContext().resolveStringVar(transform.getSrc()))
+            folders = [Path(config.getWorkingDir()) / part for part in config.getSearchPaths() or ["."]]
+            choices = [name] if name.is_absolute() else [folder / name for folder in folders]
+            found.append(next((file for file in choices if file.exists()), choices[0]))
+
+    directions = ocio.COLORSPACE_DIR_TO_REFERENCE, ocio.COLORSPACE_DIR_FROM_REFERENCE
+    for space in spaces:
+        for direction in directions:
+            transform = config.getColorSpace(space).getTransform(direction)
+            if transform is not None:
+                look(transform)
+    for file in found:
+        if reason := unreadable(file):
+            raise VideoError(f"{where} - names a table that cannot be used: {file} - {reason}")
+        DATA.check(str(file), file.stat().st_size, VideoError)
 
 
 @functools.lru_cache(maxsize=8)
@@ -107,6 +157,10 @@ def _processor(config: str, identity: str, source: str, target: str) -> Any:
 
 def _config(name: str) -> Any:
     ocio = _library()
+    if not name.startswith(_BUILT_IN):
+        if reason := unreadable(Path(name)):
+            raise VideoError(f"{name} - {reason}")
+        DATA.check(name, Path(name).stat().st_size, VideoError)
     try:
         return ocio.Config.CreateFromFile(name)
     except ocio.Exception as error:

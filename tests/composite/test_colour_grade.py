@@ -49,6 +49,15 @@ def test_taking_a_grade_off_is_the_inverse_of_laying_it_on(name: str) -> None:
         )
 
 
+def test_codes_below_the_black_of_a_grade_show_no_light() -> None:
+    """Under the steepest grades that settings take: dark, and not the negative of a sun."""
+    steep = MatchSettings(black=0.5, white=0.75, gamma=0.3, contrast=0.3, saturation=0.1).colour_over(NO_GRADE)
+    for grade in (steep, *GRADES.values()):
+        light = grade.take_off(np.random.default_rng(1).random((8, 8, 3)).astype(np.float32), SPECS["srgb"])
+        assert np.all(np.isfinite(light))
+        assert light.min() >= 0.0
+
+
 def test_each_number_does_what_it_says() -> None:
     grey = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None] * np.ones(3)
     lifted = ColourGrade((0.1, 0.1, 0.1), (0.9, 0.9, 0.9)).graded(grey)

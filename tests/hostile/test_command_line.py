@@ -270,8 +270,14 @@ def test_names_that_are_no_text_are_refused(bench: Bench) -> None:
 @pytest.mark.parametrize("limit", LIMITS, ids=lambda limit: limit.variable)
 def test_limits_that_are_no_numbers(limit: object, value: str, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(limit.variable, value)
-    settings = ['camera.track="track.csv"'] if limit.variable.endswith("DATA") else []
+    settings = {"DATA": ['camera.track="track.csv"'], "PARTICLES": ['water.type="II"', "snow.enabled=true"]}.get(
+        limit.variable.removeprefix("MR360UW_MAX_"), []
+    )
     bench.put("track.csv", "time_s\n")
+    if limit.variable.endswith("PRIMS"):
+        pytest.importorskip("pxr", reason="needs mr360uw[usd]")
+        bench.put("empty.usda", "#usda 1.0\n")
+        settings = ['object.0.mesh="empty.usda"']
     texture = ['object.0.texture="plate.png"']
     bench.refuses_with(*settings, *texture, says=(limit.variable, f"got '{value}'"))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -94,17 +93,25 @@ def test_on_a_full_disk_a_first_scene_is_not_left_alone(bench: Bench, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(first_scene, "screen_picture", full)
-    bench.refuses("new", "plate.png", "mesh.glb", "-o", "new.toml", says=("No space left",))
+    before = contents(bench.folder)
+    code, _, err = bench.run("new", "plate.png", "mesh.glb", "-o", "new.toml")
+    assert code == 2
+    assert "No space left" in err
+    assert contents(bench.folder) == before
 
 
 def test_a_run_that_fails_leaves_no_empty_folder(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     from mr360uw.sample import dive
 
-    def full(_: Path) -> None:
+    def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(dive, "write_whale", full)
-    bench.refuses("sample", "deep/er", "--width", "64", "--frames", "1", says=("No space left",))
+    monkeypatch.setattr(dive, "record", full)
+    before = contents(bench.folder)
+    code, _, err = bench.run("sample", "deep/er", "--width", "64", "--frames", "1")
+    assert code == 2
+    assert "No space left" in err
+    assert contents(bench.folder) == before
 
 
 def test_a_wrong_mask_leaves_no_work(bench: Bench) -> None:
@@ -117,3 +124,28 @@ def test_a_wrong_mask_leaves_no_work(bench: Bench) -> None:
     cv2.imwrite(str(bench.folder / "mask.png"), np.zeros((8, 16), np.uint8))
     for mask, says in (("mask.png", "another size"), ("scene.toml", "scene.toml")):
         bench.refuses("track", "clip.mp4", "-o", "t.csv", "--height", "1", "--mask", mask, says=(says,))
+
+
+def test_textures_that_only_a_mesh_names_are_inputs_too(bench: Bench) -> None:
+    cv2.imwrite(str(bench.folder / "skin.png"), np.full((4, 4, 3), 90, np.uint8))
+    bench.put("one.mtl", "newmtl a\nKd 1 1 1\nmap_Kd skin.png\n")
+    bench.put("one.obj", "mtllib one.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    options = ("--set", "object.0.mesh=one.obj", "--backend", "reference", "--overwrite")
+    for command in ("composite", "still"):
+        bench.refuses(command, "scene.toml", "skin.png", *options, says=("skin.png", "this run reads"))
+    bench.refuses(
+        "composite", "scene.toml", "out.png", "--report", "one.mtl", *options, says=("one.mtl", "this run reads")
+    )
+
+
+def test_inputs_do_not_lie_in_the_folder_that_a_run_removes(bench: Bench) -> None:
+    from mr360uw.output_gate import make_work_folder
+
+    make_work_folder(bench.folder / "out.png.mr360uw")
+    bench.put("out.png.mr360uw/plate.png", bench.material.files["plate.png"])
+    bench.refuses(*COMPOSITE, "--set", 'plate.path="out.png.mr360uw/plate.png"', says=("plate.png", "the run removes"))
+
+
+def test_check_knows_its_own_scene(bench: Bench) -> None:
+    (bench.folder / "link.png").symlink_to("scene.toml")
+    bench.refuses("check", "scene.toml", "link.png", says=("link.png", "this run reads"))

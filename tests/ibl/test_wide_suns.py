@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.glow import find_glow
-from mr360uw.ibl.sun.words import sun_in_words
+from mr360uw.ibl.sun.words import sun_found
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from tests.ibl.panoramas import texture
 from tests.ibl.plates import angle_deg, clipped
@@ -125,9 +127,15 @@ def test_clouds_without_a_glow_are_none_and_the_candidate_is_named() -> None:
     assert found is not None
     assert found.confidence < 0.5
     assert found.reason
-    words = sun_in_words(plate, np.eye(3))
-    assert words.startswith("no sun; best candidate at azimuth")
-    assert words.endswith(found.reason)
-    assert sun_in_words(LinearPlate.of(disc(1.0, 512)[0]), np.eye(3)).startswith("sun at azimuth 123.7, elevation 65")
+    candidate = sun_found(plate, np.eye(3))
+    assert candidate.words.startswith("no sun; best candidate at azimuth")
+    assert candidate.words.endswith(found.reason)
+    lines = candidate.to_uncomment.strip().splitlines()
+    assert all(line.startswith("# ") for line in lines)
+    made = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[1:]))
+    assert LightSettings(**made["light"]).sun == "given"
+    sure = sun_found(LinearPlate.of(disc(1.0, 512)[0]), np.eye(3))
+    assert sure.words.startswith("sun at azimuth 123.7, elevation 65")
+    assert sure.to_uncomment == ""
     grey = LinearPlate.of(np.full((64, 128, 3), 0.2, np.float32))
-    assert sun_in_words(grey, np.eye(3)) == "no sun: nothing stands out"
+    assert sun_found(grey, np.eye(3)).words == "no sun: nothing stands out"

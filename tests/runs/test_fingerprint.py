@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from mr360uw.render.loaded import load
-from mr360uw.runs.fingerprint import WorkKeys, input_fingerprints, work_keys
+from mr360uw.runs.fingerprint import WorkKeys, input_file, input_fingerprints, work_keys
 from tests.composite.gltf_files import one_square
 from tests.scenes import scene_with
 
@@ -80,3 +81,21 @@ def test_keys_count_and_for_the_first_pass_those_of_what_it_measures(files: Path
     assert keyed("object.0.scale", 2.0).pictures != keyed("object.0.scale", 3.0).pictures
     assert keyed("object.0.scale", 2.0).first_pass == keys(files).first_pass
     assert keyed("light.peak", 2.0).first_pass != keyed("light.peak", 3.0).first_pass
+
+
+def test_a_large_file_that_is_replaced_with_its_time_set_back_is_another(tmp_path: Path) -> None:
+    """Between the blocks that are hashed, and with the same length."""
+    plate = tmp_path / "plate.mp4"
+    plate.write_bytes(bytes(20 << 20))
+    before, stat = input_file(plate), plate.stat()
+    with plate.open("r+b") as file:
+        file.seek((1 << 20) + 100_000)
+        file.write(b"another")
+    os.utime(plate, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert plate.stat().st_mtime_ns == stat.st_mtime_ns
+    assert input_file(plate) != before
+    small = tmp_path / "small.mp4"
+    small.write_bytes(bytes(1 << 20))
+    one = input_file(small)
+    small.chmod(0o600)
+    assert input_file(small) == one  # all of it is hashed: only its content counts

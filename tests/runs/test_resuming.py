@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import OutputExistsError
+from mr360uw.runs import fingerprint
+from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.sinks import joined_bounds, segment_bounds
-from mr360uw.runs.work_folder import stale_work, work_path
+from mr360uw.runs.work_folder import WorkFolder, stale_work, work_path
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
@@ -113,19 +116,84 @@ def test_fresh_uses_nothing(dive: SampleDive, tmp_path: Path) -> None:
     assert "first pass" in report.stage_s
 
 
-@pytest.mark.parametrize("damage", ["table", "data", "facts"])
-def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path, damage: str) -> None:
-    whole, out = tmp_path / "whole.mp4", tmp_path / "out.mp4"
+def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path) -> None:
+    """Cut, zeroed, with one bit turned, two segments in each other's place, another's packets: none is joined."""
+    whole = tmp_path / "whole.mp4"
     scene = scene_of(dive, "output.threads=1")
     uw.composite_video(scene, whole, backend="reference")
-    stopped(scene, out, 6)
-    work = work_path(out)
-    victim = {"table": "00000000-00000002.npy", "data": "00000000-00000002.packets", "facts": "facts.npz"}[damage]
-    content = (work / victim).read_bytes()
-    (work / victim).write_bytes(content[: len(content) // 2])
-    report = uw.composite_video(scene, out, backend="reference")
-    assert ("first pass" in report.stage_s) == (damage == "facts")
-    assert _packets(out) == _packets(whole)
+    first, second = ("00000000-00000002", "00000002-00000004")
+
+    def cut(work: Path, name: str) -> None:
+        content = (work / name).read_bytes()
+        (work / name).write_bytes(content[: len(content) // 2])
+
+    def turned(work: Path) -> None:
+        content = bytearray((work / f"{first}.packets").read_bytes())
+        content[len(content) // 2] ^= 1
+        (work / f"{first}.packets").write_bytes(content)
+
+    def zeroed(work: Path) -> None:
+        (work / f"{first}.packets").write_bytes(bytes((work / f"{first}.packets").stat().st_size))
+
+    def swapped(work: Path) -> None:
+        for suffix in (".packets", ".npz"):
+            one, other = work / (first + suffix), work / (second + suffix)
+            held = one.read_bytes()
+            one.write_bytes(other.read_bytes())
+            other.write_bytes(held)
+
+    def replaced(work: Path) -> None:
+        (work / f"{first}.packets").write_bytes((work / f"{second}.packets").read_bytes())
+
+    damages: list[tuple[Callable[[Path], None], int]] = [
+        (lambda work: cut(work, f"{first}.npz"), 1), (lambda work: cut(work, f"{first}.packets"), 1), (zeroed, 1),
+        (turned, 1), (swapped, 2), (replaced, 1), (lambda work: cut(work, "facts.npz"), 0),
+    ]  # fmt: skip
+    for number, (damage, lost) in enumerate(damages):
+        out = tmp_path / f"out{number}.mp4"
+        stopped(scene, out, 6)
+        kept = len(list(work_path(out).glob("*.packets")))
+        damage(work_path(out))
+        report = uw.composite_video(scene, out, backend="reference")
+        assert report.kept_frames == 2 * (kept - lost)
+        assert ("first pass" in report.stage_s) == (lost == 0)
+        assert _packets(out) == _packets(whole)
+
+
+def test_parts_that_are_damaged_during_the_run_do_not_reach_the_output(dive: SampleDive, tmp_path: Path) -> None:
+    out, damaged = tmp_path / "out.mp4", tmp_path / "out.mp4.mr360uw" / "00000000-00000002.packets"
+
+    def damage(done: int, _total: int | None) -> None:
+        if damaged.exists() and damaged.read_bytes()[:4] != bytes(4) and done > 4:
+            damaged.write_bytes(bytes(damaged.stat().st_size))
+
+    with pytest.raises(uw.VideoError, match="damaged before they could be joined"):
+        uw.composite_video(scene_of(dive), out, backend="reference", progress=damage)
+    assert not out.exists()
+    assert uw.composite_video(scene_of(dive), out, backend="reference").kept_frames == 6
+
+
+def test_a_line_that_a_kill_cut_is_no_finished_picture(tmp_path: Path) -> None:
+    """Of "0;", "1;", "12" the last was to be 123: neither 12 nor what is noted after it is lost or believed."""
+    work = WorkFolder(tmp_path, WorkKeys("", ""), resumed=True, notes=())
+    for index in (0, 1, 123):
+        work.add_picture(index, 0)
+    (notes,) = tmp_path.glob("pictures-*")
+    notes.write_text(notes.read_text()[:-2])
+    assert work.pictures() == {0, 1}
+    work.add_picture(4, 0)
+    assert work.pictures() == {0, 1, 4}
+
+
+def test_after_an_edit_of_the_sources_all_is_made_again(
+    dive: SampleDive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out.mp4"
+    stopped(scene_of(dive), out, 6)
+    monkeypatch.setattr(fingerprint, "sources_stamp", lambda: "edited")
+    report = uw.composite_video(scene_of(dive), out, backend="reference")
+    assert report.kept_frames == 0
+    assert "first pass" in report.stage_s
 
 
 def test_an_output_that_appears_meanwhile_is_not_replaced(dive: SampleDive, tmp_path: Path) -> None:
@@ -180,7 +248,7 @@ def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path
     arguments = [sys.executable, "-m", "mr360uw", "composite", str(dive.scene)]
     options = ["--backend", "reference", "--set", TWO_FRAMES, "--set", "output.threads=1"]
     running = subprocess.Popen([*arguments, str(out), *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while len(list(work_path(out).glob("*.npy"))) < 2 and running.poll() is None:
+    while len(list(work_path(out).glob("0*.npz"))) < 2 and running.poll() is None:
         time.sleep(0.01)
     running.send_signal(signal.SIGKILL)
     running.wait(timeout=60)

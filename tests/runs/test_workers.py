@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import multiprocessing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.farm import workers
+from mr360uw.farm.job import Job
 from mr360uw.runs.work_folder import work_path
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
@@ -70,6 +73,28 @@ def test_the_part_of_a_worker_that_dies_is_given_to_another(
     uw.composite_video(scene, out, backend="reference", workers=2, progress=kill_one)
     assert killed
     np.testing.assert_array_equal(pictures(out), alone)
+
+
+def test_a_part_that_kills_every_worker_is_given_up_after_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not after one, which may have been killed for its memory, and not after three."""
+    started: list[int] = []
+
+    class Dying(workers._Worker):
+        @classmethod
+        def start(cls, _job: Job, number: int, _count: int) -> Dying:
+            here, there = multiprocessing.Pipe()
+            there.close()
+            started.append(number)
+            return cls(SimpleNamespace(join=bool, terminate=bool, exitcode=-9), here)
+
+        def take(self, part: tuple[int, int]) -> None:
+            self.part = part
+
+    monkeypatch.setattr(workers, "_Worker", Dying)
+    job = Job(Scene(plate={"path": "a.mp4"}), Path("out.mp4"), Path("work"), "reference", None, ((3, 7),))
+    with pytest.raises(uw.VideoError, match=r"frames 3:7 - 2 workers died over them"):
+        workers.WorkerCrew(1).render(job, lambda: None)
+    assert len(started) == 2
 
 
 def test_an_error_in_a_worker_is_that_of_the_run(dive: SampleDive, tmp_path: Path) -> None:

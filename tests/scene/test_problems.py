@@ -160,4 +160,4 @@ def test_what_the_command_line_sets_is_told_from_what_the_file_says(tmp_path: Pa
     assert "--set camera.depth_m - must be > 0" in text
     assert "--set object[0].unlit - " in text
     assert "--set water.tpye - unknown key (got 'II') - did you mean 'type'?" in text
-    assert "scene.toml:7 object[0].scale - must be > 0" in text
+    assert "scene.toml:7 object[0].scale - must be in [1e-06, 1e+06]" in text

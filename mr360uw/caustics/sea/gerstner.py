@@ -22,7 +22,7 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
 from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
@@ -51,6 +51,13 @@ class GerstnerWave(Parameters):
     amplitude_m: float = parameter(..., "amplitude", unit="m", low=0.0, high=1000.0)
     steepness: float = parameter(1.0, "horizontal over vertical amplitude", low=0.0, high=1.0)
     phase_rad: float = parameter(0.0, "phase at the origin at time 0", unit="rad")
+
+    @field_validator("wave_vector")
+    @classmethod
+    def _has_a_direction(cls, vector: tuple[float, float]) -> tuple[float, float]:
+        if not any(vector):
+            raise ValueError(f"must have a length (got {list(vector)}) - a wave goes somewhere; leave this one out")
+        return vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,7 +113,10 @@ class ColourGrade:
         return self._through(linear, spec, laid_on=True)
 
     def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
-        """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`."""
+        """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`.
+
+        Codes below black, which a grade cannot have made of any light, show none.
+        """
         return self._through(linear, spec, laid_on=False)
 
     def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
@@ -126,7 +129,7 @@ class ColourGrade:
             changed = decode_signal(change(encode_signal(light, own), luma_weights_of(own)), own)
         else:
             changed = _tables(self, own, laid_on)(light)
-        return np.asarray(in_rec709(changed, own), np.float32)
+        return np.asarray(in_rec709(changed if laid_on else np.maximum(changed, 0.0), own), np.float32)
 
     def saturation_matrix(self, weights: Floats) -> Floats:
         """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""

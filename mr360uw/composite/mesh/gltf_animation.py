@@ -11,6 +11,7 @@ import numpy as np
 
 from mr360uw.composite.mesh.curve import Channel, Clip, Curve, Interpolation, Target
 from mr360uw.composite.mesh.gltf import BROKEN, Gltf
+from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
@@ -43,9 +44,11 @@ class ClipReader:
         path, node = target["path"], target.get("node")
         if path not in (*_WIDTHS, "weights", _POINTER):
             raise self._broken(number, "moves something unknown", f"path {path!r}")
-        if path == _POINTER or node is None or node not in self.place:
+        if path == _POINTER or node is None:
             return None
         details = self.gltf.entry("nodes", node)
+        if node not in self.place:
+            return None
         if path == "weights":
             mesh = self.gltf.entry("meshes", details["mesh"]) if "mesh" in details else {"primitives": [{}]}
             width = len(mesh["primitives"][0].get("targets", []))
@@ -63,8 +66,8 @@ class ClipReader:
         kind = sampler.get("interpolation", "LINEAR")
         if kind not in _INTERPOLATIONS:
             raise self._broken(number, "has an interpolation that is unknown", repr(kind))
-        if len(times) == 0 or not np.all(np.isfinite(times)) or times[0] < 0.0:
-            got = "no keys" if len(times) == 0 else f"{times[np.argmin(np.isfinite(times) & (times >= 0.0))]:g} s"
+        if len(times) == 0 or not np.all(np.abs(times) <= FARTHEST) or times[0] < 0.0:
+            got = "no keys" if len(times) == 0 else f"{_worst(times) if times[0] >= 0.0 else times[0]:g} s"
             raise self._broken(number, f"has keys of {path} at no time or before 0", got)
         if np.any(np.diff(times) < 0.0):
             at = int(np.argmax(np.diff(times) < 0.0))
@@ -75,8 +78,8 @@ class ClipReader:
         if stored.size != len(times) * parts * width:
             got = f"{stored.size} numbers for {len(times)} keys of {parts * width}"
             raise self._broken(number, f"has values of {path} that do not fit its keys", got)
-        if not np.all(np.isfinite(stored)):
-            raise self._broken(number, f"has values of {path} that are not finite", "NaN or infinity")
+        if not np.all(np.abs(stored) <= FARTHEST):
+            raise self._broken(number, f"has values of {path} that are not finite or too large", f"{_worst(stored):g}")
         rows = stored.reshape(len(times), parts, width)
         tangents = rows[:, [0, 2]] if parts == 3 else None
         values = rows[:, parts // 2]
@@ -96,6 +99,11 @@ class ClipReader:
         return MeshError(
             f'{self.gltf.path} - animation {name!r} {what} (got {got}) - export it again, or play none (animation = "")'
         )
+
+
+def _worst(values: Floats) -> float:
+    """Return a value that is not finite, or else the largest one."""
+    return float(values.ravel()[np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))])
 
 
 def clip_names(gltf: Gltf) -> tuple[str, ...]:

@@ -50,8 +50,8 @@ def read_primitive(gltf: Gltf, entry: dict[str, Any]) -> Primitive | None:
     if any(len(column) != len(positions) for name, column in columns.items() if name != _INDICES):
         raise ValueError("attributes of different lengths")
     order = columns.get(_INDICES, np.arange(len(positions))).astype(np.int64).ravel()
-    if len(order) and order.max() >= len(positions):
-        raise IndexError(f"index {order.max()} of {len(positions)} vertices")
+    if len(order) and not 0 <= order.min() <= order.max() < len(positions):
+        raise IndexError(f"index {order.min() if order.min() < 0 else order.max()} of {len(positions)} vertices")
     return Primitive(positions, normals, _faces(order, mode), columns)
 
 

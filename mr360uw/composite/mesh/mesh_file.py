@@ -76,7 +76,7 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
         index = indices.setdefault(Same(source), len(materials))
         if index == len(materials):
             materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
-        parts.append(_part(str(name), geometry, np.asarray(transform), index))
+        parts.append(_part(path, str(name), geometry, np.asarray(transform), index))
     return MeshFile(tuple(parts), tuple(materials), notes)
 
 
@@ -113,13 +113,20 @@ def _quiet_trimesh() -> Iterator[None]:
         log.setLevel(level)
 
 
-def _part(name: str, geometry: Any, transform: Floats, material: int) -> Part:
+def _part(path: Path, name: str, geometry: Any, transform: Floats, material: int) -> Part:
     positions: Floats = np.asarray(geometry.vertices, np.float64)
     normals: Floats | None = None
     if "vertex_normals" in geometry._cache.cache:  # normals of the file; the attribute would compute missing ones
         own = np.asarray(geometry.vertex_normals, np.float64)
         normals = own if own.shape == positions.shape and np.any(own) else None
-    positions, normals, faces = placed(transform, positions, normals, np.asarray(geometry.faces, np.int64))
+    faces = np.asarray(geometry.faces, np.int64)
+    if faces.size and not 0 <= int(faces.min()) <= int(faces.max()) < len(positions):
+        wrong = int(faces.min()) if faces.min() < 0 else int(faces.max())
+        raise MeshError(
+            f"{path} - has a face of a vertex that is not there (got {wrong} of {len(positions)}, the first is 0)"
+            " - export it again"
+        )
+    positions, normals, faces = placed(transform, positions, normals, faces)
     uv = getattr(geometry.visual, "uv", None)
     if uv is not None:
         uv = np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]

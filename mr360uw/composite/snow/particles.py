@@ -11,6 +11,7 @@ Hash: the finaliser of SplitMix64 (Steele et al. 2014), chained over seed, class
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.snow.size_spectrum import SizeClass
+from mr360uw.errors import ParameterError
+from mr360uw.reading.limits import PARTICLES
 from mr360uw.types import Floats
 
 _CELL_M = 0.25
@@ -71,6 +74,7 @@ def particles_near(
             at_rest, reach.nearest_m - reach.margin_m, reach.farthest_m + reach.margin_m, reach.per_diameter,
             reach.margin_m,
         )  # fmt: skip
+        _check_number(size, reach)
         count = _fill(*places, np.empty((0, 4)))
         rows = np.empty((count, 4))
         _fill(*places, rows)
@@ -79,6 +83,13 @@ def particles_near(
     rows = np.concatenate(found)
     of_class = np.repeat(np.arange(len(found), dtype=np.int64), [len(part) for part in found])
     return Particles(rows[:, :3], rows[:, 3], of_class)
+
+
+def _check_number(size: SizeClass, reach: Reach) -> None:
+    """Raise `ParameterError` where there are too many particles of a class, by their mean number within reach."""
+    radius_m = min(reach.farthest_m + reach.margin_m, reach.per_diameter * size.high_m + reach.margin_m)
+    expected = size.per_m3 * 4.0 / 3.0 * math.pi * radius_m**3
+    PARTICLES.check("snow - its density or its range", round(min(expected, 1e18)), ParameterError)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator, unused-ignore]

@@ -85,10 +85,11 @@ def brightness(linear: Floats) -> Floats:
     return value + 0.5 * np.minimum(np.minimum(red, green), blue)
 
 
-def examine(plate: Plate, seed: Floats, lowest_sine: float, *, white: bool = True) -> Blob | None:
+def examine(plate: Plate, seed: Floats, lowest_sine: float, *, white: float = 1.0) -> Blob | None:
     """Return the brightest spot about `seed` (3,), looking only at elevations whose sine exceeds `lowest_sine`.
 
-    white: whether the plate is display-referred, clipped at 1.
+    white: value at which the plate clips, 1 of a display-referred one, infinite of scene radiance. Tone mapping makes a
+    sun greyer than the clouds about it; they then count as no brighter than it.
     """
     direction: Floats = unit(seed)
     radius = _FIRST_RAD
@@ -103,12 +104,11 @@ def examine(plate: Plate, seed: Floats, lowest_sine: float, *, white: bool = Tru
     return blob
 
 
-def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: float, white: bool) -> Blob | None:
+def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: float, white: float) -> Blob | None:
     look = patch_directions(centre, radius, size)
     step = patch_step(radius, size)
     value = np.where(elevation_sine(look, plate.up) > lowest_sine, brightness(plate.look(look)), 0.0)
-    if white:
-        value = np.minimum(value, 1.0)  # codes above white are noise of the encoder, not a brighter sun
+    value = np.minimum(value, white)  # codes above white are noise of the encoder, not a brighter sun
     peak = float(value.max())
     if peak <= 0.0:
         return None
@@ -116,7 +116,7 @@ def _spot(plate: Plate, centre: Floats, radius: float, size: int, lowest_sine: f
     half = step**2 * np.count_nonzero(value >= _UNCLIPPED_LEVEL * peak)
     # at display white the peak says nothing of how far the sun stands above its aureole, however small the disc
     plateau = top > 0.25 * half or top > np.pi * _LARGEST_DISC_RAD**2
-    clipped = white and (plateau or peak >= CLIPPED)
+    clipped = np.isfinite(white) and (plateau or peak >= CLIPPED * white)
     level, mask = _UNCLIPPED_LEVEL, value >= _UNCLIPPED_LEVEL * peak
     if clipped:
         for level in _CLIPPED_LEVELS:

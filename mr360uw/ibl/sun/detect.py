@@ -2,9 +2,9 @@
 """Detects the sun in a plate, clipped or not.
 
 The sun is light that stands out of the map (Iorns 2016). Candidates come from the coarse map; each is measured closely
-(`blob`) and judged by properties that clouds, sand, caustics and lamps lack (`judge`): strength, size, being alone, an
-edge. It stands over the horizon, or inside Snell's window for a camera under water. Where clipped clouds hide which of
-them the sun is, the glow of the clear sky tells (`glow`).
+(`blob`) and judged by evidence that clouds, sand, caustics and lamps lack (`judge`): strength, size, being alone, an
+edge, a glow, a lit ground. It stands over the horizon, or inside Snell's window for a camera under water. Where clipped
+clouds hide which of them the sun is, the glow of the clear sky tells (`glow`).
 
 Its irradiance is the light above the threshold near it; what stays below remains in the sky, so nothing counts twice.
 
@@ -15,6 +15,7 @@ radius, and so has a clipped one whose rim is that of a disc; any other clipped 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -26,10 +27,12 @@ from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
+from mr360uw.ibl.sun.evidence import ground_ratio
 from mr360uw.ibl.sun.glitter import glitter_middle
-from mr360uw.ibl.sun.hidden import by_evidence, by_glow, doubted
-from mr360uw.ibl.sun.judge import Disc, judge
-from mr360uw.ibl.sun.split import Split, split_sun
+from mr360uw.ibl.sun.glow import find_glow
+from mr360uw.ibl.sun.judge import Disc, Scene
+from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
+from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.types import Floats, Sun
 
 DISPLAY_WHITE = 1.5
@@ -37,7 +40,13 @@ DISPLAY_WHITE = 1.5
 _MOST_SEEDS = 600
 """Bright coarse pixels that are compared with each other; time grows with the square."""
 _CANDIDATES = 3
-"""Spots that are measured closely, at most; the search ends at the first one of confidence above 0.5."""
+"""Spots that are measured closely, at most."""
+_SURE = 0.9
+"""Confidence from which no other spot is looked at, and no glow, which takes longer than all else."""
+_LIKELY = 0.5
+"""Confidence from which a spot is taken before the place a glow points to, which is known to a few degrees only."""
+_GLOW_RAD = np.radians(1.5)
+"""Radius [rad] about the place a glow points to whose brightest pixel is the sun's."""
 _LONE_ANGLE_RAD = np.radians(4.0)
 """Radius [rad] within which bright pixels count as one spot."""
 _WIDEST_GLARE_RAD = np.radians(15.0)
@@ -65,26 +74,46 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
         return None
     white = ends_at_white(plate)
     weight = np.where(bright >= (0.9 if white else 0.3) * peak, value, 0.0) * coarse_solid_angle()
+    known = middle > 0.0 or peak > DISPLAY_WHITE
+    air = white and not underwater
+    ground = ground_ratio(plate, sky_irradiance(plate.coarse, plate.up)) if air else None
+    scene = Scene(plate, weight, middle if known else -1.0, floor, underwater, white, ground or 0.0)
+    spots: list[Blob] = []
     best: Disc | None = None
     for seed in _seeds(weight):
-        blob = examine(plate, seed, floor, white=white)
+        blob = examine(plate, seed, floor, white=1.0 if white else math.inf)
         if blob is None:
             continue
-        near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, _LONE_ANGLE_RAD))
-        lone = float(weight[near].sum() / weight.sum())
-        contrast = blob.peak / max(middle, 1e-6 * blob.peak) if middle > 0.0 or peak > DISPLAY_WHITE else 0.0
-        found = judge(blob, lone, contrast, underwater=underwater, clipped=white)
-        if best is None or found.confidence > best.confidence:
-            best = Disc(blob, found.confidence, found.reason)
-        if best.confidence > 0.5:
+        spots.append(blob)
+        best = _surer(best, scene.judge(blob))
+        if best.confidence > _SURE:
             break
     if underwater and best is not None and best.blob.clipped:
         best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
-    if underwater or not white:
+    settled = best is not None and best.confidence > _SURE and scene.lit == 1.0
+    return best if settled or not air else _by_glow(scene, spots, best)
+
+
+def _by_glow(scene: Scene, spots: list[Blob], best: Disc | None) -> Disc | None:
+    """Return the most sun-like of spots and of the place the sky's gradient points to, judged by that gradient too."""
+    glow = find_glow(scene.plate)
+    if glow is None:
         return best
-    if best is not None and best.confidence > 0.5:
-        best = doubted(plate, best)
-    return best if best is not None and best.confidence > 0.5 else by_evidence(plate, by_glow(plate, best))
+    scene, best = replace(scene, glow=glow), None
+    for blob in spots:
+        best = _surer(best, scene.judge(blob))
+    if best is not None and best.confidence > _LIKELY:
+        return best
+    near = brightness(scene.plate.look(patch_directions(glow.direction, _GLOW_RAD, 9)))
+    there = examine(scene.plate, glow.direction, scene.lowest_sine, white=min(float(near.max()), 1.0))
+    if there is None:
+        return best
+    pointed = replace(there, direction=glow.direction, clipped=True, sharp=False)
+    return _surer(best, scene.judge(pointed, by_glow=True))
+
+
+def _surer(best: Disc | None, other: Disc) -> Disc:
+    return other if best is None or other.confidence > best.confidence else best
 
 
 def _seeds(weight: Floats) -> Iterator[Floats]:
@@ -118,7 +147,7 @@ def ends_at_white(plate: Plate) -> bool:
 
 def spot_towards(plate: Plate, direction: Floats) -> Blob | None:
     """Return the bright spot that a sun towards `direction` (3,) makes; None where there is none."""
-    blob = examine(plate, direction, -1.0, white=ends_at_white(plate))
+    blob = examine(plate, direction, -1.0, white=1.0 if ends_at_white(plate) else math.inf)
     if blob is None or blob.radius_rad > _WIDEST_GLARE_RAD:
         return None
     return blob if float(blob.direction @ direction) > np.cos(blob.radius_rad) else None

@@ -18,8 +18,7 @@ import itertools
 import numpy as np
 
 from mr360uw.color import luminance
-from mr360uw.ibl.level.upward import elevation_sine
-from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle
+from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.types import Floats
 
 _GLOW_PER_RATIO, _GLOW_OF_CLOUD = 0.1, 4.0
@@ -47,10 +46,10 @@ def shown_ratio(plate: Plate, direction: Floats, sky: Floats) -> float:
     direction: (3,) of the sun. sky: (3,) horizontal irradiance without it.
     """
     value = luminance(plate.coarse)
-    sine = elevation_sine(coarse_directions(), plate.up)
+    sine = plate_sines(plate)
     known = [
         float(np.clip(ratio, _LEAST, _MOST))
-        for ratio in (_by_glow(plate, value, sine, direction), _by_ground(value, sine, sky))
+        for ratio in (_by_glow(plate, value, sine, direction), ground_ratio(plate, sky))
         if ratio is not None
     ]
     return float(np.exp(np.mean(np.log(known)))) if known else UNKNOWN_RATIO
@@ -74,8 +73,13 @@ def _by_glow(plate: Plate, value: Floats, sine: Floats, direction: Floats) -> fl
     return None
 
 
-def _by_ground(value: Floats, sine: Floats, sky: Floats) -> float | None:
-    ground = sine < -_LOWEST_SINE
+def ground_ratio(plate: Plate, sky: Floats) -> float | None:
+    """Return the ratio that the ground alone speaks for; below 0 where it is darker than the sky lights it.
+
+    sky: (3,) horizontal irradiance. None where there is neither ground nor light.
+    """
+    value = luminance(plate.coarse)
+    ground = plate_sines(plate) < -_LOWEST_SINE
     white = float(luminance(sky)) / np.pi
     if np.count_nonzero(ground) < 100 * _FEWEST or white <= 0.0:
         return None

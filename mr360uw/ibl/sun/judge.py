@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges whether a bright spot of a plate is a sun, and says why not.
+"""Judges whether a bright spot of a plate is a sun, and says what speaks against it.
 
-Every property is a number from 0 to 1, and a spot is as good as the product of them. What is asked of it depends on
-what the plate can show:
+Each kind of evidence is a number from 0 to 1. What is lacking of them adds up, and the sum gives the confidence:
+
+    doubt = sum of (1 - evidence)        confidence: 1 up to a doubt of 0.2, a half at 0.6, 0 from 1 on
+
+No single evidence decides: two that are half there weigh as much as one that is missing. What is asked of a spot
+depends on what the plate can show:
 
     unclipped   it stands far above the middle of the map, or outshines the sky while it ends sharply; most light as
                 bright lies in it. Any size up to `_WIDEST_SUN_DEG`: haze and thin cloud widen a sun
-    clipped     white, not as wide as a sky, most white lies in it, a sharp edge or dark surroundings: nothing is known
-                of how bright it was
+    clipped     white, not as wide as a sky, not wide and dark about as a lamp; told from other spots by holding most of
+                the white
+    in air too  a sharp edge or dark surroundings; a glow that falls on all sides; no dark ground under a sky whose
+                gradient points away. A sun among clouds as white is told by that gradient, or by a sky brighter on its
+                side over a lit ground
 
 All of them fall or rise with radius, exposure and contrast, so that no wider or darker spot is a sun where a smaller or
 brighter one is none, apart from the limits of size.
@@ -15,18 +22,42 @@ brighter one is none, apart from the limits of size.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.ibl.sun.blob import CLIPPED, Blob
+from mr360uw.ibl.level.upward import elevation_sine
+from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
+from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness
+from mr360uw.ibl.sun.glow import Glow
+from mr360uw.ibl.sun.tangent import patch_directions
+from mr360uw.types import Floats
 
+_DOUBT = (0.2, 1.0)
+"""Doubt up to which a spot surely is a sun, and from which it is none. The middle lies in the gap between the suns of
+`benchmarks/suns.py verdict` and most of what is none there."""
 _WIDEST_SUN_DEG = (8.0, 15.0)
 """Radius [deg] of an unclipped spot up to which it may be a sun, and from which it is a bright part of the sky."""
-_WIDEST_GLARE_DEG = (5.0, 15.0)
+_WIDEST_GLARE_DEG = (5.0, 18.0)
 """The same of a clipped spot, which lens, haze and exposure widen."""
 _REFRACTED = 1.5
 """Factor of the radius under water, where waves spread the sun."""
+_LAMP_DEG, _LAMP_HALO = (7.0, 4.0), (0.05, 0.2)
+"""Radius [deg] and halo of a clipped spot from and up to which it is a lamp or a gap in a rock: the glare that makes a
+sun so wide does not end there."""
+_HELD_RAD = np.radians(15.0)
+"""Angle [rad] under water within which waves scatter the glitter of one sun."""
+_GLOW_EXTENTS, _GLOW_RAD, _GLOW_PIXELS, _RINGS = 5.0, (np.radians(8.0), np.radians(50.0)), 61, 15
+"""Radius of the patch a glow is looked for in, in extents of the spot, its limits [rad], pixels, and rings."""
+_DARK = 1e-3
+"""Brightness below which differences are noise."""
+_LIT_RATIO = (0.7, 0.15)
+"""Ratio of direct to diffuse light that the ground speaks for, from which it is lit and up to which it is not."""
+_BESIDE_DEG = (6.0, 9.0)
+"""Degrees from a spot's rim to where the gradient points, up to which it is that spot's, and from which it is not."""
+_SIDE_RAD = np.radians(20.0)
+"""Radius [rad] about the sun, and about the place across the sky from it, whose brightness is compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +70,112 @@ class Disc:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """How surely a spot is a sun, 0 to 1, and what speaks against it most, in words; "" where nothing does."""
+class Scene:
+    """What is known of a plate beside its spots.
 
-    confidence: float
-    reason: str
+    weight: (128, 256) light of what is as bright as a sun may be. middle: brightness in the middle of the map, 0 where
+    it says nothing. lowest_sine: of the elevation of a sun. clipped: whether it ends at display white. ground: ratio of
+    direct to diffuse light that it speaks for. glow: where the sky's gradient points, if it was looked for.
+    """
+
+    plate: Plate
+    weight: Floats
+    middle: float
+    lowest_sine: float
+    underwater: bool
+    clipped: bool
+    ground: float
+    glow: Glow | None = None
+
+    @property
+    def lit(self) -> float:
+        """Whether the ground speaks for a sun, 0 to 1."""
+        return falling(self.ground, *_LIT_RATIO)
+
+    def judge(self, blob: Blob, *, by_glow: bool = False) -> Disc:
+        """Return a spot with the verdict on it. by_glow: whether it is where the sky's gradient points."""
+        if not self.clipped:
+            evidence = self._unclipped(blob)
+        elif self.underwater:
+            evidence = [*self._white(blob), self._alone(blob, _HELD_RAD, 0.5, 0.2)]
+        else:
+            told = self._pointed(blob) if by_glow else self._alone(blob, 0.0, 0.5, 0.15)
+            evidence = [*self._white(blob, grey=by_glow), told, _edged(blob), self._glowing(blob), self._agreed(blob)]
+        doubt = sum(1.0 - value for value, _ in evidence)
+        value, reason = min(evidence)
+        return Disc(blob, falling(doubt, *_DOUBT), reason if value < 1.0 else "")
+
+    def _unclipped(self, blob: Blob) -> list[tuple[float, str]]:
+        contrast = blob.peak / max(self.middle, 1e-6 * blob.peak) if self.middle >= 0.0 else 0.0
+        # irradiance over that of a sky that is everywhere as bright as the middle of the map
+        beam = contrast * float(np.sin(blob.radius_rad)) ** 2
+        outshines = falling(np.log10(max(beam, 1e-9)), 0.0, -1.0) * falling(blob.halo, 0.1, 0.3)
+        stands_out = falling(np.log10(max(contrast, 1e-9)), 3.6, 2.6)
+        return [
+            self._small(blob, _WIDEST_SUN_DEG),
+            (max(stands_out, outshines), f"too dim: {contrast:.3g} times the middle of the map"),
+            self._alone(blob, 0.0, 0.9, 0.6),
+        ]
+
+    def _white(self, blob: Blob, *, grey: bool = False) -> list[tuple[float, str]]:
+        """Return evidence that a clipped spot is white, not too wide, and no lamp. grey: as tone mapping makes it."""
+        radius = float(np.degrees(blob.radius_rad))
+        lamp = falling(radius, *_LAMP_DEG) * falling(blob.halo, *_LAMP_HALO)
+        darkest = (0.78, 0.65) if grey else (CLIPPED, CLIPPED - (0.2 if self.underwater else 0.1))
+        return [
+            self._small(blob, _WIDEST_GLARE_DEG),
+            (falling(blob.peak, *darkest), f"not white: {blob.peak:.2f} of display white"),
+            (1.0 - lamp, f"a lamp or an opening: {radius:.1f} degrees of radius, dark about it"),
+        ]
+
+    def _small(self, blob: Blob, widest_deg: tuple[float, float]) -> tuple[float, str]:
+        radius = float(np.degrees(blob.radius_rad)) / (_REFRACTED if self.underwater else 1.0)
+        # a lit ground says that there is a sun somewhere in a sky that is clipped far and wide
+        return max(falling(radius, *widest_deg), 0.5 * self.lit), f"as wide as a sky: {radius:.1f} degrees of radius"
+
+    def _alone(self, blob: Blob, reach: float, most: float, least: float) -> tuple[float, str]:
+        """Return evidence that most of what is as bright is near. reach: least angle [rad] that is near."""
+        near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, reach, np.radians(4.0)))
+        held = float(self.weight[near].sum() / self.weight.sum())
+        kind = "many" if self.clipped else "several"
+        return falling(held, most, least), f"one of {kind}: it holds {100.0 * held:.0f} % of the light as bright"
+
+    def _pointed(self, blob: Blob) -> tuple[float, str]:
+        """Return evidence that the sky's gradient, or its brighter side over a lit ground, tells a spot from others."""
+        explained = 0.0 if self.glow is None else self.glow.explained
+        up = self.plate.up
+        across = 2.0 * float(blob.direction @ up) * up - blob.direction
+        value = np.minimum(brightness(self.plate.coarse), 1.0) * coarse_solid_angle()
+        above = plate_sines(self.plate) > self.lowest_sine
+        near, far = (above & (coarse_directions() @ place > np.cos(_SIDE_RAD)) for place in (blob.direction, across))
+        ratio = float(np.mean(value[near])) / max(float(np.mean(value[far])), _DARK * float(np.mean(value)))
+        side = falling(math.log(max(ratio, _DARK)), 0.8, 0.2) * self.lit
+        reason = f"the sky's glow explains {100.0 * explained:.0f} % of its shades"
+        return max(falling(explained, 0.45, 0.3), side), reason
+
+    def _glowing(self, blob: Blob) -> tuple[float, str]:
+        """Return evidence that brightness about a clipped spot is a matter of the angle from it."""
+        radius = float(np.clip(_GLOW_EXTENTS * blob.extent_rad, *_GLOW_RAD))
+        look = patch_directions(blob.direction, radius, _GLOW_PIXELS)
+        angle = np.arccos(np.clip(look @ blob.direction, -1.0, 1.0))
+        seen = (elevation_sine(look, self.plate.up) > self.lowest_sine) & (angle < radius)
+        value = np.log(np.minimum(brightness(self.plate.look(look)), 1.0)[seen] + _DARK)
+        ring = (angle[seen] * (_RINGS / radius)).astype(np.int64)
+        mean = np.bincount(ring, value, _RINGS) / np.maximum(np.bincount(ring, minlength=_RINGS), 1)
+        explained = 1.0 - float(np.mean((value - mean[ring]) ** 2)) / max(float(np.var(value)), 1e-9)
+        return falling(explained, 0.3, 0.08), f"no glow: its light falls off on some sides only ({explained:.2f} of 1)"
+
+    def _agreed(self, blob: Blob) -> tuple[float, str]:
+        """Return evidence that ground and sky do not contradict: a dark ground under a gradient that points away."""
+        if self.glow is None:
+            return 1.0, ""
+        angle = math.acos(min(max(float(self.glow.direction @ blob.direction), -1.0), 1.0))
+        there = falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
+        away = (1.0 - there) * falling(self.glow.explained, 0.45, 0.2) * (1.0 - self.lit)
+        reason = (
+            f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
+        )
+        return 1.0 - away, reason
 
 
 def falling(x: float, one: float, zero: float) -> float:
@@ -52,50 +184,14 @@ def falling(x: float, one: float, zero: float) -> float:
     return t * t * (3.0 - 2.0 * t)
 
 
-def judge(blob: Blob, lone: float, contrast: float, *, underwater: bool = False, clipped: bool) -> Verdict:
-    """Return the verdict on a spot.
+def taken_share(confidence: float, minimum: float) -> float:
+    """Return the share of a detected sun's light that is taken for its beam, smooth in the confidence.
 
-    lone: its share of all light as bright. contrast: peak over the median value of the map; 0 where that is black.
-    clipped: whether the plate ends at display white there.
+    minimum: confidence at which it is a half; 0 takes all. It is 0 up to half of that, and 1 from half above it.
     """
-    if clipped:
-        return verdict(
-            sized(blob, underwater=underwater),
-            whitened(blob),
-            (falling(lone, 0.5, 0.15), f"one of many: it holds {100.0 * lone:.0f} % of the light as bright"),
-            edged(blob),
-        )
-    # irradiance over that of a sky that is everywhere as bright as the middle of the map
-    beam = contrast * float(np.sin(blob.radius_rad)) ** 2
-    outshines = falling(np.log10(max(beam, 1e-9)), 0.0, -1.0) * falling(blob.halo, 0.1, 0.3)
-    stands_out = falling(np.log10(max(contrast, 1e-9)), 3.6, 2.6)
-    return verdict(
-        sized(blob, _WIDEST_SUN_DEG, underwater=underwater),
-        (max(stands_out, outshines), f"too dim: {contrast:.3g} times the middle of the map"),
-        (falling(lone, 0.9, 0.6), f"one of several: it holds {100.0 * lone:.0f} % of the light as bright"),
-    )
+    return falling(confidence, min(1.5 * minimum, 1.0), 0.5 * minimum) if minimum > 0.0 else 1.0
 
 
-def sized(
-    blob: Blob, widest_deg: tuple[float, float] = _WIDEST_GLARE_DEG, *, underwater: bool = False
-) -> tuple[float, str]:
-    """Return whether a spot is small enough, as a property for `verdict`."""
-    radius = float(np.degrees(blob.radius_rad)) / (_REFRACTED if underwater else 1.0)
-    return falling(radius, *widest_deg), f"as wide as a sky: {radius:.1f} degrees of radius"
-
-
-def edged(blob: Blob) -> tuple[float, str]:
-    """Return whether a clipped spot ends sharply or in the dark, as a property for `verdict`."""
-    edge = max(falling(blob.halo, 0.55, 0.8), falling(blob.radius_rad / blob.extent_rad, 0.7, 0.4))
+def _edged(blob: Blob) -> tuple[float, str]:
+    edge = max(falling(blob.halo, 0.55, 0.8), falling(blob.radius_rad / max(blob.extent_rad, 1e-9), 0.7, 0.4))
     return edge, f"no edge: the sky about it is {100.0 * blob.halo:.0f} % as bright"
-
-
-def whitened(blob: Blob) -> tuple[float, str]:
-    """Return whether a spot reaches display white, as a property for `verdict`."""
-    return falling(blob.peak, CLIPPED, CLIPPED - 0.1), f"not white: {blob.peak:.2f} of display white"
-
-
-def verdict(*properties: tuple[float, str]) -> Verdict:
-    """Return the verdict from properties (value, what is wrong if it is small)."""
-    value, reason = min(properties)
-    return Verdict(float(np.prod([part for part, _ in properties])), reason if value < 1.0 else "")

@@ -10,7 +10,7 @@ measured: `closure` solves for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,13 @@ class Split:
 
     residual: Floats
     sun: Sun
+
+    def shared(self, share: float, coarse: Floats) -> Split:
+        """Return the split of a map that leaves all but a share of the sun's light in it."""
+        if share == 1.0:
+            return self
+        sun = replace(self.sun, irradiance=np.float32(share) * self.sun.irradiance)
+        return Split(coarse + np.float32(share) * (self.residual - coarse), sun)
 
 
 def threshold(coarse: Floats) -> float:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.smooth import smooth, strength_of_period
 from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, steady_directions
 from mr360uw.shapes import exactly, numbers
@@ -125,7 +126,8 @@ def track_suns(
     camera: what is known of its rotation, from which the measurements come in world axes: "tracked", all of it, in
     one take without cuts; "levelled", its tilt but not its heading; "unknown", nothing.
     Suns or None may stand in for measurements; then `times_s` are their times (default: 30 frames a second) and cuts
-    show only in the sun's direction. Frames below `minimum_confidence` are bridged.
+    show only in the sun's direction. Frames count by the share of their sun that `minimum_confidence` takes; those that
+    take none are bridged.
     """
     frames = [m if isinstance(m, SunMeasurement) else SunMeasurement(k / 30.0, m) for k, m in enumerate(measurements)]
     if not frames:
@@ -140,7 +142,7 @@ def track_suns(
         if frame.sun is not None:
             direction[k], irradiance[k] = frame.sun.direction, frame.sun.irradiance
             half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
-    weight = np.where(confidence >= minimum_confidence, confidence, 0.0)
+    weight = confidence * [taken_share(c, minimum_confidence) for c in confidence]
     cuts = () if camera == "tracked" else find_cuts(direction, weight, [f.thumbnail for f in frames])
     smoothed = [
         _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], weight[a:b], camera)

@@ -1,30 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Says in words which spot of a plate is taken for the sun, or which comes nearest to one and why it is not."""
+"""Says in words which spot of a plate is taken for the sun and how far, and where else a sun might be."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from mr360uw.ibl.plate import Plate
 from mr360uw.ibl.sun.detect import find_disc
+from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.types import Floats
 
 
-def sun_in_words(
-    plate: Plate, world_from_camera: Floats, minimum_confidence: float = 0.5, *, underwater: bool = False
-) -> str:
-    """Return one line on a plate's sun: its azimuth and elevation in the world, or those of the best candidate.
+@dataclass(frozen=True, slots=True)
+class SunFound:
+    """The most sun-like spot of a plate. words: one line on it. share: of its light that is taken for a beam, 0 to 1.
 
-    world_from_camera: rotation (3, 3). minimum_confidence: below it a candidate stays in the sky.
+    angles_deg: azimuth and elevation in the world; None where nothing stands out.
+    """
+
+    words: str
+    share: float = 0.0
+    angles_deg: tuple[float, float] | None = None
+
+    @property
+    def to_uncomment(self) -> str:
+        """The text at the end of a scene file, all comment, that makes a spot in doubt its sun; "" without a doubt."""
+        if self.angles_deg is None or self.share == 1.0 or self.angles_deg[1] < 0.0:
+            return ""
+        azimuth, elevation = self.angles_deg
+        rows = ("[light]", 'sun = "given"', f"sun_azimuth_deg = {azimuth:.1f}", f"sun_elevation_deg = {elevation:.1f}")
+        return "\n".join(["", f"# {self.words}; to make it the sun, uncomment:", *(f"# {row}" for row in rows), ""])
+
+
+def sun_found(
+    plate: Plate, world_from_camera: Floats, minimum_confidence: float = 0.5, *, underwater: bool = False
+) -> SunFound:
+    """Return what is found of a sun in a plate.
+
+    world_from_camera: rotation (3, 3). minimum_confidence: as in the settings of the light.
     """
     disc = find_disc(plate, underwater=underwater)
     if disc is None:
-        return "no sun: nothing stands out"
+        return SunFound("no sun: nothing stands out")
     x, y, z = map(float, world_from_camera @ disc.blob.direction)
     azimuth, elevation = math.degrees(math.atan2(x, -z)), math.degrees(math.atan2(y, math.hypot(x, z)))
+    share = taken_share(disc.confidence, minimum_confidence)
     place = f"azimuth {azimuth:z.1f}, elevation {elevation:z.1f} degrees, confidence {disc.confidence:.2f}"
-    if disc.confidence >= minimum_confidence and disc.confidence > 0.0:
-        return f"sun at {place}"
     against = f"; {disc.reason}" if disc.reason else ""
-    where = " inside Snell's window" if underwater else ""
-    return f"no sun{where}; best candidate at {place}{against}"
+    if share == 1.0:
+        words = f"sun at {place}"
+    elif share > 0.0:
+        words = f"perhaps a sun at {place}: {100.0 * share:.0f} % of its light is used{against}"
+    else:
+        where = " inside Snell's window" if underwater else ""
+        words = f"no sun{where}; best candidate at {place}{against}"
+    return SunFound(words, share, (azimuth, elevation))

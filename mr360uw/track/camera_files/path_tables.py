@@ -40,7 +40,7 @@ def read_blender_json(text: str, where: str) -> SolvedPath:
         frames = np.array([float(row["frame"]) for row in read["blender_frames"]])
         matrices = np.array([row["matrix_world"] for row in read["blender_frames"]], np.float64).reshape(-1, 4, 4)
         rate = float(read["fps"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ParameterError(f"{where} - is no path from Blender (got: {error}) - export it by the script") from None
     return _of_blender(frames, matrices[:, :3, 3], matrices[:, :3, :3], rate)
 

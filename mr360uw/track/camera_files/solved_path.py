@@ -20,6 +20,10 @@ Y_UP_FROM_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From a world with +z up and +y ahead, as Blender's, to one with +y up and -z ahead."""
 FLIPPED = np.diag([1.0, -1.0, -1.0])
 """From camera axes right, down, forward to right, up, back."""
+_FARTHEST_M = 1e9
+"""Largest distance of a camera from the origin [m]."""
+_LEAST_RATE = 1e-4
+"""Least frames a second of a clip, and the inverse of the most."""
 _LARGEST_SKEW = 1e-3
 """Largest deviation of a rotation matrix from an orthonormal one."""
 
@@ -42,8 +46,9 @@ class SolvedPath:
 
 def checked_rotations(matrices: Floats, where: str) -> Floats:
     """Return matrices (n, 3, 3) without their common scale; raise `ParameterError` where they are no rotations."""
-    determinant = np.linalg.det(matrices)
-    if not np.all(np.isfinite(matrices)) or np.any(determinant <= 0.0):
+    finite = bool(np.all(np.isfinite(matrices)))
+    determinant = np.linalg.det(matrices if finite else np.zeros_like(matrices))
+    if not finite or np.any(determinant <= 0.0):
         raise ParameterError(f"{where} - has a matrix that is no rotation (mirrored, or of zeros) - export it again")
     turned: Floats = matrices / np.cbrt(determinant)[:, None, None]
     skew = np.abs(turned @ np.swapaxes(turned, 1, 2) - np.eye(3)).max()
@@ -60,8 +65,10 @@ def track_of(path: SolvedPath, where: str, frame_rate: float | None, scale: floa
     """
     if not len(path.position):
         raise ParameterError(f"{where} - holds no solved camera (got {path.format}) - export the cameras of all frames")
-    if not (np.all(np.isfinite(path.position)) and np.isfinite(scale) and scale > 0.0):
-        raise ParameterError(f"{where} - has positions that are no numbers, or a scale of {scale:g} - correct it")
+    if not 0.0 < scale <= _FARTHEST_M:
+        raise ParameterError(f"--scale - must be more than 0 (got {scale:g}) - give the metres of the file's unit")
+    if not np.all(np.abs(path.position) * scale <= _FARTHEST_M):
+        raise ParameterError(f"{where} - has positions that are no numbers, or too far away - correct it")
     times, order = _times(path, where, frame_rate)
     position, rotation = path.position[order], checked_rotations(path.rotation[order], where)
     up = unit(rotation[:, :, 1].mean(axis=0)) if path.up is None else path.up
@@ -87,9 +94,11 @@ def _times(path: SolvedPath, where: str, frame_rate: float | None) -> tuple[Floa
             raise ParameterError(
                 f"{where} - counts frames (got {path.format}) - give the clip too, or --fps with its frames a second"
             )
-        if not (np.isfinite(rate) and rate > 0.0):
+        if not _LEAST_RATE <= rate <= 1.0 / _LEAST_RATE:
             raise ParameterError(f"--fps - must be more than 0 (got {rate}) - give frames a second")
         times = (path.frame - path.frame.min()) / rate
+    if not np.all(np.isfinite(times)):
+        raise ParameterError(f"{where} - has frames or times that are no numbers - correct it")
     order = np.argsort(times, kind="stable")
     twice = np.flatnonzero(np.diff(times[order]) <= 0.0)
     if len(twice):

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Encoded parts of a video, each decodable on its own, that are joined without encoding them again.
 
-A segment is two files: its packets one after the other, and a table of them, which is written last: a segment is
-complete when its table is there.
+A segment is two files: its packets one after the other, and a table of them, which is written last, when the packets
+are on the disk. A segment is complete when its table is there and holds the hash of its name and its packets.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
-from mr360uw.files import whole_file
+from mr360uw.reading.disk_cache import read_arrays, write_arrays
 from mr360uw.video.clip import Clip
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
@@ -27,7 +29,7 @@ from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder
 from mr360uw.video.write.writer import VideoWriter
 
-_DATA, _TABLE = ".packets", ".npy"
+_DATA, _TABLE = ".packets", ".npz"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +61,7 @@ class SegmentWriter(VideoWriter):
         context.flags |= av.codec.context.Flags.global_header
         self._encoder = Encoder(self.path, like, settings, context)
         self._packets: list[tuple[int, int, int, int]] = []
+        self._hash = hashlib.sha256()
         self._complete = False
         with self._errors():
             self._file: BinaryIO = self.path.open("wb")
@@ -71,7 +74,9 @@ class SegmentWriter(VideoWriter):
     def _keep(self, packets: list[Any]) -> None:
         with self._errors():
             for packet in packets:
-                size = self._file.write(bytes(packet))
+                data = bytes(packet)
+                size = self._file.write(data)
+                self._hash.update(data)
                 self._packets.append((packet.pts, packet.duration or 0, int(packet.is_keyframe), size))
 
     def finish(self) -> None:
@@ -82,9 +87,12 @@ class SegmentWriter(VideoWriter):
             raise VideoError(f"{self.path} - lacks frames (got {self._left} too few) - render the segment again")
         self._keep(self._encoder.flush())
         with self._errors():
+            self._file.flush()
+            os.fsync(self._file.fileno())  # after a power cut, no table stands beside packets that are not there
             self._file.close()
-            with whole_file(self.path.with_suffix(_TABLE)) as part, part.open("wb") as table:
-                np.save(table, np.array(self._packets, np.int64))
+            mark = _mark(self.path, self._hash)
+            table: dict[str, NDArray[Any]] = {"packets": np.array(self._packets, np.int64), "sha256": mark}
+            write_arrays(self.path.with_suffix(_TABLE), table)
         self._complete = True
 
     def cut(self) -> None:
@@ -121,17 +129,22 @@ def _data_path(folder: Path, start: int, stop: int) -> Path:
 def stored_segments(folder: Path) -> list[Segment]:
     """Return the complete segments in a folder by their first frame; damaged ones are left out."""
     found = []
-    for table in sorted(folder.glob(f"*{_TABLE}")):
-        data = table.with_suffix(_DATA)
+    for table in sorted(folder.glob(f"????????-????????{_TABLE}")):
+        data, stored = table.with_suffix(_DATA), read_arrays(table)
         try:
             start, stop = map(int, table.stem.split("-"))
-            packets = np.load(table, allow_pickle=False)
-            complete = packets.shape == (stop - start, 4) and data.stat().st_size == packets[:, 3].sum()
-        except (OSError, ValueError, EOFError):
-            complete = False
-        if complete:
-            found.append(Segment(start, stop, data, packets))
+            with data.open("rb") as file:
+                mark = _mark(data, hashlib.file_digest(file, "sha256"))
+        except (OSError, ValueError):
+            continue
+        if stored is not None and np.array_equal(stored.get("sha256", ()), mark):
+            found.append(Segment(start, stop, data, stored["packets"]))
     return found
+
+
+def _mark(data: Path, found: hashlib._Hash) -> NDArray[np.uint8]:
+    """Return the hash (32,) of a segment's name and of its packets, whose own hash is given."""
+    return np.frombuffer(hashlib.sha256(data.stem.encode() + found.digest()).digest(), np.uint8)
 
 
 def decoding_stamps(pts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mr360uw.composite.mesh.usd.usd_arcs import clip_assets, composed_prims
 from mr360uw.errors import MeshError
 from mr360uw.reading.extras import command, installed
 from mr360uw.reading.files_read import note_read
 from mr360uw.reading.input_files import read_data
-from mr360uw.reading.limits import DATA
+from mr360uw.reading.limits import DATA, PRIMS
 from mr360uw.reading.neighbours import neighbour
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -30,6 +31,7 @@ def open_stage(path: Path, *, outside: bool = False) -> Any:
 
     try:
         layers = _layers(path, outside=outside)
+        PRIMS.check(str(path), composed_prims(layers), MeshError)
         stage = Usd.Stage.Open(layers[0])
     except Tf.ErrorException as error:
         raise MeshError(f"{path} - is not valid USD (got: {_said(error)}) - export it again") from error
@@ -60,7 +62,7 @@ def _layers(path: Path, *, outside: bool) -> list[Any]:
         if layer is None:
             raise MeshError(f"{path} - is not valid USD (got a layer without contents: {name}) - export it again")
         found[name] = layer
-        for asset in filter(None, layer.GetCompositionAssetDependencies()):
+        for asset in filter(None, [*layer.GetCompositionAssetDependencies(), *clip_assets(layer)]):
             place = Sdf.Layer.SplitIdentifier(layer.ComputeAbsolutePath(asset))[0]
             packaged = Ar.IsPackageRelativePath(place)
             file = Ar.SplitPackageRelativePathOuter(place)[0] if packaged else place

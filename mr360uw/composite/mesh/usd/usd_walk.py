@@ -21,6 +21,7 @@ class UsdWalk:
         self.time = time
         self.cache = UsdGeom.XformCache(time)
         self._note = note
+        self._within: list[Any] = []
 
     def meshes(self, places: list[Floats]) -> Iterator[tuple[Any, list[Floats]]]:
         """Yield every mesh and where it is shown: transforms (4, 4), for columns, from its own axes.
@@ -73,6 +74,8 @@ class UsdWalk:
         """Yield the meshes of a UsdGeomPointInstancer's prototypes, each with all its places."""
         from pxr import Usd, UsdGeom
 
+        if instancer.GetPath() in self._within:
+            raise ValueError(f"{instancer.GetPath()} repeats itself")
         ignored = UsdGeom.PointInstancer.IgnoreMask
         found = instancer.ComputeInstanceTransformsAtTime(
             self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, ignored
@@ -92,4 +95,6 @@ class UsdWalk:
             shown = np.flatnonzero((which == number) & mask)
             moved = [place @ own @ transforms[k] @ back for k in shown for place in places]
             if moved:
+                self._within.append(instancer.GetPath())
                 yield from self._meshes(root, moved, any_prim)
+                self._within.pop()
