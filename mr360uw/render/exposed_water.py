@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Medium table of a frame: for the camera's depth, its veil scaled to the plate's exposure, its daylight split.
+"""Medium table of a frame: for the camera's depth, its veil matched to the plate, its daylight split.
 
     A(d) = (A + S) r(d) - S s(d)        r(d) = E(d)/E(camera), all light;  s(d) the same of the beam
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from mr360uw.constants import BRIGHTEST_LOG, MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.medium.fit.open_water import visible_gain
 from mr360uw.medium.lookup import path_attenuation
 from mr360uw.medium.tabulate import STEP, lengths
 from mr360uw.render.plate_light import FrameLight
@@ -58,6 +59,8 @@ def _veiled(surroundings: Surroundings, light: FrameLight, time_s: float) -> Med
     medium = surroundings.medium_at(time_s)
     if medium is None:
         return None
-    if light.gain is not None:
+    if light.gain is None:
+        return medium.table
+    if light.plate_ratio is None:
         return medium.scaled(light.gain).table
-    return medium.table if light.plate_map is None else medium.with_map(light.plate_map).table
+    return replace(medium.scaled(visible_gain(medium, light.gain)).table, plate_ratio=light.plate_ratio)

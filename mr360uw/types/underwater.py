@@ -86,6 +86,8 @@ class MediumTable:
     surface, which enters like a depth: E(p)/E(0) = exp(-beam p). Light that has turned by small angles is still in it.
     unscattered: (D, 3) the same of the part of the beam that has not turned at all.
     refractive_index: of the water relative to air.
+    plate_ratio: (H, W, 3) equirectangular map in the world's axes, or None for 1: the light of a plate's open water in
+    each direction over that of these tables. It multiplies the veil.
     """
 
     camera_depth_m: float
@@ -96,3 +98,4 @@ class MediumTable:
     beam: Floats
     unscattered: Floats
     refractive_index: float = REFRACTIVE_INDEX_SEA
+    plate_ratio: Floats | None = None

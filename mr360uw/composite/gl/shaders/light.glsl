@@ -62,13 +62,13 @@ Coat make_coat(Surface s, float outside_index) {
     return coat;
 }
 
-// level: fractional glossy level of the roughness. scale: ambient light at the surface's depth over that at the camera
-Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, sampler2DArray glossy, float level,
-                    vec3 scale) {
+// ambient: irradiance, then glossy levels. level: fractional glossy level of the roughness. scale: ambient light at the
+// surface's depth over that at the camera
+Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, float level, vec3 scale) {
     Parts parts;
     vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
 #if defined(GLOSSY)
-    vec3 reflected = glossy_lookup(glossy, level, axis);
+    vec3 reflected = glossy_lookup(ambient, 1.0 + level, axis);
 #if defined(AMONG_BODIES)
     reflected = reflected * among.kept + among.instead;
 #endif
