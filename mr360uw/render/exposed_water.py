@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Medium table of a frame: for the camera's depth, its veil scaled to the plate's exposure, its ambient light such that
-it goes on from what the plate shows at the camera (`medium.ambient`).
+"""Medium table of a frame: for the camera's depth, its veil matched to the plate, its ambient light such that it goes
+on from what the plate shows at the camera (`medium.ambient`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.ambient import LightAtCamera, ambient_parts
+from mr360uw.medium.fit.open_water import visible_gain
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import MediumTable
@@ -32,7 +33,6 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     )
     diffuse, floor = ambient_parts(medium, measured)
     if light.gain is not None:
-        medium = medium.scaled(light.gain)
-    elif light.plate_map is not None:
-        medium = medium.with_map(light.plate_map)
-    return replace(medium.lit_by_floor(floor).table, diffuse=diffuse.astype(np.float32))
+        medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
+    table = medium.lit_by_floor(floor).table
+    return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=light.plate_ratio)

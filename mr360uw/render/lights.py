@@ -197,11 +197,11 @@ def may_be_clipped(pixels: Floats | YuvImage, settings: LightSettings) -> bool:
 def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) -> Environment:
     """Return the light of a clipped plate with what its clipped pixels lost.
 
-    medium: of the camera, with the gain of the plate's veil; of mode "table", others have no solved irradiance and
-    change nothing. up: (3,) of the world in the environment's axes. keep_sun: whether the sun's strength is known;
-    otherwise it gets what the ambient light leaves of the whole.
+    medium: of the camera, with the gain of the plate's veil; of mode "table" or "plate", others have no solved
+    irradiance and change nothing. up: (3,) of the world in the environment's axes. keep_sun: whether the sun's strength
+    is known; otherwise it gets what the ambient light leaves of the whole.
     """
-    if medium.mode != "table":
+    if medium.mode not in ("table", "plate"):
         return light
     sun_up = None if light.sun is None else max(float(light.sun.direction @ up), MINIMUM_SUN_UP)
     whole = irradiance_from_level(medium, sun_up, CLEAR_SKY_DIRECT)

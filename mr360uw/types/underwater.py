@@ -87,7 +87,8 @@ class MediumTable:
     unscattered: (D, 3) the same of the part of the beam that has not turned at all.
     refractive_index: of the water relative to air.
     glow: (U, T, 3) veil that a floor of radiance 1 adds, like `veil`, while level light stays what it is; None: no
-    floor.
+    floor. plate_ratio: (H, W, 3) equirectangular map in the world's axes, or None for 1: the light of a plate's open
+    water in each direction over that of these tables. It multiplies the veil.
     """
 
     camera_depth_m: float
@@ -99,3 +100,4 @@ class MediumTable:
     unscattered: Floats
     refractive_index: float = REFRACTIVE_INDEX_SEA
     glow: Floats | None = None
+    plate_ratio: Floats | None = None

@@ -107,7 +107,6 @@ REFUSED: Refused = {
     "Medium.radiance": lambda: MEDIUM.radiance(filled(4), filled(3)),
     "Medium.irradiance": lambda: MEDIUM.irradiance(filled(4), filled(3)),
     "Medium.scaled": lambda: MEDIUM.scaled(filled(4)),
-    "Medium, map": lambda: Medium(WATER, mode="plate", radiance_map=radiance_map(channels=4)),
     "Bands.rgb": lambda: BANDS.rgb(filled(2, 3)),
     "Bands.log_light": lambda: BANDS.log_light(filled(2, 3)),
     "Sensor.from_arrays": lambda: Sensor.from_arrays(W, filled(4, 4)),

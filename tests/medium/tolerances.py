@@ -46,8 +46,6 @@ UPSAMPLED_COLOUR = 0.02
 """Colour of an upsampled albedo under D65 over 400 to 700 nm: the basis was made over 380 to 780 nm."""
 WHITE = 1e-12
 """White maps to (1, 1, 1): a normalised sum."""
-PLATE_LEVEL = 1e-6
-"""The veil's end equals the plate's profile: radiance and in-scatter are the same sum, far away."""
 TABLE_BETWEEN_DEPTHS = 4e-3
 """Tables mixed in a straight line from depths 6 % apart; the curve between is that of the light above the camera."""
 GAIN_STEP = 0.3
@@ -83,3 +81,8 @@ NEXT_TO = 1e-5
 """Light of directions 1e-6 rad apart, of the largest."""
 OVERSHOOT = 0.15
 """What cubic convolution shoots over an edge, of its step (Keys 1981): 7 % in each direction of the grid."""
+OPEN_WATER_CODES = 1.5
+"""A veil's far end against the plate it is read from: maps of 1.4 degrees, filled where bodies hide the water."""
+FILLED = 0.02
+"""A harmonic function over the sphere, of range 3, found again from two of its rings: finite differences of 1.4
+degrees, and values that are known are smoothed over half a pixel."""

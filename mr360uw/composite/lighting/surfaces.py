@@ -29,7 +29,7 @@ from mr360uw.constants import INV_PI
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
-from mr360uw.types import Floats
+from mr360uw.types import Floats, MediumTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,8 +159,15 @@ def _highlight(arrival: Arrival, hits: Hits, coat: _Coat) -> Floats:
     return total / len(PIXEL_POINTS)
 
 
-def water_ahead(shot: Shot, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Return (transmittance, veil), each (n, 3), of camera rays of length `distance_m`; up: y of their directions."""
+def water_ahead(shot: Shot, distance_m: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Return (transmittance, veil), each (n, 3), of camera rays of lengths `distance_m` in directions (n, 3)."""
     if shot.medium is None:
         return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
-    return transmittance_lookup(shot.medium, distance_m, up), veil_lookup(shot.medium, distance_m, up)
+    through = transmittance_lookup(shot.medium, distance_m, direction[:, 1])
+    return through, veil_ahead(shot.medium, distance_m, direction)
+
+
+def veil_ahead(table: MediumTable, distance_m: Floats, direction: Floats) -> Floats:
+    """Return the veil (..., 3) of camera rays of lengths (...,) in directions (..., 3), matched to the plate."""
+    veil = veil_lookup(table, distance_m, direction[..., 1])
+    return veil if table.plate_ratio is None else veil * environment_lookup(table.plate_ratio, direction)

@@ -62,13 +62,14 @@ Coat make_coat(Surface s, float outside_index) {
     return coat;
 }
 
-// level: fractional glossy level of the roughness. axis: of the light that the coat reflects. scale, mirrored: ambient
-// light at the surface's depth over that at the camera, on its normal and on the axis
-Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, sampler2DArray glossy, float level,
-                    vec3 axis, vec3 scale, vec3 mirrored) {
+// ambient: irradiance, then glossy levels. level: fractional glossy level of the roughness. axis: of the light that the
+// coat reflects. scale, mirrored: ambient light at the surface's depth over that at the camera, on its normal and on the
+// axis
+Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, float level, vec3 axis, vec3 scale,
+                    vec3 mirrored) {
     Parts parts;
 #if defined(GLOSSY)
-    vec3 reflected = glossy_lookup(glossy, level, axis);
+    vec3 reflected = glossy_lookup(ambient, 1.0 + level, axis);
 #if defined(AMONG_BODIES)
     reflected = reflected * among.kept + among.instead;
 #endif

@@ -7,7 +7,7 @@
 uniform float eye_m;
 #endif
 uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
-uniform sampler2DArray ambient, caustic_ratio;
+uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int side;
@@ -83,7 +83,7 @@ void main() {
     share = vec4(around / max(around + direct, DARK), weight);
     haze = vec4(0.0);
 #if defined(MEDIUM)
-    haze.rgb = veil_lookup(medium, veil, distance_m, direction.y);
+    haze.rgb = veil_lookup(medium, veil, distance_m, direction.y) * environment_lookup(plate_ratio, 0, direction);
 #endif
 #endif
 #if defined(LAMPS)
