@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from mr360uw.medium.fit.open_water import DARKEST
 from mr360uw.medium.phase import Phase
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.pipeline import FrameResult, render_frame
@@ -199,12 +200,15 @@ def composed(name: str, backend: str, folder: Path, plate: np.ndarray | None = N
 
 
 def compared(name: str, backend: str, folder: Path, **tables: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return for each region its name, the ratio (3,) of composite over truth, and the truth's relative noise (3,)."""
+    """Return for each region its name, the ratio (3,) of composite over truth, and the truth's relative noise (3,).
+
+    A ninth of an 8-bit code near black counts as noise.
+    """
     image = composed(name, backend, folder, **tables).image_linear.astype(np.float64)
     mean, noise = _stored()[f"{name}/mean"], _stored()[f"{name}/noise"]
     regions = regions_of(DIVES[name])
     return [
-        (region, image[mask].mean(axis=0) / mean[k], noise[k] / mean[k])
+        (region, image[mask].mean(axis=0) / mean[k], (noise[k] + DARKEST / 3.0) / mean[k])
         for k, (region, mask) in enumerate(regions.items())
     ]
 

@@ -255,20 +255,25 @@ class Medium:
     def far_light(self, up: Array, gain: Array, upwelling: Array) -> Array:
         """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1.
 
-        gain: (3,) of the plate. upwelling: (3,) the plate's light on a level plane that faces down, from which the
-        floor's radiance follows.
+        gain, upwelling: see `floor_seen`.
         """
         level = self.level_radiance(up)
         if self.floor_m is None:
             return level
-        below = self.under("floor").model
-        of_sky, of_floor = (
-            model.irradiance(self.camera_depth_m, -1.0) @ lobes
-            for model, lobes in ((self.model, self.bands.lobes), (below, self.floor_lobes))
-        )
-        ratio = (upwelling / np.maximum(gain, _TINY) - of_sky) / np.maximum(of_floor, _TINY)
-        glow = below.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self._glow_level
-        return np.asarray(level + np.clip(ratio, 0.0, self._most_glow) * glow)
+        glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self._glow_level
+        return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
+
+    def floor_seen(self, gain: Array, upwelling: Array) -> Array:
+        """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.
+
+        gain: (3,) of the plate's veil. upwelling: (3,) its light on a level plane at the camera that faces down.
+        """
+        if self.floor_m is None:
+            return np.zeros(3)
+        depth, below = self.camera_depth_m, self.under("floor").model
+        of_sky = gain * (self.model.irradiance(depth, -1.0) @ self.bands.lobes)
+        of_floor = below.irradiance(depth, -1.0) @ self.floor_lobes
+        return np.asarray(np.clip((upwelling - of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow))
 
     @functools.cached_property
     def _glow_level(self) -> Array:

@@ -34,5 +34,7 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     diffuse, floor = ambient_parts(medium, measured)
     if light.gain is not None:
         medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
+    if light.plate_ratio is not None:  # which was found over this floor
+        floor = medium.floor_seen(medium.gain, measured.up)
     table = medium.lit_by_floor(floor).table
     return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=light.plate_ratio)

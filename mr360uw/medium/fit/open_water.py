@@ -4,8 +4,9 @@
     r(d) = V(d)/(g L(up))        veil(d, s) = r(d) g veil(up, s)
 
 V: the plate; g, L: gain and solved light of open water from a direction, without bodies, with what a level floor sends
-up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log r is harmonic over the sphere: it takes its values
-from the water around, so that a diver's suit is not in it. Where no open water is seen, r is 1.
+up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log r is harmonic over
+the sphere: it takes its values from the water around, so that a diver's suit is not in it. Where no open water is seen,
+r is 1.
 
 Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
 zenith, where the surface shows, nor where the ground is near.
