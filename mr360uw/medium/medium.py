@@ -27,7 +27,7 @@ from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, number
-from mr360uw.types import MediumTable
+from mr360uw.types import Floats, MediumTable
 
 Array = NDArray[np.float64]
 
@@ -252,7 +252,7 @@ class Medium:
         glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
         return np.asarray(glow - self.unit_veil(distance_m, up) * self._glow_level)
 
-    def far_light(self, up: Array, gain: Array, upwelling: Array) -> Array:
+    def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
         """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1.
 
         gain, upwelling: see `floor_seen`.
@@ -263,7 +263,7 @@ class Medium:
         glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self._glow_level
         return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
 
-    def floor_seen(self, gain: Array, upwelling: Array) -> Array:
+    def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
         """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.
 
         gain: (3,) of the plate's veil. upwelling: (3,) its light on a level plane at the camera that faces down.
