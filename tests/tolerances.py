@@ -71,6 +71,8 @@ DIVE_WHITE = 0.03
 """Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""
 HELD = 0.05
 """A card of the sand's albedo on the sand of a dive, mean in each channel: what the project asks."""
+HELD_DARK = 0.15
+"""The same in channels of a few codes, where half a code in sky and sand is more than a tenth of their light."""
 WATER_ADDS_UP = 5e-3
 """Ambient light and beam from tables over depth, linear between 256 nodes in single precision, against the solved sum."""
 COLOUR_OF_FLOOR = 0.02
