@@ -18,9 +18,17 @@ $(VENV)/.installed: pyproject.toml
 	fi
 	@touch $@
 
-demo: $(VENV)/.installed  ## make a short 360 dive, put a mesh into it, say where the result is
-	$(BIN)/mr360uw sample demo --frames 36 --overwrite
-	$(BIN)/mr360uw composite demo/scene.toml demo/composite.mp4 --overwrite
+demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say where the results are
+	@mkdir -p demo
+	$(BIN)/mr360uw composite samples/demo/scene.toml demo/composite.mp4 --overwrite
+	$(BIN)/mr360uw still samples/demo/scene.toml demo/still.png --view -2,-19,95 --size 960x540 --overwrite
+	$(BIN)/python samples/demo/pictures.py wipe demo/composite.mp4 demo/wipe.png
+	@echo
+	@echo 'demo/composite.mp4  the 360 video: open it in VLC and drag'
+	@echo 'demo/still.png      a frame as an ordinary camera sees it'
+	@echo 'demo/wipe.png       left the plate, right the composite'
+	@echo 'Next: move the whale with position_m in samples/demo/scene.toml and run make demo again; or put a mesh of your own'
+	@echo 'into a clip of your own: $(BIN)/mr360uw new dive.mp4 whale.glb'
 
 test: $(VENV)/.installed  ## the whole suite, on two workers
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile

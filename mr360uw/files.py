@@ -68,4 +68,7 @@ def publish(part: Path, path: Path, *, overwrite: bool) -> None:
 def write_whole(path: Path, data: str | bytes) -> None:
     """Write a small file; on failure nothing is left, and `OSError` names the file."""
     with whole_file(path) as part:
-        part.write_bytes(data.encode() if isinstance(data, str) else data)
+        try:
+            part.write_bytes(data.encode() if isinstance(data, str) else data)
+        except OSError as error:  # of a full disk, which names no file
+            raise OSError(error.errno, error.strerror, str(path)) from error

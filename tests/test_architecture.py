@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
     "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
-    "runs": {"render", "scene", "composite", "video", "ibl", "threads", "progress", "__version__"},
+    "runs": {"render", "scene", "composite", "video", "ibl", "medium", "threads", "progress", "__version__"},
     "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},

@@ -71,8 +71,13 @@ DIVE_WHITE = 0.03
 """Colour of all light just below the surface: the first 5 cm of water take red, and add blue to what they mirror."""
 HELD = 0.05
 """A card of the sand's albedo on the sand of a dive, mean in each channel: what the project asks."""
+HELD_DARK = 0.15
+"""The same in channels of a few codes, where half a code in sky and sand is more than a tenth of their light."""
 WATER_ADDS_UP = 5e-3
 """Ambient light and beam from tables over depth, linear between 256 nodes in single precision, against the solved sum."""
+COLOUR_OF_FLOOR = 0.02
+"""The same over a floor 3 m below: its light enters as three numbers, each with the spectrum of daylight within its wide
+channel. Red is 1 % off, green and blue 0.1 %."""
 DIVE_FLOOR = 5e-3
 """Irradiance of the dive's floor against the field solved with twice its 16 streams, which are right to 2e-3."""
 DIVE_SAND = 0.08
@@ -88,3 +93,15 @@ YUV_POLYNOMIAL = 1e-2
 THIN_WATER = 0.2
 """How far the sun's change [log] under 1 cm and 3 cm of water is from proportional to the depth: it is 1 - exp(-20 Kd d)
 times that in deep water, and 20 Kd d is up to 0.5 for 3 cm of a harbour's: 17 % below proportional to 1 cm."""
+LIT, LIT_FLOOR = 0.05, 0.02
+"""Mean light of bodies and of the floor about them over that of path tracing: what the project asks."""
+LIT_AWAY = 0.08
+"""The same of sides away from the sun and of umbras, whose light is all ambient; the shadow of the light that the water
+turns by a few degrees is a Gaussian, and tails of the true one reach into umbras."""
+LIT_TURBID = 0.12
+"""The same in water whose light turns four times on its way: towards and away from the sun the veil is the azimuth's
+mean."""
+LIT_SIGMAS = 3.0
+"""Standard errors of the traced light that are allowed besides."""
+RENDERERS_ON_DIVES = 0.012
+"""Means over regions by both renderers: where shade begins on a faceted ball, a shadow map and rays differ."""

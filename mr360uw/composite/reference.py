@@ -174,7 +174,7 @@ def light_up(
 ) -> Iterator[Fragment]:
     """Yield the shaded surfaces of one layer of samples, one fragment for each round of groups."""
     for pixel, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, distance):
-        through, veil = water_ahead(shot, hits.distance_m, hits.direction[:, 1])
+        through, veil = water_ahead(shot, hits.distance_m, hits.direction)
         opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
         alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
         sent = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
@@ -222,7 +222,7 @@ def draw_receiver(
     rows, columns, distance, normal, area = rows[hit], columns[hit], distance[hit], normal[hit], area[hit]
     x, y = place[hit].T
     direction = shot.view.directions(x, y)
-    _, veil = water_ahead(shot, distance, direction[:, 1])
+    _, veil = water_ahead(shot, distance, direction)
     plate = None
     if shot.pattern is not None:
         shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))

@@ -39,7 +39,8 @@ _FLOOR_LIGHT = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateLook:
-    """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames.
+    """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames; sharp: the
+    same of the first.
 
     still: one picture. size: (width, height) [pixels]. tilt: of the camera, None where it
     cannot be told or is level. floor: whether something is seen below. eyes: what the two of a stereo plate show, None
@@ -48,6 +49,7 @@ class PlateLook:
 
     path: Path
     image: Floats
+    sharp: Floats
     still: bool
     size: tuple[int, int]
     reading: Reading
@@ -69,12 +71,12 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
     medium = water_or_air(image)
     tilt = _tilt(frames) if medium.underwater else None
     if tilt is not None:
-        image = _levelled(image, tilt)
+        image, frames[0] = _levelled(image, tilt), _levelled(frames[0], tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
     eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=reading.eye)))
     floor = _has_floor(image, medium.underwater)
-    return PlateLook(path, image, still, size, reading, medium, dark, tilt, floor, eyes, doubt)
+    return PlateLook(path, image, frames[0], still, size, reading, medium, dark, tilt, floor, eyes, doubt)
 
 
 def _indices(video: VideoReader) -> list[int]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,12 @@ from mr360uw.first_look.free_view import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place, Wish, guessed_drop_m, place_of
 from mr360uw.first_look.plate_look import PlateLook
+from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import Water
 from mr360uw.medium.jerlov import JerlovType
-from mr360uw.medium.visibility import CONTRAST_LENGTHS, SIGHT_NM
+from mr360uw.medium.visibility import visibility_m
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
 from mr360uw.video.eyes_seen import EYES_APART_M
 
@@ -38,13 +39,13 @@ _CLEAR_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class WaterGuess:
-    """A type of water. gain: (3,) of its veil, where the plate's horizon does not show it. sure: clearly told."""
+    """A type of water. known: whether the plate shows one. sight: its visibility."""
 
     type: JerlovType
     confidence: float
     others: tuple[str, ...]
-    gain: tuple[float, float, float] | None
     known: bool
+    sight: Sight
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +72,8 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     wet = plate.medium.underwater
     drop, floor_by = _ground_below(plate, wish, floor_m)
     view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
-    water = None if view is None else guess_water(plate, view)
-    sight = math.inf if water is None else sight_m(water.type)
+    water = None if view is None else guess_water(plate, view, drop, known=bool(floor_by))
+    sight = math.inf if water is None else water.sight.visibility_m
     place = place_of(plate, mesh, wish, sight, drop)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
@@ -88,29 +89,32 @@ def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[
     return guessed_drop_m(plate, wish), ""
 
 
-def sight_m(water: JerlovType) -> float:
-    """Return the horizontal distance [m] at which a black target is lost in a water."""
-    return CONTRAST_LENGTHS / float(Water.jerlov(water).attenuation(np.array([SIGHT_NM]))[0])
+def guess_water(plate: PlateLook, view: FreeView, height_m: float | None, *, known: bool) -> WaterGuess:
+    """Return the type of water that is nearest to a plate's open water, at a typical depth, and its visibility.
+
+    height_m: of the camera over the floor, None without one; known: whether it is, or is guessed.
+    """
+    kind, confidence, others = _nearest_type(plate, view)
+    usual = visibility_m(Water.jerlov(kind))
+    sight = guess_sight(plate.sharp, height_m, known=known, usual_m=usual)
+    return WaterGuess(kind, confidence, others, confidence > 0.0, sight)
 
 
-def guess_water(plate: PlateLook, view: FreeView) -> WaterGuess:
-    """Return the type of water that is nearest to a plate's open water, at a typical depth."""
+def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, tuple[str, ...]]:
+    """Return the nearest type, its confidence, 0 where none has the plate's colour, and the others that are likely."""
     camera = CameraSettings(depth_m=_DEPTH_M)
     if plate.tilt is not None:
         roll, pitch = (float(np.degrees(angle)) for angle in (plate.tilt.roll_rad, plate.tilt.pitch_rad))
         camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
     reading = plate.reading
     scene = Scene(plate=PlateSettings(path=plate.path, eye=reading.eye, projection=reading.projection), camera=camera)
-    unknown = WaterGuess(_MURKY if plate.medium.red_far > LITTLE_RED else _WATER, 0.0, (), None, known=False)
+    unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER
     try:
         found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))
     except ParameterError:  # the open water is black, or redder than water
-        return unknown
+        return unknown, 0.0, ()
     nearest, _, misfit = found.candidates[0]
-    gain = found.changes.get("water.gain")
-    measured = replace(unknown, gain=gain if isinstance(gain, tuple) else None)
     if misfit > _UNLIKE:
-        return measured
-    others = tuple(name for name, likelihood, _ in found.candidates[1:] if likelihood > 0.1)
+        return unknown, 0.0, ()
     kind: JerlovType = nearest  # type: ignore[assignment]
-    return replace(measured, type=kind, confidence=found.confidence, others=others, known=True)
+    return kind, found.confidence, tuple(name for name, likelihood, _ in found.candidates[1:] if likelihood > 0.1)

@@ -13,7 +13,8 @@ from mr360uw.first_look.ground_place import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
-from mr360uw.first_look.proposal import Proposal, sight_m
+from mr360uw.first_look.proposal import Proposal
+from mr360uw.first_look.sight import Sight
 from mr360uw.medium.fit.waterfit import CONFIDENT
 from mr360uw.scene.template import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
@@ -104,7 +105,8 @@ def _water_lines(chosen: Proposal) -> list[str]:
         others = f"; {', '.join(water.others)} are nearly as likely" if water.others else ""
         told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
     return [
-        f"water     {told}, sight {sight_m(water.type):.0f} m; {veil}",
+        f"water     {told}; {veil}",
+        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}",
         f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
     ]
 
@@ -118,6 +120,12 @@ def brightness_lines(stops: float | None) -> list[str]:
         f"grey      a grey card would be {abs(stops):.1f} stops {way} there than what is around it: "
         f"light.exposure = {-stops:.1f} makes up for that"
     ]
+
+
+def _sight_words(sight: Sight) -> str:
+    """Return how well a visibility is known."""
+    told = f"by the {sight.by}" if sight.by else "a guess, nothing shows it"
+    return f"{told}; {sight.low_m:.2g} to {sight.high_m:.2g} m are as likely"
 
 
 def _side(azimuth_deg: float) -> str:
@@ -176,11 +184,11 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
         return [("[water]", ""), ('type = "none"', "the plate is in air")]
     water = chosen.water
     sure = f"confidence {water.confidence:.2f}" if water.known else "a guess"
-    rows = [("[water]", ""), (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}")]
-    if water.gain is not None:
-        gain = ", ".join(f"{g:.4g}" for g in water.gain)
-        rows.append((f"gain = [{gain}]", "brightness of the haze (veil), from open water"))
-    return rows
+    return [
+        ("[water]", ""),
+        (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}"),
+        (f"visibility_m = {water.sight.visibility_m:.2g}", f"how far one sees; {_sight_words(water.sight)}"),
+    ]
 
 
 def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.closure import close
-from mr360uw.ibl.sun.detect import find_disc, lost_light, split_disc, split_given, split_known
+from mr360uw.ibl.sun.detect import find_disc, is_disc, lost_light, split_disc, split_given, split_known
 from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.glare import without_glare
@@ -118,8 +118,12 @@ def _detected(
     if disc is None or share == 0.0:
         return None
     split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
-    lost = settings.operator == "closure" and lost_light(plate, disc.blob.direction, disc.blob)
-    return (close(split, plate, ratio) if lost else split).shared(share, plate.coarse)
+    if settings.operator == "closure":
+        if lost_light(plate, disc.blob.direction, disc.blob):
+            split = close(split, plate, ratio)
+        else:  # what is no sharp disc has light of the sky in it, and of the glitter only a part
+            split = replace(split, sun=replace(split.sun, shown=float(is_disc(disc.blob))))
+    return split.shared(share, plate.coarse)
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:

@@ -91,9 +91,10 @@ def match_water(
 ) -> WaterMatch:
     """Return the water whose solved veil is nearest to the plate in patches of open water.
 
-    frames: one, or a range [a, b) that a few are taken of. A scene with `water.visibility_m` gets another visibility,
-    any other a Jerlov type; where the horizon shows no open water, or the scene's gain is fixed, the gain of the veil
-    as well. Raises `ParameterError` for patches that are black or no water, `VideoError`.
+    frames: one, or a range [a, b) that a few are taken of. A scene with `water.visibility_m` and no type gets another
+    visibility, any other a Jerlov type. The gain of the veil is found as well where the scene's is fixed, or the
+    horizon shows no open water and the veil of long ways is not the plate's. Raises `ParameterError` for patches that
+    are black or no water, `VideoError`.
     """
     patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
     if not patches:
@@ -110,14 +111,14 @@ def match_water(
     found = compare_waters(measured, {name: np.maximum(m.level_radiance(up), 1e-12) for name, m in media.items()})
     before = _medium(scene.water, depth)
     best = media[found.nearest]
-    doubtful = fit_level(best, levels)[1] >= DOUBTFUL
+    doubtful = not scene.water.fits_ratio and fit_level(best, levels)[1] >= DOUBTFUL
     given = scene.water.gain != "auto"
     was = np.array(scene.water.gain) if given else fit_level(before, levels)[0]
     now = found.gain if given or doubtful else fit_level(best, levels)[0]
     changes: dict[str, str | float | tuple[float, float, float]] = {}
     if found.residual[found.nearest] > _UNLIKE:
         pass  # no water has this colour
-    elif scene.water.visibility_m is not None:
+    elif scene.water.of_visibility_alone:
         if float(found.nearest) != scene.water.visibility_m:
             changes["water.visibility_m"] = float(found.nearest)
     elif found.nearest != scene.water.type:
@@ -144,7 +145,7 @@ def match_water(
 
 def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
     """Return the waters that are tried, by the value of the key that makes them."""
-    if water.visibility_m is not None:
+    if water.of_visibility_alone:
         return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in VISIBILITIES_M}
     return {name: water.model_copy(update={"type": name}) for name in JERLOV_TYPES}
 
@@ -224,7 +225,7 @@ def _sentence(
             f"{math.exp(found.residual[found.nearest]):.1f}): a channel is black, the camera's white balance has "
             "changed it, or it shows something else. Set water.gain to fit the veil."
         )
-    name = f"a visibility of {found.nearest} m" if water.visibility_m is not None else f"type {found.nearest}"
+    name = f"a visibility of {found.nearest} m" if water.of_visibility_alone else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
     text = (
         f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); its veil then differs from the "

@@ -67,6 +67,8 @@ def mixed_table(first: MediumTable, second: MediumTable, share: float) -> Medium
         for name in ("attenuation", "diffuse", "beam", "unscattered")
     }
     floats = {name: values.astype(np.float32) for name, values in mixed.items()}
+    if first.glow is not None and second.glow is not None:
+        floats["glow"] = (1.0 - share) * first.glow + share * second.glow
     # light falls off as an exponential of depth and of coefficients: the veil's logarithm is mixed
     floats["veil"] = first.veil ** (1.0 - share) * second.veil**share
     return replace(first, **floats)

@@ -36,6 +36,11 @@ class FormationModel:
         """beta_D: the model has no other."""
         return self.direct
 
+    @property
+    def level_beam(self) -> float:
+        """All light at the surface, of which the model has one kind."""
+        return 1.0
+
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
         s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]

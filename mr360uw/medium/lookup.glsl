@@ -47,13 +47,13 @@ vec3 transmittance_lookup(MediumTable medium, sampler2D attenuation, float dista
     return exp(-optical_length(medium, attenuation, distance_m, up));
 }
 
-// the tables over depth, (D, 3), are rows of textures: `diffuse` one; `beam` two, the beam and its unscattered part
-vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m) {
+vec3 ambient_ratio(MediumTable medium, sampler2D diffuse, float depth_m, float normal_up) {
     float d = max(depth_m, 0.0);
-    vec3 attenuation = linear(diffuse, 0, table_coordinate(d, medium.length_m));
+    vec3 attenuation = bilinear(diffuse, 0.5 + 0.5 * normal_up, table_coordinate(d, medium.length_m));
     return exp(min(-attenuation * (d - medium.camera_depth_m), vec3(BRIGHTEST_LOG)));
 }
 
+// the tables over depth, (D, 3), are rows of the texture `beam`: the beam, then its unscattered part
 vec3 path_attenuation(MediumTable medium, sampler2D beam, int row, float depth_m, float sun_up) {
     float path = max(depth_m, 0.0) / sun_up;
     return linear(beam, row, table_coordinate(path, medium.length_m)) * path;

@@ -67,10 +67,11 @@ def optical_length(table: MediumTable, distance_m: ArrayLike, up: ArrayLike) -> 
     return attenuation * s[..., None]
 
 
-def ambient_ratio(table: MediumTable, depth_m: ArrayLike) -> Floats:
-    """Return the ambient irradiance (..., 3) at a depth over that at the camera."""
+def ambient_ratio(table: MediumTable, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Floats:
+    """Return the ambient irradiance (..., 3) at a depth over that at the camera, on normals whose y is `normal_up`."""
     d = np.maximum(np.asarray(depth_m, np.float64), 0.0)
-    diffuse = linear(table.diffuse, table_coordinate(d, table.length_m))
+    normal = 0.5 + 0.5 * np.asarray(normal_up, np.float64)
+    diffuse = bilinear(table.diffuse, normal, table_coordinate(d, table.length_m))
     return np.exp(np.minimum(-diffuse * (d - table.camera_depth_m)[..., None], BRIGHTEST_LOG))
 
 

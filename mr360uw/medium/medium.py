@@ -19,13 +19,12 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.formation import FormationModel, fitted_formation
-from mr360uw.medium.models import SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.tabulate import medium_table
-from mr360uw.medium.transfer import Sky, SurfaceKind
+from mr360uw.medium.transfer import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, number
 from mr360uw.types import Floats, MediumTable
@@ -48,28 +47,26 @@ class Medium:
     """A water, a sensor and a model of the light between camera and object.
 
     mode: "kd", the published closed form (Monzon et al. 2022); "kd+", the same with Gershun's factor; "table", the
-    solved light field; "plate", the same with the veil's colour by direction from a radiance map of the plate; "rgb",
-    the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for object
-    and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
+    solved light field; "plate", the same, and scenes take the veil of long ways from their plate (`fit.open_water`);
+    "rgb", the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for
+    object and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
 
     sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
-    white is balanced for. surface, sky, refractive_index: see `LightField`. radiance_map: (32, 64, 3) of mode "plate".
-    formation: constants of modes "koschmieder" and "akkaynak-treibitz" instead of fitted ones. Raises
-    `ParameterError`.
+    white is balanced for. surface, sky, refractive_index: see `LightField`. formation: constants of modes
+    "koschmieder" and "akkaynak-treibitz" instead of fitted ones. floor_m: depth of a floor, for solved fields;
+    `lit_by_floor` says how bright it is. Raises `ParameterError`.
     """
 
     def __init__(
         self, water: Water, sensor: Sensor | None = None, mode: Mode = "table", camera_depth_m: float = 5.0, *,
         band_count: int = DEFAULT_BANDS, rule: Rule = "rectangle", illuminant: str = DEFAULT_ILLUMINANT,
         surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
-        radiance_map: Floats | None = None, formation: FormationModel | None = None,
+        formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
         if mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if formation is not None and mode not in _FORMATIONS:
             raise ParameterError(f"formation - is for modes {', '.join(_FORMATIONS)} (got {mode!r}) - leave it out")
-        if radiance_map is not None and mode != "plate":
-            raise ParameterError(f"radiance_map - is for mode plate (got {mode!r}) - or use fit_gain and scaled")
         if not 0.0 < number("camera_depth_m", camera_depth_m) <= 1000.0:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
@@ -79,6 +76,8 @@ class Medium:
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)
+        self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
+        self.floor_radiance: Array = np.zeros(3)
         self.illuminant = illuminant
         self.surface: SurfaceKind = surface
         self.sky: Sky = sky
@@ -87,12 +86,12 @@ class Medium:
         self.formation = formation
         one_each = mode in ("rgb", *_FORMATIONS)
         self.bands = Bands(np.array(RGB_NM), np.eye(3), "one a channel") if one_each else self._spectral_bands()
-        self.profile = None if radiance_map is None else PlateProfile.from_map(radiance_map)
 
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
-        water = self.surface, self.sky, self.refractive_index
+        floor = None if self.floor_m is None else LambertFloor(self.floor_m, (0.0,))
+        water = self.surface, self.sky, self.refractive_index, floor
         if self.formation is not None:
             return self.formation
         if self.mode in _FORMATIONS:
@@ -115,13 +114,17 @@ class Medium:
     def table(self) -> MediumTable:
         """The tables that shading reads, veil within the gamut and times the gain; made at first use."""
         table = self.unit_table
-        factor = self.veil_factor(np.linspace(-1.0, 1.0, len(table.veil)))
-        return replace(table, veil=(table.veil * factor[:, None, :]).astype(np.float32))
+        veil = table.veil * self.gain
+        if table.glow is not None:
+            veil = veil + table.glow * np.minimum(self.floor_radiance, self.gain * self._most_glow)
+        return replace(table, veil=veil.astype(np.float32))
 
     @functools.cached_property
     def unit_table(self) -> MediumTable:
-        """The same tables without the gain or the plate's radiance, which change with every frame."""
-        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, self.mode)
+        """The same tables without the gain and the floor's light, which change with every frame."""
+        model = _SPECTRAL.get(self.mode, self.mode)
+        glow = None if self.floor_m is None else self._unit_glow
+        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, model, glow)
         return replace(table, refractive_index=self.refractive_index)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -157,15 +160,11 @@ class Medium:
         water gives negative red: `compress_gamut` maps it, as the tables do.
         """
         check_ray(distance_m, depth_m, up)
-        if self.mode == "plate":
-            return self.smooth_veil(ray_in_water(distance_m, self.camera_depth_m, up), up)
         return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., 3) of water and sky along unobstructed rays, times the gain."""
         common_shape(depth_m=depth_m, up=up)
-        if self.profile is not None:
-            return self.profile(up)
         return self.gain * self.bands.rgb(self.model.radiance(depth_m, up))
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
@@ -196,13 +195,20 @@ class Medium:
         other.gain = self.gain * factor
         return other
 
-    def with_map(self, radiance_map: Floats) -> Medium:
-        """Return the same medium of mode plate with the colours of another radiance map (32, 64, 3)."""
-        if self.mode != "plate":
-            raise ParameterError(f"with_map - is for mode plate (got {self.mode!r}) - or use fit_gain and scaled")
-        _ = self.unit_table  # made once, shared by the maps of all frames
+    def lit_by_floor(self, radiance: ArrayLike) -> Medium:
+        """Return the same medium over a floor of a radiance (3,); level light stays what it is."""
         other = self._copy()
-        other.profile = PlateProfile.from_map(radiance_map)
+        other.floor_radiance = np.broadcast_to(exactly("radiance", radiance, (), (3,)).astype(np.float64), (3,))
+        return other
+
+    def under(self, sky: Sky) -> Medium:
+        """Return the same water under another sky, without gain."""
+        if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
+            return self
+        other = self._copy()
+        for of_this_sky in ("model", "light", "unit_table", "_level", "_glow_level", "floor_lobes"):
+            other.__dict__.pop(of_this_sky, None)
+        other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
 
     def at_depth(self, camera_depth_m: float, unit_table: MediumTable | None = None) -> Medium:
@@ -212,7 +218,7 @@ class Medium:
         """
         length_m = self.length_m
         other = self._copy()
-        for of_this_depth in ("unit_table", "_level"):
+        for of_this_depth in ("unit_table", "_level", "_glow_level"):
             other.__dict__.pop(of_this_depth, None)
         other.camera_depth_m = float(camera_depth_m)
         other.length_m = length_m
@@ -227,22 +233,56 @@ class Medium:
 
     # --- for the tables ----------------------------------------------------------------------------------------
 
-    def smooth_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) of rays from the camera, which must end below the surface, within the gamut."""
-        return self.veil_factor(up) * self.unit_veil(distance_m, up)
-
-    def veil_factor(self, up: ArrayLike) -> Array:
-        """Return the factor (..., 3) on `unit_veil`: the gain, or in mode plate the plate's radiance."""
-        if self.profile is not None:
-            return self.profile(up)
-        if self.mode == "plate":
-            raise ParameterError("mode plate - needs the plate's radiance map (got none) - pass it, or use with_map")
-        return np.broadcast_to(self.gain, (*np.shape(up), 3))
-
     def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) without factor; in mode plate as a fraction of all light from its direction."""
-        depth = self.camera_depth_m
-        veil = self.model.inscatter(distance_m, depth, up)
-        if self.mode != "plate":
-            return self.light.display(veil)
-        return veil @ self.bands.lobes / np.maximum(self.model.radiance(depth, up) @ self.bands.lobes, _TINY)
+        """Return the veil (..., 3) of rays from the camera, which must end below the surface, without gain.
+
+        Colours are within the gamut.
+        """
+        return self.light.display(self.model.inscatter(distance_m, self.camera_depth_m, up))
+
+    @functools.cached_property
+    def floor_lobes(self) -> Array:
+        """Weights (n, 3) of the bands for light from the floor: `Bands.lobes` in the daylight that comes down to it."""
+        assert self.floor_m is not None
+        lit = self.bands.lobes * self.model.irradiance(self.floor_m, 1.0)[:, None]
+        return np.asarray(lit / np.maximum(lit.sum(axis=0), _TINY))
+
+    def _unit_glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the veil (..., 3) that a floor of radiance 1 adds, less that of the sky whose level light it has."""
+        glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
+        return np.asarray(glow - self.unit_veil(distance_m, up) * self._glow_level)
+
+    def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
+        """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1.
+
+        gain, upwelling: see `floor_seen`.
+        """
+        level = self.level_radiance(up)
+        if self.floor_m is None:
+            return level
+        glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self._glow_level
+        return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
+
+    def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
+        """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.
+
+        gain: (3,) of the plate's veil. upwelling: (3,) its light on a level plane at the camera that faces down.
+        """
+        if self.floor_m is None:
+            return np.zeros(3)
+        depth, below = self.camera_depth_m, self.under("floor").model
+        of_sky = gain * (self.model.irradiance(depth, -1.0) @ self.bands.lobes)
+        of_floor = below.irradiance(depth, -1.0) @ self.floor_lobes
+        return np.asarray(np.clip((upwelling - of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow))
+
+    @functools.cached_property
+    def _glow_level(self) -> Array:
+        """Level light (3,) of a floor of radiance 1 over that of the sky."""
+        level = np.zeros(1)
+        glow = self.under("floor").model.radiance(self.camera_depth_m, level) @ self.floor_lobes
+        return np.asarray(glow / np.maximum(self.level_radiance(level), _TINY))[0]
+
+    @property
+    def _most_glow(self) -> Array:
+        """Radiance (3,) of a floor that would be all of the level light for a gain of 1."""
+        return 1.0 / np.maximum(self._glow_level, _TINY)

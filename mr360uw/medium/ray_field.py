@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Radiance along rays through water whose light is a sum of exponentials of depth.
+"""Radiance along rays through water whose light is a sum of exponentials of depth, down to a floor if there is one.
 
 In each mode the light that scatters into a direction mu falls off as exp(-k y), so the path integral of every mode is
 the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 straight up.
@@ -28,65 +28,90 @@ _SHARED = 8
 class RayField:
     """Light of n wavelengths in j modes, and its scattering into rays.
 
-    extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. source: (n, l, j) [1/(m sr)] Legendre coefficients over mu
-    of the light scattered into a ray, at the surface. sky: (n,) radiance of the sky as it would be just below the
-    surface without reflection. index: refractive index of the water.
+    extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. origin_m: (j,) depth at which modes have their amounts.
+    source: (n, l, j) [1/(m sr)] Legendre coefficients over mu of the light scattered into a ray, there. sky: (n,)
+    radiance of the sky as it would be just below the surface without reflection. index: refractive index of the water.
+    floor_m, floor: depth and radiance (n,) of a Lambert floor; infinity: none.
     """
 
     extinction: Array
     rate: Array
+    origin_m: Array
     source: Array
     sky: Array
     index: float
+    floor_m: float
+    floor: Array
 
-    def inscatter(
-        self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike, extinction: Array | None = None
-    ) -> Array:
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
 
-        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly. extinction: (n,) [1/m] for which
-        it shall hold instead of the field's own; level and downward rays only.
+        radiance(camera) = inscatter + exp(-extinction S) radiance(end) holds exactly as far as the floor. Beyond it the
+        water goes on and scatters what it does at the floor, which keeps tables smooth.
         """
         check_ray(distance_m, depth_m, up)
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
         )
-        outer = self.extinction if extinction is None else extinction
+        result = self._within(s, y, mu)
+        deeper = np.maximum(s - self.to_floor(y, mu), 0.0)
+        below = deeper > 0.0
+        if np.any(below):
+            lost = self.extinction * deeper[below][:, None]
+            left = np.exp(-self.extinction * (s - deeper)[below][:, None])
+            result[below] += left * -np.expm1(-lost) / self.extinction * self.scattered(self.floor_m, mu[below])
+        return result
+
+    def _within(self, s: Array, y: Array, mu: Array) -> Array:
+        """Return the radiance (..., n) scattered into rays between surface and floor."""
+        s = np.minimum(s, self.to_floor(y, mu))
         # tables ask for few directions and many distances
         directions, of_start = np.unique(mu, return_inverse=True)
-        start, of_ray = np.unique(np.stack([of_start.ravel(), y.ravel()]), axis=1, return_inverse=True)
+        start, of_ray = np.unique(
+            np.stack([of_start.ravel(), np.minimum(y, self.floor_m).ravel()]), axis=1, return_inverse=True
+        )
         direction = start[0].astype(np.intp)
         source = self._source_modes(directions)
-        along = self.rate * directions[:, None, None]
-        fall = outer[:, None] - along
-        if extinction is not None:
-            # light that the smaller extinction leaves in the ray is one more source, proportional to the radiance
-            source *= fall / (self.extinction[:, None] - along)
-        distance, result = s.ravel(), np.zeros((s.size, len(outer)))
+        fall = self.extinction[:, None] - self.rate * directions[:, None, None]
+        distance, result = s.ravel(), np.zeros((s.size, len(self.extinction)))
         for rays, starts in _bundles(of_ray.ravel()):
-            to, decay = direction[starts], self.rate * start[1][starts, None, None]
+            to, decay = direction[starts], self.rate * (start[1][starts, None, None] - self.origin_m)
             result[rays] = path_modes(source[to], fall[to], decay, distance[rays])
-        return result.reshape(*s.shape, len(outer))
+        return result.reshape(*s.shape, len(self.extinction))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) that arrives at a depth from the directions `up`, without the sun's beam."""
         check_ray(0.0, depth_m, up)
         y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
-        s = ray_in_water(np.inf, y, mu)
-        from_surface = np.exp(-self.extinction * s[..., None]) * self.below_surface(np.maximum(mu, 0.0))
-        return self.inscatter(s, y, mu) + np.where((mu > 0.0)[..., None], from_surface, 0.0)
+        s = np.minimum(ray_in_water(np.inf, y, mu), self.to_floor(y, mu))
+        result = self._within(s, y, mu) + np.exp(-self.extinction * s[..., None]) * self.floor
+        rising = mu > 0.0
+        if np.any(rising):
+            left = np.exp(-self.extinction * s[rising][:, None])
+            result[rising] += left * (self.below_surface(mu[rising]) - self.floor)
+        return result
+
+    def scattered(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance [1/m] (..., n) that the water at a depth scatters into rays."""
+        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        modes = np.exp(-self.rate * (np.minimum(y, self.floor_m)[..., None, None] - self.origin_m))
+        return np.asarray(np.sum(self._source_modes(mu) * modes, axis=-1))
 
     def below_surface(self, up: ArrayLike) -> Array:
         """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
         mu = np.asarray(up, np.float64)
         directions, place = np.unique(mu, return_inverse=True)
         reflectance = fresnel_from_below(directions, self.index)[:, None]
-        rising = self._source_modes(-directions) / (self.extinction[:, None] + self.rate * directions[:, None, None])
-        light = self.sky * (1.0 - reflectance) + reflectance * np.sum(rising, axis=-1)
+        light = self.sky * (1.0 - reflectance) + reflectance * self.radiance(0.0, -directions)
         return light[place].reshape(*mu.shape, len(self.sky))
 
+    def to_floor(self, y: Array, mu: Array) -> Array:
+        """Return the length (...,) [m] of rays down to the floor, infinite for others."""
+        above = np.maximum(self.floor_m - y, 0.0)
+        return np.divide(above, -mu, out=np.full(mu.shape, np.inf), where=mu < 0.0)
+
     def _source_modes(self, mu: Array) -> Array:
-        """Return the source (..., n, j) of every mode in directions mu, at the surface."""
+        """Return the source (..., n, j) of every mode in directions mu, where it has its amount."""
         return np.asarray(np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1)))
 
 

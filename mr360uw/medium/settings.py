@@ -18,14 +18,14 @@ from mr360uw.medium.phase import Phase
 from mr360uw.medium.spectral.bands import Rule
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.transfer import SurfaceKind
-from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility
+from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
 from mr360uw.medium.water import Water
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.types import Floats
 
 Place = Literal["tropical", "temperate", "harbour"]
 PLACES: dict[str, JerlovType] = {"tropical": "IB", "temperate": "1C", "harbour": "7C"}
-"""Words for waters, and the types they stand for: divers see 45, 11 and 1.8 m there."""
+"""Words for waters, and the types they stand for: black targets are lost at 71, 27 and 5.4 m there."""
 WaterType = JerlovType | Place | Literal["pure", "chlorophyll", "csv", "none"]
 PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-forand"]
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -38,7 +38,7 @@ class WaterKindSettings(Parameters):
         "IB", "Jerlov type, tropical (IB), temperate (1C), harbour (7C), pure, chlorophyll, csv; none: no water"
     )
     visibility_m: float | None = parameter(
-        None, "instead of a type: horizontal distance at which a black target is lost, 4.8/c", unit="m",
+        None, "horizontal distance at which a black target is lost in the picture; alone: and the type", unit="m",
         low=LEAST_M, high=MOST_M,
     )  # fmt: skip
     chlorophyll_mg_m3: float = parameter(0.2, "for type chlorophyll: concentration", unit="mg/m^3", low=0.01, high=20.0)
@@ -74,39 +74,45 @@ class WaterKindSettings(Parameters):
     def _check(self) -> Self:
         if self.type == "csv" and self.csv is None:
             raise ValueError("csv - type csv needs a file (got none) - name it")
-        if self.visibility_m is not None:
-            for name in ("type", "inherent", "kd"):
-                if name in self.model_fields_set:
-                    both = f"got visibility_m {self.visibility_m:g} and {name} {getattr(self, name)!r}"
-                    raise ValueError(f"visibility_m - stands in place of {name} ({both}) - remove one of them")
         return self
+
+    @property
+    def of_visibility_alone(self) -> bool:
+        """True if the water follows from the visibility alone."""
+        return self.visibility_m is not None and not {"type", "inherent", "kd"} & self.model_fields_set
 
     @property
     def label(self) -> str:
         """The water in a few words, as the plan shows it."""
-        if self.visibility_m is not None:
-            return f"water of {self.visibility_m:g} m visibility"
+        sight = "" if self.visibility_m is None else f" of {self.visibility_m:g} m visibility"
+        if self.of_visibility_alone:
+            return f"water{sight}"
         known = PLACES.get(self.type)
-        return f"water {self.type}" if known is None else f"{self.type} water, type {known}"
+        return (f"water {self.type}" if known is None else f"{self.type} water, type {known}") + sight
 
     def water(self) -> Water | None:
         """Return the water, or None for a plate without; raise `ParameterError` where tables cannot be used."""
         if self.type == "none":
             return None
-        if self.visibility_m is not None:
+        if self.of_visibility_alone and self.visibility_m is not None:
             water = water_of_visibility(self.visibility_m)
-        elif self.type == "pure":
-            water = Water.pure()
-        elif self.type == "chlorophyll":
-            water = Water.chlorophyll(self.chlorophyll_mg_m3)
-        elif self.type == "csv":
+        else:
+            water = self._named()
+            water = water if self.visibility_m is None else water_seen_as_far(water, self.visibility_m)
+        return water if self.phase == "auto" else water.with_phase(self._phase())
+
+    def _named(self) -> Water:
+        """Return the water of the type, there is one, with its own visibility."""
+        if self.type == "pure":
+            return Water.pure()
+        if self.type == "chlorophyll":
+            return Water.chlorophyll(self.chlorophyll_mg_m3)
+        if self.type == "csv":
             if self.csv is None:
                 raise ParameterError("csv - type csv needs a file (got none) - name it")
-            water = Water.from_csv(self.csv)
-        else:
-            kind = PLACES.get(self.type) or cast("JerlovType", self.type)
-            water = Water.jerlov(kind, self.inherent, None if self.kd == "auto" else self.kd)
-        return water if self.phase == "auto" else water.with_phase(self._phase())
+            return Water.from_csv(self.csv)
+        kind = PLACES.get(self.type) or cast("JerlovType", self.type)
+        return Water.jerlov(kind, self.inherent, None if self.kd == "auto" else self.kd)
 
     def _phase(self) -> Phase:
         if self.phase == "hg":
@@ -120,8 +126,9 @@ class WaterSettings(WaterKindSettings):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
     mode: Mode = parameter(
-        "table",
-        "how the haze (veil) is computed; kd = as published, table = solved light field, plate = each frame's own map",
+        "plate",
+        "how the haze (veil) is computed; plate = far away what the plate shows, on the way as the solved light "
+        "field; table = that alone, kd = as published",
     )
     bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
     rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
@@ -138,19 +145,27 @@ class WaterSettings(WaterKindSettings):
     )  # fmt: skip
     gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
         "auto",
-        "factor on the haze (veil) per channel; auto = level, it has the plate's own colour, steady over a clip",
+        "factor on the haze (veil) per channel, the same in all directions; auto = it has the plate's own colour, "
+        "steady over a clip",
     )
 
     @property
     def fits_gain(self) -> bool:
         """True if the gain of the veil is fitted to the plate."""
-        return self.type != "none" and self.gain == "auto" and self.mode != "plate"
+        return self.type != "none" and self.gain == "auto"
 
-    def medium(self, camera_depth_m: float, radiance_map: Floats | None = None) -> Medium | None:
+    @property
+    def fits_ratio(self) -> bool:
+        """True if the veil of long ways is taken from the plate in every direction."""
+        return self.fits_gain and self.mode == "plate"
+
+    def medium(
+        self, camera_depth_m: float, radiance_map: Floats | None = None, floor_m: float | None = None
+    ) -> Medium | None:
         """Return the medium of a camera at a depth, or None for a plate without water.
 
-        radiance_map: (32, 64, 3) of the plate; gain "auto" and mode "plate" read the water's colour from it. Without
-        it the gain is 1. Raises `ParameterError`.
+        floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate, from which gain "auto"
+        reads the water's colour. Without it the gain is 1. Raises `ParameterError`.
         """
         water = self.water()
         if water is None:
@@ -166,10 +181,10 @@ class WaterSettings(WaterKindSettings):
             surface=self.surface,
             sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
             refractive_index=self.refractive_index,
-            radiance_map=radiance_map if self.mode == "plate" else None,
+            floor_m=floor_m,
         )
         if self.gain != "auto":
             return medium.scaled(self.gain)
-        if radiance_map is None or self.mode == "plate":
+        if radiance_map is None:
             return medium
         return medium.scaled(fit_gain(medium, radiance_map)[0])

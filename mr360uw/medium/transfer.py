@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light field of deep, homogeneous water under a flat surface, by discrete ordinates.
+"""The light field of homogeneous water between a flat surface and a Lambert floor, by discrete ordinates.
 
 Plane-parallel radiative transfer, azimuthal mean, per unit downwelling irradiance just below the surface. For the
 radiance at the nodes mu_i of a quadrature on (0, 1), downwelling I+ and upwelling I-, the sum and the difference obey
@@ -7,16 +7,19 @@ radiance at the nodes mu_i of a quadrature on (0, 1), downwelling I+ and upwelli
     (I+ + I-)' = -P (I+ - I-)        (I+ - I-)' = -Q (I+ + I-)
 
 with symmetric, positive P and Q after scaling by sqrt(mu w); their eigenvectors are the modes exp(-k y) of the field
-(Stamnes et al. 1988; symmetric form after Nakajima & Tanaka 1986). Deep water has the decaying half of them, and the
-surface fixes their amounts. The forward peak of the phase function is taken as unscattered (delta-M, Wiscombe 1977).
-Between the nodes the radiance is the integral of the modes' own source function, so every quantity is a sum of
+(Stamnes et al. 1988; symmetric form after Nakajima & Tanaka 1986). By symmetry each mode has a mirror image,
+exp(-k (D - y)) with I+ and I- exchanged, which fades upwards from a floor at the depth D; deep water has none of them.
+Surface and floor fix the amounts. The forward peak of the phase function is taken as unscattered (delta-M, Wiscombe
+1977). Between the nodes the radiance is the integral of the modes' own source function, so every quantity is a sum of
 exponentials and every path integral the stable closed form of `closed_form.path_integral`. A beam of the sun is one
-more mode, of rate c'/mu_sun.
+more mode, of rate c'/mu_sun; what it scatters directly into a ray is found with many more orders of the phase function
+than streams resolve (TMS, Nakajima & Tanaka 1988).
 """
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Phase, phase_moments
 from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
@@ -36,30 +40,39 @@ SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
+BEAM_ORDERS = 256
+"""Legendre orders of the light that the sun's beam scatters directly into a ray: what turns by less than 0.01 rad
+counts as unscattered. Twice as many resolve half of that angle."""
 
 
-@functools.cache
-def _nodes(streams: int, split: float) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split` where that lies inside."""
-    edges = [0.0, split, 1.0] if 0.0 < split < 1.0 else [0.0, 1.0]
-    x, w = np.polynomial.legendre.leggauss(streams // (len(edges) - 1))
-    half = 0.5 * np.diff(edges)[:, None]
-    middle = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))[:, None]
-    return (middle + half * x).ravel(), (half * w).ravel()
+Sky = Literal["uniform", "floor"] | tuple[Literal["sun"], float, float]
+"""Light that comes in: a uniform sky, or ("sun", y of the direction to the sun in the water, fraction of the
+downwelling irradiance below the surface that is its beam), the rest being uniform sky; or "floor", no light from above
+and a floor that shines with a radiance of 1 in all directions, which the results are then per unit of."""
 
 
-Sky = Literal["uniform"] | tuple[Literal["sun"], float, float]
-"""Light on the surface: a uniform sky, or ("sun", y of the direction to the sun in the water, fraction of the
-downwelling irradiance below the surface that is its beam), the rest being uniform sky."""
+@dataclass(frozen=True, slots=True)
+class LambertFloor:
+    """A level Lambert floor. depth_m: below the surface. albedo: in [0, 1], of n wavelengths, or one for all."""
+
+    depth_m: float
+    albedo: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.depth_m) and self.depth_m > 0.0):
+            raise ParameterError(f"floor - must lie below the surface (got {self.depth_m!r} m) - give a depth above 0")
+        if not self.albedo or not all(0.0 <= a <= 1.0 for a in self.albedo):
+            raise ParameterError(f"floor - albedo must lie in [0, 1] (got {self.albedo!r:.60}) - correct it")
 
 
 class LightField:
-    """The light in deep water for n sets of coefficients, solved once; see the module's docstring.
+    """The light in water for n sets of coefficients, solved once; see the module's docstring.
 
     absorption (> 0), scattering: (n,) or scalar [1/m]. phase: one for all, see `phase.Phase`, or Legendre moments (m,)
     or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of refractive index.
-    refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions per hemisphere. All
-    results are per unit downwelling irradiance just below the surface. Raises `ParameterError`.
+    refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions per hemisphere.
+    floor: None for deep water; below it the light stays what it is there. All results are per unit downwelling
+    irradiance just below the surface. Raises `ParameterError`.
     """
 
     def __init__(
@@ -71,6 +84,7 @@ class LightField:
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
         streams: int = STREAMS_PER_HEMISPHERE,
+        floor: LambertFloor | None = None,
     ) -> None:
         if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
             raise ParameterError(
@@ -91,90 +105,121 @@ class LightField:
         if not 1.0 <= refractive_index <= 4.0:
             raise ParameterError(f"refractive_index - must lie in [1, 4] (got {refractive_index}) - sea water has 1.34")
         self.refractive_index = refractive_index if surface == "snell" else 1.0
-        moments = _moments(phase, len(self.absorption), 2 * streams + 1)
-        peak = moments[:, -1]
-        self._chi = (moments[:, :-1] - peak[:, None]) / (1.0 - peak[:, None])
+        if floor is not None and len(floor.albedo) not in (1, len(self.absorption)):
+            raise ParameterError(
+                f"floor - needs one albedo, or one for each of {len(self.absorption)} wavelengths "
+                f"(got {len(floor.albedo)}) - give as many"
+            )
+        moments, orders = _moments(phase, len(self.absorption), 2 * streams + 1), 2 * streams
+        peak = moments[:, orders]
+        self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
         self._peak = peak
-        self._mu, self._weight = _nodes(streams, critical_cosine(self.refractive_index))
+        self._of_beam = moments[:, :-1] - moments[:, -1:]
+        self._floor_m = np.inf if floor is None else floor.depth_m
+        self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
+        self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
+        if sky == "floor" and floor is None:
+            raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
+        self._shining = float(sky == "floor")
         self._solve(*_sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
         mu, w = self._mu, self._weight
-        b = self.scattering * (1.0 - self._peak)
-        c = self.absorption + b
         order = np.arange(self._chi.shape[1])
-        legendre = legendre_polynomials(mu, len(order))
-        parity = (-1.0) ** order
-        weighted = (2 * order + 1) * self._chi * b[:, None]
-        scale = np.sqrt(w / mu)
-
-        def coupling(kept: NDArray[np.bool_]) -> Array:
-            scattered = np.einsum("il,nl,jl->nij", legendre, weighted * kept, legendre)
-            return np.eye(len(mu)) * c[:, None, None] / mu - scale[:, None] * scattered * scale
-
-        p, q = coupling(parity < 0), coupling(parity > 0)
-        lower = np.linalg.cholesky(q)
-        squared, z = np.linalg.eigh(np.swapaxes(lower, 1, 2) @ p @ lower)
-        rate = np.sqrt(np.maximum(squared, 0.0))
-        total = np.linalg.solve(np.swapaxes(lower, 1, 2), z)
-        net = lower @ z / rate[:, None, :]
-        spread = 0.5 / np.sqrt(mu * w)[:, None]
-        down, up = spread * (total + net), spread * (total - net)
-
-        reflectance = fresnel_from_below(mu, self.refractive_index)[:, None]
-        transmitted = (1.0 - reflectance[:, 0]) / (2.0 * PI * np.sum(w * mu * (1.0 - reflectance[:, 0])))
-        boundary = np.broadcast_to((1.0 - sun_share) * transmitted, (len(c), len(mu)))
-        beam = sun_share / sun_mu
-        if beam > 0.0:
-            at_sun = legendre_polynomials(np.array(sun_mu), len(order))
-            source = beam / (4.0 * PI) * np.einsum("nl,l,il->nil", weighted, at_sun, legendre)
-            even, odd = source[..., parity > 0].sum(-1), source[..., parity < 0].sum(-1)
-            sun_rate = c / sun_mu * (1.0 + 1e-9)
-            particular = _particular(p, q, sun_rate, 2.0 * scale * odd, 2.0 * scale * even)
-            sun_down = spread[:, 0] * (particular[0] + particular[1])
-            sun_up = spread[:, 0] * (particular[0] - particular[1])
-            boundary = boundary - sun_down + reflectance[:, 0] * sun_up
-        amount = np.linalg.solve(down - reflectance * up, boundary[..., None])
-        down, up = down * np.swapaxes(amount, 1, 2), up * np.swapaxes(amount, 1, 2)
-        if beam > 0.0:
-            rate = np.concatenate([rate, sun_rate[:, None]], axis=1)
-            down = np.concatenate([down, sun_down[..., None]], axis=2)
-            up = np.concatenate([up, sun_up[..., None]], axis=2)
-
-        incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, down) + sun_share
-        norm = 1.0 / incident[:, None, None]
-        self._rate = rate
-        self._down, self._up = down * norm, up * norm
+        scattering = self.scattering * (1.0 - self._peak)
+        water = Ordinates(mu, w, self._faded, (2 * order + 1) * self._chi * scattering[:, None])
+        reflectance = fresnel_from_below(mu, self.refractive_index)
+        passed = 2.0 * PI * np.sum(w * mu * (1.0 - reflectance))
+        of_sky, beam = 1.0 - sun_share - self._shining, sun_share / sun_mu
+        from_above = np.broadcast_to(of_sky * (1.0 - reflectance) / passed, (len(scattering), len(mu)))
+        modes = self._bounded(water.free(), water.driven(sun_mu, beam), reflectance, from_above, sun_share)
+        incident = np.ones(len(scattering))
+        if not self._shining:
+            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes.at(0.0)[0]) + sun_share
+        self._rate, self._origin = modes.rate, modes.origin_m
+        self._down, self._up = (light / incident[:, None, None] for light in (modes.down, modes.up))
         self._beam, self._sun_mu = beam / incident, sun_mu
-        self._sky = (1.0 - sun_share) / (2.0 * PI * np.sum(w * mu * (1.0 - reflectance[:, 0]))) / incident
-        moments = np.einsum("i,il,nij->nlj", w, legendre, self._down)
-        moments += parity[:, None] * np.einsum("i,il,nij->nlj", w, legendre, self._up)
-        if beam > 0.0:
-            moments[..., -1] += self._beam[:, None] * at_sun / (2.0 * PI)
-        self._moments = moments
+        self._sky = of_sky / passed / incident
+        of_order = w[:, None] * water.legendre
+        self._moments = np.einsum("il,nij->nlj", of_order, self._down)
+        self._moments += water.parity[:, None] * np.einsum("il,nij->nlj", of_order, self._up)
+
+    def _bounded(self, free: Modes, of_sun: Modes, reflectance: Array, from_above: Array, level_beam: float) -> Modes:
+        """Return the modes in the amounts that surface and floor give them, that of the sun last.
+
+        reflectance: (i,) of the surface from below. from_above: (n, i) radiance that enters. level_beam: irradiance of
+        a level plane below the surface by the sun.
+        """
+
+        def at_surface(modes: Modes) -> Array:
+            down, up = modes.at(0.0)
+            return np.asarray(down - reflectance[:, None] * up, np.float64)
+
+        if np.isinf(self._floor_m):
+            driven = from_above - at_surface(of_sun)[..., 0]
+            amount = np.asarray(np.linalg.solve(at_surface(free), driven[..., None])[..., 0], np.float64)
+            return free.times(amount).beside(of_sun)
+        # a floor sends the same up in all directions
+        sent = 2.0 * self._albedo[:, None] * self._weight * self._mu
+
+        def at_floor(modes: Modes) -> Array:
+            down, up = modes.at(self._floor_m)
+            return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None], np.float64)
+
+        both = free.beside(free.mirrored(self._floor_m))
+        lit = self._shining + self._albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
+        ends = np.concatenate([at_surface(both), at_floor(both)], axis=1)
+        driven = np.concatenate(
+            [from_above - at_surface(of_sun)[..., 0], lit[:, None] - at_floor(of_sun)[..., 0]], axis=1
+        )
+        amount = np.linalg.solve(ends, driven[..., None])[..., 0]
+        return both.times(amount).beside(of_sun)
 
     # --- results -----------------------------------------------------------------------------------------------
 
     @functools.cached_property
     def rays(self) -> RayField:
         """The light along rays, its forward peak unscattered."""
-        return self.scattered_by(self._chi * (1.0 - self._peak[:, None]))
+        return self._rays(self._chi * (1.0 - self._peak[:, None]), self._of_beam)
 
     def scattered_by(self, moments: Array) -> RayField:
         """Return the light along rays that a part of the phase function scatters into them.
 
-        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its fraction of b, l <= 2
-        streams. The rest counts as unscattered.
+        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its fraction of b. Orders from
+        2 streams on scatter the sun's beam alone. The rest counts as unscattered.
         """
-        order = np.arange(moments.shape[1])
-        factor = 0.5 * (2 * order + 1) * moments * self.scattering[:, None]
+        return self._rays(moments[:, : self._chi.shape[1]], moments)
+
+    def _rays(self, moments: Array, of_beam: Array) -> RayField:
+        """Return the light along rays that moments (n, l) scatter into them, and (n, m) those of the sun's beam."""
+
+        def factor(moments: Array) -> Array:
+            return 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
+
+        orders = moments.shape[1]
+        source = factor(moments)[..., None] * self._moments[:, :orders]
+        if np.any(self._beam > 0.0):
+            many = of_beam.shape[1]
+            at_sun = legendre_polynomials(np.array(self._sun_mu), many) / (2.0 * PI)
+            source = np.pad(source, ((0, 0), (0, many - orders), (0, 0)))
+            source[..., -1] += self._beam[:, None] * factor(of_beam) * at_sun
         return RayField(
             extinction=self.absorption + self.scattering * moments[:, 0],
             rate=self._rate,
-            source=factor[..., None] * self._moments[:, : len(order)],
+            origin_m=self._origin,
+            source=source,
             sky=self._sky,
             index=self.refractive_index,
+            floor_m=self._floor_m,
+            floor=self._floor_radiance,
         )
+
+    @functools.cached_property
+    def _floor_radiance(self) -> Array:
+        """Radiance (n,) of the floor, 0 without."""
+        if np.isinf(self._floor_m):
+            return np.zeros(len(self.absorption))
+        return np.asarray(self._shining + self._albedo / PI * self.irradiance(self._floor_m, 1.0))
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) scattered into camera rays, cut at the surface; their extinction is c = a + b.
@@ -202,48 +247,61 @@ class LightField:
         1: downwelling E_d, -1: upwelling E_u, 0: a vertical plane, averaged over its azimuth.
         """
         check_ray(0.0, depth_m, normal_up)
-        y, normal = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up, np.float64))
-        normals, place = np.unique(normal, return_inverse=True)  # tables ask for one normal at many depths
+        y, normal = np.broadcast_arrays(
+            np.minimum(np.asarray(depth_m, np.float64), self._floor_m), np.asarray(normal_up, np.float64)
+        )
+        normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
         down = cosine_kernel(self._mu, normals[:, None]) * self._weight
         up = cosine_kernel(-self._mu, normals[:, None]) * self._weight
         modes = np.einsum("pi,nij->pnj", down, self._down) + np.einsum("pi,nij->pnj", up, self._up)
-        at = 0 if len(normals) == 1 else place.reshape(y.shape)
-        diffuse = np.einsum("...nj,...nj->...n", modes[at], np.exp(-self._rate * y[..., None, None]))
+        depths, at = np.unique(y, return_inverse=True)
+        place, at, fall = place.ravel(), at.ravel(), self._fall(depths)
+        diffuse = np.empty((y.size, len(self.absorption)))
+        for number in range(len(normals)):
+            of = np.flatnonzero(place == number)
+            diffuse[of] = np.einsum("nj,ynj->yn", modes[number], fall[at[of]])
+        diffuse = diffuse.reshape(*y.shape, len(self.absorption))
         direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
-        return diffuse + self._beam * direct * np.exp(-self.rays.extinction / self._sun_mu * y[..., None])
+        return diffuse + self._beam * direct * np.exp(-self._faded / self._sun_mu * y[..., None])
+
+    @property
+    def level_beam(self) -> Array:
+        """Irradiance (n,) of a level plane just below the surface that is the sun's beam."""
+        return np.asarray(self._beam * self._sun_mu)
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance (..., n) of a small sphere, E_0, sun included."""
-        y = numbers("depth_m", depth_m).astype(np.float64, copy=False)[..., None]
-        modes = 2.0 * PI * np.einsum("i,nij->nj", self._weight, self._down + self._up)
-        direct = self._beam * np.exp(-self.rays.extinction / self._sun_mu * y)
-        return np.sum(modes * np.exp(-self._rate * y[..., None]), axis=-1) + direct
+        y = np.minimum(numbers("depth_m", depth_m).astype(np.float64, copy=False), self._floor_m)
+        direct = self._beam * np.exp(-self._faded / self._sun_mu * y[..., None])
+        return 2.0 * PI * np.sum(self._moments[:, 0] * self._fall(y), axis=-1) + direct
+
+    @property
+    def _faded(self) -> Array:
+        """Attenuation (n,) [1/m] of the beam and of rays, without the forward peak."""
+        return np.asarray(self.absorption + self.scattering * (1.0 - self._peak))
+
+    def _fall(self, depth_m: Array) -> Array:
+        """Return the modes (..., n, j) at depths over their amounts."""
+        return np.exp(-self._rate * (depth_m[..., None, None] - self._origin))
 
 
 def _sky_parts(sky: Sky) -> tuple[float, float]:
-    if sky == "uniform":
+    if sky in ("uniform", "floor"):
         return 1.0, 0.0
     if isinstance(sky, tuple) and len(sky) == 3 and sky[0] == "sun" and 0.0 < sky[1] <= 1.0 and 0.0 <= sky[2] <= 1.0:
         return float(sky[1]), float(sky[2])
     raise ParameterError(
-        f"sky - unknown (got {sky!r}) - take 'uniform' or ('sun', up in the water in (0, 1], share in [0, 1])"
+        f"sky - unknown (got {sky!r}) - take 'uniform', 'floor' or ('sun', up in the water in (0, 1], share in [0, 1])"
     )
 
 
-def _moments(phase: Phase | Array, count: int, orders: int) -> Array:
+def _moments(phase: Phase | Array, count: int, least: int) -> Array:
+    """Return Legendre moments (count, l), as many as are given, or as many as serve the sun's beam."""
     if isinstance(phase, np.ndarray):
         length = phase.shape[-1]
         moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
-        if moments.shape[1] < orders or not np.allclose(moments[:, 0], 1.0):
-            raise ParameterError(f"phase - needs {orders} Legendre moments from 1 on (got {phase.shape}) - give more")
-        return np.array(moments[:, :orders], np.float64)
-    return np.broadcast_to(phase_moments(phase, orders), (count, orders))
-
-
-def _particular(p: Array, q: Array, rate: Array, odd: Array, even: Array) -> tuple[Array, Array]:
-    """Return sum and difference (n, i) of the scaled radiance that is driven by a source exp(-rate y)."""
-    size = p.shape[1]
-    eye = np.eye(size) * rate[:, None, None]
-    system = np.concatenate([np.concatenate([-eye, p], axis=2), np.concatenate([q, -eye], axis=2)], axis=1)
-    solution = np.linalg.solve(system, np.concatenate([odd, even], axis=1)[..., None])[..., 0]
-    return solution[:, :size], solution[:, size:]
+        if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
+            raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
+        return np.array(moments, np.float64)
+    many = max(least, BEAM_ORDERS + 1)
+    return np.broadcast_to(phase_moments(phase, many), (count, many))

@@ -19,6 +19,8 @@ from mr360uw.ibl.sun_series import SunSeries
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.gain_series import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
+from mr360uw.medium.fit.open_water import OpenWater
+from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
 from mr360uw.progress import Progress
 from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
 from mr360uw.render.camera import CameraPath
@@ -54,9 +56,9 @@ class ClipFacts:
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
-    frame by frame. calm: the ground without its caustics, or None if it is found frame by frame. notes: doubts about
-    them. first: frame that the track and the gain begin with. look: of the plate, or None if it is measured frame by
-    frame.
+    frame by frame. open_water: beside it, or None if it is looked for frame by frame or not at all. calm: the ground
+    without its caustics, or None if it is found frame by frame. notes: doubts about them. first: frame that the track
+    and the gain begin with. look: of the plate, or None if it is measured frame by frame.
     """
 
     sun: SunTrack | FixedSun | None = None
@@ -65,6 +67,7 @@ class ClipFacts:
     notes: tuple[str, ...] = ()
     first: int = 0
     look: PlateGrade | None = None
+    open_water: OpenWaterTrack | None = None
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
@@ -96,6 +99,7 @@ def clip_facts(
     """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
     plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
+    wanted["open_water"] = wanted["gain"] and loaded.scene.water.fits_ratio
     keyed = loaded.surroundings_at if loaded.scene.keys else None
     look = clip_look(loaded, video)
     colour = clip_colour(loaded, look)
@@ -112,6 +116,7 @@ def first_pass(
     *,
     sun: bool = True,
     gain: bool = True,
+    open_water: bool = False,
     calm: CalmSeries | None = None,
     frames: tuple[int, int] | None = None,
     keyed: Callable[[float], Surroundings] | None = None,
@@ -119,16 +124,17 @@ def first_pass(
 ) -> ClipFacts:
     """Return the facts of a clip, or of its frames [a, b).
 
-    sun, gain: whether each is measured. calm: collects the ground without caustics. frames: are read with a margin on
-    either side (`measured_range`), which ends at a frame that cannot be decoded; default: the whole clip. keyed: the
-    surroundings at a time [s], where the scene has keys. grade: that the plate's light is read without.
+    sun, gain: whether each is measured; open_water: whether it is, beside a gain. calm: collects the ground without
+    caustics. frames: are read with a margin on either side (`measured_range`), which ends at a frame that cannot be
+    decoded; default: the whole clip. keyed: the surroundings at a time [s], where the scene has keys. grade: that the
+    plate's light is read without.
 
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
     stored = surroundings.settings.track
     track = _stored_track(stored, video) if sun and stored is not None else None
-    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, calm, grade)
+    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, open_water, calm, grade)
     if not (wanted.sun or wanted.gain or calm is not None):
         return ClipFacts(track)
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
@@ -149,6 +155,7 @@ class _Measured:
 
     sun: bool
     gain: bool
+    open_water: bool
     calm: CalmSeries | None
     grade: Grade | None
 
@@ -171,10 +178,13 @@ def _measured(
     of_frame = _OfFrame(camera, (lambda _: surroundings) if keyed is None else keyed, wanted.gain)
     suns = SunSeries(of_frame.sun, float(video.frame_rate))
     gains = GainSeries(of_frame.gain, float(video.frame_rate))
+    looks = OpenWaterLooks(float(video.frame_rate))
     with one_blas_thread():
         for frame in prefetch(one.graded_by(wanted.grade) for one in video.frames(begin, end)):
             if wanted.gain:
                 gains.add(frame, frame.index)
+                if wanted.open_water and looks.due(frame.index):
+                    looks.add(frame.index, of_frame.open_water(frame))
             if wanted.sun:
                 suns.add(frame, frame.index, frame.time_s)
             if calm is not None:
@@ -182,12 +192,14 @@ def _measured(
             if progress is not None:
                 progress(frame.index + 1 - begin, None if end is None else end - begin)
     confidence = surroundings.settings.minimum_confidence
+    steady = gains.steady() if wanted.gain else None
     return ClipFacts(
         track_suns(suns.every(), minimum_confidence=confidence, camera=camera.rotation_known) if wanted.sun else None,
-        gains.steady() if wanted.gain else None,
+        steady,
         calm.result() if calm is not None else None,
         tuple(filter(None, [_doubt(gains.residuals)])) if wanted.gain else (),
         begin,
+        open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
     )
 
 
@@ -201,6 +213,10 @@ class _OfFrame:
     def gain(self, frame: VideoFrame) -> MeasuredGain:
         """Return the gain of a frame's water, which there is."""
         return self._level(frame)[1]
+
+    def open_water(self, frame: VideoFrame) -> OpenWater:
+        """Return the open water of a frame whose gain is fitted."""
+        return self._now(frame.time_s).open_water(frame, self._water(frame), self._level(frame)[1].gain)
 
     def sun(self, frame: VideoFrame) -> SunMeasurement:
         """Return the sun of a frame, with the light that its water lets be known."""

@@ -126,10 +126,10 @@ class LightReader:
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
 
-        The beam is solved as its ratio to the rest of the light, in each channel. The thinner the water, the more the
-        sun as the plate shows it counts (geometric mean): no water is the limit of thin water. The strength is that of
-        the mixture where the closure chose it; a given or measured one is kept. up: (3,) of the world, in the camera's
-        axes.
+        The beam is solved as its ratio to the rest of the light, in each channel. The thinner the water, and the more
+        the plate shows of the sun, the more the sun as the plate shows it counts (geometric mean): no water is the
+        limit of thin water. The strength is that of the mixture where the closure chose it. up: (3,) of the world, in
+        the camera's axes.
         """
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
@@ -145,7 +145,7 @@ class LightReader:
         solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         if float(luminance(solved)) <= 0.0:
             return sun
-        clear = self._clearness or 0.0
+        clear = max(self._clearness or 0.0, sun.shown)
         mixed = np.maximum(solved, _LEAST_LIGHT) ** (1.0 - clear) * np.maximum(sun.irradiance, _LEAST_LIGHT) ** clear
         if not self._closed:
             mixed *= luminance(sun.irradiance) / luminance(mixed)
@@ -197,11 +197,11 @@ def may_be_clipped(pixels: Floats | YuvImage, settings: LightSettings) -> bool:
 def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) -> Environment:
     """Return the light of a clipped plate with what its clipped pixels lost.
 
-    medium: of the camera, with the gain of the plate's veil; of mode "table", others have no solved irradiance and
-    change nothing. up: (3,) of the world in the environment's axes. keep_sun: whether the sun's strength is known;
-    otherwise it gets what the ambient light leaves of the whole.
+    medium: of the camera, with the gain of the plate's veil; of mode "table" or "plate", others have no solved
+    irradiance and change nothing. up: (3,) of the world in the environment's axes. keep_sun: whether the sun's strength
+    is known; otherwise it gets what the ambient light leaves of the whole.
     """
-    if medium.mode != "table":
+    if medium.mode not in ("table", "plate"):
         return light
     sun_up = None if light.sun is None else max(float(light.sun.direction @ up), MINIMUM_SUN_UP)
     whole = irradiance_from_level(medium, sun_up, CLEAR_SKY_DIRECT)

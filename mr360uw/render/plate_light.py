@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light of a plate's frame: environment, sun, and the small map or gain that its water's veil is matched to."""
+"""Light of a plate's frame: environment, sun, and what its water's veil is matched to: a gain, and open water."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_map import level_view, plate_map
+from mr360uw.render.plate_map import level_view
 from mr360uw.types import Environment, Floats
 from mr360uw.video import VideoFrame
 
@@ -22,14 +22,14 @@ from mr360uw.video import VideoFrame
 class FrameLight:
     """The light of one frame.
 
-    environment: in camera axes. plate_map: (32, 64, 3) means of the plate, not expanded, levelled, or None if the water
-    does not need it. gain: (3,) of the veil, from a clip's track or from this frame; None where it is not fitted.
+    environment: in camera axes. gain: (3,) of the veil, from a clip's track or from this frame; None where it is not
+    fitted. plate_ratio: of the veil to the plate's open water, see `MediumTable`; None where it is not asked for.
     knots: in world axes, see `Shot`; None where the frame's own light is measured and no other.
     """
 
     environment: Environment
-    plate_map: Floats | None = None
     gain: Floats | None = None
+    plate_ratio: Floats | None = None
     knots: BetweenKnots | None = None
 
 
@@ -39,16 +39,28 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     sun = facts.sun_at(plate.index) if plan.sun.runs else None
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
-    medium, shown, gain = surroundings.medium_at(plate.time_s), None, None
-    if medium is not None and water.mode == "plate":
-        shown = plate_map(plate.pixels, world_from_camera[1])
-    elif medium is not None:
+    medium, gain = surroundings.medium_at(plate.time_s), None
+    if medium is not None:
         up = world_from_camera[1]
         gain, known = _gain(facts, plate, medium, up) if water.fits_gain else (None, True)
         if known and may_be_clipped(plate.pixels, surroundings.settings):
             scaled = medium if gain is None else medium.scaled(gain)
             found = restored(found, scaled, up, keep_sun=not isinstance(sun, str))
-    return FrameLight(found, shown, gain)
+    return FrameLight(found, gain, plate_ratio(loaded, facts, plate, gain))
+
+
+def plate_ratio(loaded: Loaded, facts: ClipFacts, plate: VideoFrame, gain: Floats | None) -> Floats | None:
+    """Return the ratio of a plate's open water to a veil of a gain, from the clip's track or from this frame.
+
+    None where the scene does not ask for it.
+    """
+    medium = loaded.surroundings.medium_at(plate.time_s)
+    if medium is None or gain is None or not loaded.scene.water.fits_ratio:
+        return None
+    tracked = None if facts.open_water is None else facts.open_water.ratio_at(plate.index)
+    if tracked is not None:
+        return tracked
+    return loaded.surroundings.open_water(plate, medium, gain).ratio(gain)
 
 
 def _gain(facts: ClipFacts, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
@@ -62,5 +74,5 @@ def _gain(facts: ClipFacts, plate: VideoFrame, medium: Medium, up: Floats) -> tu
 
 def light_key(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> Hashable:
     """Return the key of `plate_light`: all that the light depends on."""
-    plan, measured = loaded.plan, (Same(facts.sun), Same(facts.gain), facts.notes, facts.first)
+    plan, measured = loaded.plan, (Same(facts.sun), Same(facts.gain), Same(facts.open_water), facts.notes, facts.first)
     return plate, loaded.surroundings, measured, plan.sun.runs, plan.glossy.runs

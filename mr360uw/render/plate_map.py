@@ -14,7 +14,7 @@ from mr360uw.ibl.level.upward import is_level, upward
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.medium.fit.level import BAND_RAD, SECTORS, LevelView
-from mr360uw.sphere import direction_from_frame, frame_from_direction
+from mr360uw.sphere import direction_from_frame, directions, frame_from_direction
 from mr360uw.types import Floats, YuvImage
 
 _SAMPLES = (6, 12)
@@ -35,6 +35,15 @@ def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
         seen = coarse_directions() @ level_matrix(*map(float, roll_pitch(up)))
         fine = remap(fine, *frame_from_direction(seen, COARSE_COLUMNS, COARSE_ROWS))
     return np.maximum(reduce_map(fine, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS), 0.0)
+
+
+def world_view(plate: Floats | YuvImage, world_from_camera: Floats) -> Floats:
+    """Return the light (h, w, 3) of a linear plate or of decoded planes, at most 512 x 256, in the world's axes."""
+    fine = np.ascontiguousarray(_fine(plate))
+    if not np.allclose(world_from_camera, np.eye(3), atol=1e-9):
+        height, width = fine.shape[:2]
+        fine = remap(fine, *frame_from_direction(directions(width, height) @ world_from_camera, width, height))
+    return fine
 
 
 def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelView:

@@ -9,14 +9,17 @@ from dataclasses import dataclass
 from mr360uw.ibl import LightSettings
 from mr360uw.medium import Medium
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
+from mr360uw.medium.fit.open_water import OpenWater, open_water
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
+from mr360uw.render.plate_map import world_view
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between, without_gain
 from mr360uw.scene.model import Scene
-from mr360uw.types import MediumTable
+from mr360uw.types import Floats, MediumTable
+from mr360uw.video import VideoFrame
 
 _WATERS = 16
 """Waters that are kept, a few MB each, for keys that come back to where they were."""
@@ -28,13 +31,14 @@ _TABLES = 128
 class Surroundings:
     """Camera path, medium and light reader of a scene. medium: for a camera at `camera.depth_m`; None without water.
 
-    settings: its `[light]` table.
+    settings: its `[light]` table. ground_y: height [m] of the scene's level floor in the world, None without one.
     """
 
     settings: LightSettings
     camera: CameraPath
     medium: Medium | None
     light: LightReader
+    ground_y: float | None
     _depths: MediumAtDepths | MixedMedium | None
 
     def medium_at(self, time_s: float) -> Medium | None:
@@ -42,6 +46,12 @@ class Surroundings:
         if self._depths is None or self.medium is None:
             return self.medium
         return self._depths.at(self.camera.depth_at(time_s)).scaled(self.medium.gain)
+
+    def open_water(self, frame: VideoFrame, medium: Medium, gain: Floats) -> OpenWater:
+        """Return the open water of a plate's frame. medium: at the camera's depth. gain: (3,) of its veil."""
+        position, rotation = self.camera.at(frame.time_s)
+        above = None if self.ground_y is None else float(position[1]) - self.ground_y
+        return open_water(medium, gain, world_view(frame.pixels, rotation), above)
 
 
 def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: WaterBetween | None = None) -> Surroundings:
@@ -52,16 +62,28 @@ def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: Wate
     kept = KeptReads() if kept is None else kept
     levelled_by_plate = scene.plate if scene.camera.gravity is not None else None
     of_camera, gain = (scene.camera, levelled_by_plate, scene.water.type), scene.water.gain
+    floor_m = floor_depth_m(scene)
+    ground_y = None if floor_m is None else scene.camera.depth_m - floor_m
 
     def made() -> Surroundings:
         camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))
         plain = without_gain(scene.water)
-        medium, depths = _medium(plain, camera, kept) if between is None else _mixed(plain, between, camera, kept)
+        medium, depths = (
+            _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
+        )
         medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
         light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
-        return Surroundings(scene.light, camera, medium, light, depths)
+        return Surroundings(scene.light, camera, medium, light, ground_y, depths)
 
-    return kept.get("surroundings", (of_camera, scene.water, scene.light, between), made)
+    return kept.get("surroundings", (of_camera, scene.water, scene.light, between, floor_m), made)
+
+
+def floor_depth_m(scene: Scene) -> float | None:
+    """Return the depth [m] of a scene's level floor; None without, or where it does not lie below the camera."""
+    receiver = scene.receiver
+    if receiver is None or receiver.kind != "plane" or receiver.height_m >= 0.0:
+        return None
+    return scene.camera.depth_m - receiver.height_m
 
 
 def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
@@ -70,38 +92,41 @@ def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
     return lambda time_s: load_surroundings(scene_at(scene, time_s), kept, water_between(scene, time_s))
 
 
-def _medium(water: WaterSettings, camera: CameraPath, kept: KeptReads) -> tuple[Medium | None, MediumAtDepths | None]:
+def _medium(
+    water: WaterSettings, camera: CameraPath, floor_m: float | None, kept: KeptReads
+) -> tuple[Medium | None, MediumAtDepths | None]:
     """Return the medium of a water at the scene's depth, and at all depths where the camera rises or sinks."""
 
     def made() -> tuple[Medium | None, MediumAtDepths | None]:
-        medium = water.medium(camera.depth_m)
+        medium = water.medium(camera.depth_m, floor_m=floor_m)
         if medium is not None:
             _ = medium.unit_table  # for all that are scaled from it
         return medium, MediumAtDepths(medium) if medium is not None and camera.sinks else None
 
-    return kept.get("medium", (water, camera.depth_m, camera.sinks), made, _WATERS)
+    return kept.get("medium", (water, camera.depth_m, camera.sinks, floor_m), made, _WATERS)
 
 
-def _table(water: WaterSettings, depth_m: float) -> MediumTable:
-    medium = water.medium(depth_m)
+def _table(water: WaterSettings, depth_m: float, floor_m: float | None) -> MediumTable:
+    medium = water.medium(depth_m, floor_m=floor_m)
     assert medium is not None
     return medium.unit_table
 
 
 def _mixed(
-    water: WaterSettings, between: WaterBetween, camera: CameraPath, kept: KeptReads
+    water: WaterSettings, between: WaterBetween, camera: CameraPath, floor_m: float | None, kept: KeptReads
 ) -> tuple[Medium | None, MixedMedium | None]:
     """Return the same of a water between two others."""
-    exact = water.medium(camera.depth_m)
+    exact = water.medium(camera.depth_m, floor_m=floor_m)
     if exact is None:
         return None, None
 
     def tables(water: WaterSettings) -> TableAt:
         if camera.sinks:
-            depths = _medium(water, camera, kept)[1]
+            depths = _medium(water, camera, floor_m, kept)[1]
             assert depths is not None
             return lambda depth_m: depths.at(depth_m).unit_table
-        table = kept.get("table", (water, camera.depth_m), lambda: _table(water, camera.depth_m), _TABLES)
+        of_table = water, camera.depth_m, floor_m
+        table = kept.get("table", of_table, lambda: _table(*of_table), _TABLES)
         return lambda _: table
 
     mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.ibl import SunTrack
+from mr360uw.medium.fit.open_water_track import OpenWaterTrack
 from mr360uw.reading.disk_cache import read_arrays, write_arrays
 from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipFacts
 
-_SUN, _LOOK = "sun_", "look_"
+_SUN, _LOOK, _OPEN_WATER = "sun_", "look_", "open_water_"
 _PLAIN = ("softness_px", "sharpening", "sharpening_px", "columns")
 """Fields of a look that are numbers."""
 
@@ -30,6 +31,9 @@ def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
         arrays |= {_SUN + field.name: getattr(facts.sun, field.name) for field in dataclasses.fields(SunTrack)}
     if facts.gain is not None:
         arrays["gain"] = facts.gain
+    if facts.open_water is not None:
+        track = facts.open_water
+        arrays |= {_OPEN_WATER + field.name: getattr(track, field.name) for field in dataclasses.fields(track)}
     if facts.calm is not None:
         arrays["strength"] = facts.calm.strength
         if facts.calm.mean is not None:
@@ -43,14 +47,11 @@ def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
 
 def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
     """Return the facts that `arrays_of_facts` was given."""
-    of_sun: dict[str, Any] = {
-        name.removeprefix(_SUN): array for name, array in arrays.items() if name.startswith(_SUN)
-    }  # fmt: skip
+    of_sun, of_look, of_water = (_under(prefix, arrays) for prefix in (_SUN, _LOOK, _OPEN_WATER))
     if of_sun:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    of_look = {name.removeprefix(_LOOK): array for name, array in arrays.items() if name.startswith(_LOOK)}
     return ClipFacts(
         SunTrack(**of_sun) if of_sun else None,
         arrays.get("gain"),
@@ -58,7 +59,12 @@ def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
         notes,
         int(arrays["first"]),
         _stored_look(of_look) if of_look else None,
+        OpenWaterTrack(**of_water) if of_water else None,
     )
+
+
+def _under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def save_facts(facts: ClipFacts, path: Path) -> None:

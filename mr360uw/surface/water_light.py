@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import JUST_BELOW_M
-from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
@@ -86,8 +85,6 @@ class WaterLight:
         if water is None:
             return cls(None, None, sun_up)
         given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
-        if given.mode == "plate":
-            raise ParameterError("water - mode plate has the colours of a plate (got 'plate') - take mode 'table'")
         sky = Medium(
             given.water, given.sensor, given.mode, JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index,
             formation=given.formation,

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.color import encode
+from mr360uw.composite.lighting.surfaces import veil_ahead
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
-from mr360uw.medium.lookup import veil_lookup
 from mr360uw.tune.charts import caustic_chart, plan_chart, surface_chart
 from mr360uw.tune.drawing import Codes, false_colour, label, legend, message
 from mr360uw.tune.marks import markers
@@ -91,8 +91,9 @@ def water_picture(shown: ShownFrame) -> Codes:
     if shown.frame.medium is None:
         return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
     view = shown.view_of(_SMOOTH_WIDTH)
-    up = view.directions(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])[..., 1]
-    return _quantized(np.clip(encode(np.maximum(veil_lookup(shown.frame.medium, _FAR_M, up), 0.0), "srgb"), 0.0, 1.0))
+    direction = view.directions(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
+    veil = veil_ahead(shown.frame.medium, np.full(direction.shape[:-1], _FAR_M), direction)
+    return _quantized(np.clip(encode(np.maximum(veil, 0.0), "srgb"), 0.0, 1.0))
 
 
 def depth_picture(shown: ShownFrame) -> Codes:

@@ -80,12 +80,15 @@ class MediumTable:
     veil: (U, T, 3) radiance scattered into a camera ray of distance S, divided by 1 - exp(-S/length_m).
     attenuation: (D, T, 3) effective beam attenuation [1/m] of an object at depth d seen over distance S:
     transmittance = exp(-attenuation S).
-    diffuse: (D, 3) effective attenuation [1/m] of the ambient irradiance between the camera's depth and d:
-    E(d)/E(camera) = exp(-diffuse (d - camera_depth_m)).
+    diffuse: (N, D, 3) effective attenuation [1/m] of the ambient irradiance between the camera's depth and d, on
+    normals whose y is uniform over [-1, 1]: E(d)/E(camera) = exp(-diffuse (d - camera_depth_m)).
     beam: (D, 3) effective attenuation [1/m] of the sun's beam over its path p = d/(y of its direction) from the
     surface, which enters like a depth: E(p)/E(0) = exp(-beam p). Light that has turned by small angles is still in it.
     unscattered: (D, 3) the same of the part of the beam that has not turned at all.
     refractive_index: of the water relative to air.
+    glow: (U, T, 3) veil that a floor of radiance 1 adds, like `veil`, while level light stays what it is; None: no
+    floor. plate_ratio: (H, W, 3) equirectangular map in the world's axes, or None for 1: the light of a plate's open
+    water in each direction over that of these tables. It multiplies the veil.
     """
 
     camera_depth_m: float
@@ -96,3 +99,5 @@ class MediumTable:
     beam: Floats
     unscattered: Floats
     refractive_index: float = REFRACTIVE_INDEX_SEA
+    glow: Floats | None = None
+    plate_ratio: Floats | None = None

@@ -234,7 +234,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
 def medium_case(name: str, rng: np.random.Generator) -> Case:
     table = MediumTable(
         5.0, 8.0, rng.uniform(0, 1, (17, 32, 3)), rng.uniform(0.05, 0.5, (9, 8, 3)),
-        rng.uniform(0.02, 0.3, (16, 3)), rng.uniform(0.05, 0.5, (16, 3)), rng.uniform(0.2, 0.8, (16, 3)),
+        rng.uniform(0.02, 0.3, (5, 16, 3)), rng.uniform(0.05, 0.5, (16, 3)), rng.uniform(0.2, 0.8, (16, 3)),
     )  # fmt: skip
     v = rounded(np.column_stack([rng.exponential(10.0, COUNT), rng.uniform(-1, 1, COUNT), rng.exponential(6.0, COUNT)]))
     s, up, depth = v.T
@@ -252,7 +252,7 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
             "transmittance_lookup(medium, attenuation, v.x, v.y)", medium.transmittance_lookup(table, s, up)
         ),
         "optical_length": ("optical_length(medium, attenuation, v.x, v.y)", medium.optical_length(table, s, up)),
-        "ambient_ratio": ("ambient_ratio(medium, diffuse, v.z)", medium.ambient_ratio(table, depth)),
+        "ambient_ratio": ("ambient_ratio(medium, diffuse, v.z, v.y)", medium.ambient_ratio(table, depth, up)),
         "path_attenuation": (
             "path_attenuation(medium, beam, 1, v.z, 0.8)",
             medium.path_attenuation(table, table.unscattered, depth, 0.8),
@@ -266,7 +266,7 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
         return {
             "veil": texture(table.veil),
             "attenuation": texture(table.attenuation),
-            "diffuse": texture(table.diffuse[None]),
+            "diffuse": texture(table.diffuse),
             "beam": texture(np.stack([table.beam, table.unscattered])),
         }
 

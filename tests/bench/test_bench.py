@@ -251,7 +251,7 @@ def test_the_command_prints_writes_and_compares(bench: Callable[..., tuple[int, 
     [
         (["--only", "fog"], "--only - no such stage (got fog) - take some of sum"),
         (["--against", "gone.json"], "gone.json - "),
-        (["--json", "gone/out.json"], "its folder is missing"),
+        (["--json", "gone/out.json"], "folder is missing"),
     ],
 )
 def test_bad_input_is_reported_before_anything_is_measured(

@@ -56,7 +56,8 @@ def medium(camera_depth_m: float = 5.0, absorption: tuple[float, ...] = (0.35, 0
         ratio[:-1] = np.where(s[:, None] > 0, -np.expm1(-a * s[:, None]) / -np.expm1(-s[:, None] / length), a * length)
     veil = np.broadcast_to(far * ratio, (17, count, 3)).copy()
     table = np.broadcast_to(a, (32, 3)).copy()
-    return MediumTable(camera_depth_m, length, veil, np.broadcast_to(a, (9, 8, 3)).copy(), table, table, 1.5 * table)
+    even = np.broadcast_to(a, (9, 8, 3)).copy()
+    return MediumTable(camera_depth_m, length, veil, even, np.stack([table, table]), table, 1.5 * table)
 
 
 def caustics(rng: np.random.Generator, *, softened: bool = False) -> CausticStack:

@@ -35,7 +35,7 @@ from tests.scenes import scene_with
 ABSORPTION = np.array([0.35, 0.06, 0.04])
 WATER = medium(absorption=tuple(ABSORPTION))
 DARK = environment(0.0)
-FADING = np.broadcast_to(ABSORPTION, (len(WATER.diffuse), 3)).copy()
+FADING = np.broadcast_to(ABSORPTION, (len(WATER.beam), 3)).copy()
 INTENSITY = np.array([2.0, 1.5, 1.0])
 Render = Callable[[Shot], Layer]
 
@@ -201,7 +201,7 @@ def test_water_takes_a_lamps_own_spectrum(kelvin: float) -> None:
     spectrum = black_body(water.bands.wavelength_nm, kelvin) / illuminant("D65")(water.bands.wavelength_nm)
     direct = water.bands.rgb(spectrum * np.exp(-water.model.extinction * path[:, None]))
     table = lamp_attenuation(water, kelvin)
-    assert table.shape == water.table.diffuse.shape
+    assert table.shape == water.table.beam.shape
     lost = linear(table, table_coordinate(path, water.length_m)) * path[:, None]
     np.testing.assert_allclose(np.exp(-lost) * water.bands.rgb(spectrum), direct, rtol=tol.LAMP_WALL)
     color = lamp_color(water, kelvin)

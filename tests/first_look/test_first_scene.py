@@ -14,7 +14,6 @@ import trimesh
 
 from mr360uw import load_scene
 from mr360uw.color import encode
-from mr360uw.first_look.proposal import sight_m
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
@@ -105,7 +104,8 @@ def test_a_large_thing_is_not_put_where_the_water_hides_it(tmp_path: Path, run: 
     plate = picture(tmp_path / "green.png", water((0.06, 0.16, 0.08)))
     assert run("new", plate, mesh(tmp_path / "whale.ply", 12.0), "--backend", "reference")[0] == 0
     scene = load_scene(tmp_path / "green.toml")
-    assert (scene.objects[0].distance_m or np.inf) <= 0.36 * sight_m(scene.water.type)  # type: ignore[arg-type]
+    assert (scene.objects[0].distance_m or np.inf) <= 0.36 * (scene.water.visibility_m or 0.0)
+    assert scene.water.gain == "auto"
     assert seen(scene)[0] < 60.0  # 45 for its longest side at its middle; one end is nearer
 
 

@@ -16,6 +16,7 @@ from mr360uw.first_look.free_view import free_view
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.mesh_words import kind_of
 from mr360uw.first_look.plate_look import look_at_plate
+from mr360uw.first_look.sight import guess_sight
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
@@ -123,3 +124,32 @@ def test_a_wide_thing_has_its_front_at_z_and_one_with_its_foot_at_the_origin_sta
     mask.export(tmp_path / "mask.ply")
     look = look_at_mesh(tmp_path / "mask.ply")
     assert (look.front, look.long, look.habit) == ("+z", False, "stands")
+
+
+def floor_seen(height_m: float, sight_m: float) -> Floats:
+    """Return a panorama (512, 1024, 3) of patches of sand under water of a visibility."""
+    ray, patch_m = directions(1024, 512), 0.15 * height_m
+    down = np.maximum(-ray[..., 1], 1e-3)
+    x, z = (ray[..., k] / down * height_m for k in (0, 2))
+    cells = np.random.default_rng(7).uniform(0.3, 1.0, (512, 512))
+    sand = cells[np.floor(x / patch_m).astype(int) % 512, np.floor(z / patch_m).astype(int) % 512]
+    left = np.where(ray[..., 1] < 0.0, np.exp(-4.8 * height_m / down / sight_m), 0.0)
+    light = (left * sand + (1.0 - left) * 0.6)[..., None] * np.array([0.05, 0.3, 0.35])
+    return (light + np.random.default_rng(8).normal(0.0, 1e-4, light.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("height_m", "sight_m"), [(2.0, 10.0), (2.0, 25.0), (4.0, 40.0)])
+def test_the_floor_tells_the_visibility(height_m: float, sight_m: float) -> None:
+    image = floor_seen(height_m, sight_m)
+    found = guess_sight(image, height_m, known=True, usual_m=30.0)
+    assert found.by
+    assert found.low_m < sight_m < found.high_m
+    assert found.visibility_m == pytest.approx(sight_m, rel=0.3)  # each row of the floor has some tens of patches
+    unsure = guess_sight(image, height_m, known=False, usual_m=30.0)
+    assert unsure.high_m / unsure.low_m > found.high_m / found.low_m
+
+
+def test_open_water_tells_no_visibility() -> None:
+    found = guess_sight(water((0.02, 0.15, 0.3)), 2.0, known=False, usual_m=30.0)
+    assert (found.visibility_m, found.low_m, found.high_m, found.by) == (20.0, 10.0, 40.0, "")
+    assert guess_sight(water((0.06, 0.16, 0.08)), None, known=False, usual_m=9.5).visibility_m == 9.5

@@ -10,7 +10,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Sensor, Water, fit_gain, fit_water
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import veil_lookup
-from tests.medium.tolerances import FLOAT64, GAIN, GAIN_STEP, PLATE_LEVEL, TABLE_P95
+from tests.medium.tolerances import FLOAT64, GAIN, GAIN_STEP
 
 DEPTH = 6.0
 EXPOSURE = np.array([0.5, 0.4, 0.3])
@@ -86,27 +86,6 @@ def test_a_channel_that_is_black_has_no_veil(rng: np.random.Generator) -> None:
     assert residual == 0.0
 
 
-def test_plate_mode_ends_in_the_plate(rng: np.random.Generator) -> None:
-    plate = water_map("II", rng)
-    medium = Medium(Water.jerlov("1C"), mode="plate", camera_depth_m=DEPTH, radiance_map=plate)
-    down = np.linspace(-0.95, 0.0, 9)
-    profile = PlateProfile.from_map(plate)(down)
-    np.testing.assert_allclose(medium.veil(np.inf, DEPTH, down), profile, rtol=PLATE_LEVEL)
-    np.testing.assert_allclose(medium.radiance(DEPTH, down), profile, rtol=FLOAT64)
-    np.testing.assert_array_equal(medium.veil(0.0, DEPTH, down), 0.0)
-    np.testing.assert_allclose(veil_lookup(medium.table, 1e7, down), profile, rtol=4 * TABLE_P95)
-    # upwards the surface shines through: the veil is less than what the plate shows
-    assert np.all(medium.veil(np.inf, DEPTH, [0.3, 0.9]) < medium.radiance(DEPTH, [0.3, 0.9]))
-    same = Medium(Water.jerlov("1C"), mode="plate", camera_depth_m=DEPTH).with_map(plate)
-    np.testing.assert_array_equal(same.table.veil, medium.table.veil)
-    for wrong in (
-        lambda: Medium(Water.jerlov("II")).with_map(plate),
-        lambda: Medium(Water.jerlov("II"), radiance_map=plate),
-    ):
-        with pytest.raises(ParameterError, match="mode plate"):
-            wrong()
-
-
 @pytest.mark.parametrize("name", JERLOV_TYPES)
 def test_the_water_is_found_again(name: str, rng: np.random.Generator) -> None:
     fit = fit_water(water_map(name, rng, depth_m=3.0, exposure=NEARLY_NEUTRAL), 3.0)
@@ -143,8 +122,6 @@ def test_the_gain_belongs_to_depth_and_water_alone(rng: np.random.Generator) -> 
         np.testing.assert_allclose(left, residual, rtol=FLOAT64)
     shallow = Medium(Water.jerlov("II"), camera_depth_m=2.0)
     np.testing.assert_allclose(fit_gain(medium.at_depth(2.0), plate)[0], fit_gain(shallow, plate)[0], rtol=FLOAT64)
-    of_plate = Medium(Water.jerlov("II"), mode="plate", camera_depth_m=DEPTH).with_map(plate)
-    np.testing.assert_allclose(fit_gain(of_plate, plate)[0], gain, rtol=FLOAT64)
     finer = np.repeat(plate, 2, axis=0)  # more rows about the horizon
     np.testing.assert_allclose(fit_gain(medium, finer)[0], gain, rtol=5 * GAIN)
 

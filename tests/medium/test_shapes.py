@@ -9,7 +9,7 @@ import pytest
 from mr360uw import medium
 from mr360uw.errors import ParameterError
 from mr360uw.medium import FroxelGrid, LightField, Medium, PlateProfile, Sensor, ShaftScene, Water
-from mr360uw.medium.tabulate import ATTENUATION_SIZE, DEPTH_SIZE, VEIL_SIZE
+from mr360uw.medium.tabulate import ATTENUATION_SIZE, DEPTH_SIZE, NORMALS, VEIL_SIZE
 from mr360uw.types import Sun, View
 from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes, towards
 
@@ -60,7 +60,8 @@ RETURNS: Returns = {
     "Medium.table": (
         lambda _: MEDIUM.table,
         lambda _: {"veil": (*VEIL_SIZE, 3), "attenuation": (*ATTENUATION_SIZE, 3)}
-        | dict.fromkeys(("diffuse", "beam", "unscattered"), (DEPTH_SIZE, 3)),
+        | dict.fromkeys(("beam", "unscattered"), (DEPTH_SIZE, 3))
+        | {"diffuse": (NORMALS, DEPTH_SIZE, 3)},
     ),
     "bands": (lambda _: BANDS, lambda _: {"wavelength_nm": (4,), "weight": (4, 3)}),
     "Bands.rgb": (lambda b: BANDS.rgb(filled(*b, 4)), colours),
@@ -106,7 +107,6 @@ REFUSED: Refused = {
     "Medium.radiance": lambda: MEDIUM.radiance(filled(4), filled(3)),
     "Medium.irradiance": lambda: MEDIUM.irradiance(filled(4), filled(3)),
     "Medium.scaled": lambda: MEDIUM.scaled(filled(4)),
-    "Medium, map": lambda: Medium(WATER, mode="plate", radiance_map=radiance_map(channels=4)),
     "Bands.rgb": lambda: BANDS.rgb(filled(2, 3)),
     "Bands.log_light": lambda: BANDS.log_light(filled(2, 3)),
     "Sensor.from_arrays": lambda: Sensor.from_arrays(W, filled(4, 4)),

@@ -5,13 +5,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import expn
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
+from mr360uw.medium.models import spectral_model
 from mr360uw.medium.ray_field import cosine_kernel
+from mr360uw.medium.transfer import LambertFloor
 from mr360uw.optics import fresnel_from_below
-from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, GERSHUN, INSCATTER_ISOTROPIC, INSCATTER_PEAKED, IRRADIANCE
+from tests.medium.tolerances import (
+    ANALYTIC_FIELD,
+    BEAM_STREAMS,
+    FLOAT64,
+    GERSHUN,
+    INSCATTER_ISOTROPIC,
+    INSCATTER_PEAKED,
+    IRRADIANCE,
+    QUADRATURE_OF_STREAMS,
+    TRACED,
+    TRACED_SIGMAS,
+)
 from tests.reference import reference_rows
 
 SETTINGS = {
@@ -24,6 +38,7 @@ SETTINGS = {
 A = np.array([0.005, 0.05, 0.3, 3.0])
 B = np.array([0.4, 0.001, 0.5, 10.0])
 SKIES = ["uniform", ("sun", 0.85, 0.7)]
+FLOORS = [None, LambertFloor(3.0, (0.4,))]
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
@@ -46,20 +61,27 @@ def test_reference_values(setting: str) -> None:
 @pytest.mark.parametrize("phase", ["isotropic", ("hg", 0.95), "petzold", "water"])
 @pytest.mark.parametrize("surface", ["snell", "none"])
 @pytest.mark.parametrize("sky", SKIES)
-def test_energy(phase: str, surface: str, sky: str) -> None:
-    field = LightField(A, B, phase, surface, sky)
+@pytest.mark.parametrize("floor", FLOORS)
+def test_energy(phase: str, surface: str, sky: str, floor: LambertFloor | None) -> None:
+    field = LightField(A, B, phase, surface, sky, floor=floor)
     np.testing.assert_allclose(field.irradiance(0.0, 1.0), 1.0, rtol=FLOAT64)
     step = 1e-3
     depth = np.array([1.0 - step, 1.0 + step])
     net = field.irradiance(depth, 1.0) - field.irradiance(depth, -1.0)
     np.testing.assert_allclose((net[0] - net[1]) / (2 * step), A * field.scalar_irradiance(1.0), rtol=GERSHUN)
+    if floor is not None:
+        sent = field.irradiance(floor.depth_m, -1.0) / field.irradiance(floor.depth_m, 1.0)
+        np.testing.assert_allclose(sent, floor.albedo[0], rtol=ANALYTIC_FIELD)
 
 
 @pytest.mark.parametrize("sky", SKIES)
-def test_radiance_along_a_ray(rng: np.random.Generator, sky: str) -> None:
-    field = LightField(A, B, ("hg", 0.9), "snell", sky)
-    depth, up = rng.uniform(0.5, 9, 60), rng.uniform(-1, 1, 60)
+@pytest.mark.parametrize("floor", FLOORS)
+def test_radiance_along_a_ray(rng: np.random.Generator, sky: str, floor: LambertFloor | None) -> None:
+    field = LightField(A, B, ("hg", 0.9), "snell", sky, floor=floor)
+    depth, up = rng.uniform(0.5, 3.0 if floor else 9.0, 60), rng.uniform(-1, 1, 60)
     s = ray_in_water(rng.exponential(4.0, 60), depth, up)
+    if floor is not None:
+        s = np.where(up < 0.0, np.minimum(s, (floor.depth_m - depth) / np.abs(up)), s)
     start, end = field.radiance(depth, up), field.radiance(np.maximum(depth - s * up, 0.0), up)
     for inscatter, c in (
         (field.inscatter(s, depth, up), A + B),
@@ -68,6 +90,83 @@ def test_radiance_along_a_ray(rng: np.random.Generator, sky: str) -> None:
         whole = inscatter + np.exp(-c * s[:, None]) * end
         np.testing.assert_allclose(whole, start, rtol=ANALYTIC_FIELD)
         assert np.all(inscatter >= 0.0)
+
+
+def test_a_floor_in_water_that_only_absorbs() -> None:
+    """Downwelling 2 E_3(a y), and from a floor of radiance L: 2 pi L E_3(a (D - y)); scalar irradiances with E_2."""
+    a, y, bottom, albedo = np.array([0.02, 0.1, 0.5]), np.array([[0.1], [1.0], [2.5], [3.9]]), 4.0, 0.4
+    field = LightField(a, 0.0, "isotropic", "none", floor=LambertFloor(bottom, (albedo,)))
+    sent = albedo / np.pi * 2.0 * expn(3, a * bottom)
+    depth = y[:, 0]
+    for normal, expected in (
+        (1.0, 2.0 * expn(3, a * y)),
+        (-1.0, 2.0 * np.pi * sent * expn(3, a * (bottom - y))),
+    ):
+        np.testing.assert_allclose(field.irradiance(depth, normal), expected, rtol=QUADRATURE_OF_STREAMS)
+    scalar = 2.0 * np.pi * (expn(2, a * y) / np.pi + sent * expn(2, a * (bottom - y)))
+    np.testing.assert_allclose(field.scalar_irradiance(depth), scalar, rtol=10.0 * QUADRATURE_OF_STREAMS)  # all slanted
+    np.testing.assert_allclose(field.radiance(1.0, -0.5), sent * np.exp(-a * 6.0), rtol=QUADRATURE_OF_STREAMS)
+
+
+def test_deep_water_is_the_limit_of_a_deep_floor() -> None:
+    up, depth = np.linspace(-1.0, 1.0, 9), np.array([[0.5], [4.0]])
+    for sky in SKIES:
+        deep = LightField(A, B, "petzold", sky=sky)
+        field = LightField(A, B, "petzold", sky=sky, floor=LambertFloor(2000.0, (0.7,)))
+        for name in ("irradiance", "radiance"):
+            np.testing.assert_allclose(getattr(field, name)(depth, up), getattr(deep, name)(depth, up), rtol=1e-9)
+    # what a floor reflects adds to the light over a black one
+    for sky in SKIES:
+        grey, black = (LightField(A, B, ("hg", 0.9), sky=sky, floor=LambertFloor(3.0, (a,))) for a in (0.4, 0.0))
+        glow = LightField(A, B, ("hg", 0.9), sky="floor", floor=LambertFloor(3.0, (0.0,)))
+        shining = 0.4 / np.pi * grey.irradiance(3.0, 1.0)
+        for name in ("irradiance", "radiance"):
+            whole, dark, added = (getattr(field, name)(np.minimum(depth, 2.9), up) for field in (grey, black, glow))
+            rest = (1.0 - shining * glow.irradiance(0.0, 1.0)) * dark
+            np.testing.assert_allclose(whole, rest + shining * added, rtol=ANALYTIC_FIELD)
+    # below a floor the light is what it is at the floor, and the veil goes on smoothly
+    field = LightField(A, B, "petzold", floor=FLOORS[1])
+    np.testing.assert_array_equal(field.irradiance(9.0, up), field.irradiance(3.0, up))
+    model = spectral_model(Water.jerlov("IB"), [450.0, 550.0], "table", floor=LambertFloor(3.0, (0.5,)))
+    before, at, after = model.inscatter(np.array([3.999, 4.0, 4.001]), 1.0, -0.5)
+    np.testing.assert_allclose(after - at, at - before, rtol=5e-3)
+
+
+def test_light_over_a_floor_is_that_of_path_tracing() -> None:
+    rows = [{k: v if k == "kind" else float(v) for k, v in row.items()} for row in reference_rows("floor_field.csv")]
+    assert len(rows) == 48
+    for row in rows:
+        sky = ("sun", row["sun_up"], row["sun_share"]) if row["sun_share"] else "uniform"
+        surface, floor = (
+            "snell" if row["refractive_index"] > 1.0 else "none",
+            LambertFloor(row["floor_m"], (row["albedo"],)),
+        )
+        field = LightField(row["absorption"], row["scattering"], ("hg", row["g"]), surface, sky, floor=floor)
+        light = getattr(field, row["kind"])(row["depth_m"], row["up"]) / field.irradiance(row["depth_m"], 1.0)
+        assert abs(light[0] / row["value"] - 1.0) < TRACED + TRACED_SIGMAS * row["noise"], row
+
+
+@pytest.mark.parametrize("phase", [("hg", 0.924), ("hg", 0.95), "petzold"])
+def test_strong_forward_peaks_under_a_beam(phase: str) -> None:
+    """Light that the beam scatters directly is exact, so that few streams do for the rest, also straight down."""
+    a, b = np.array([0.02, 0.05, 0.3]), np.array([0.05, 0.2, 0.3])
+    up, depth = np.linspace(-1.0, 0.6, 17), [[2.0], [10.0]]
+    for sun_up in (0.7, 0.99):
+        many, few = (LightField(a, b, phase, sky=("sun", sun_up, 1.0), streams=n).radiance(depth, up) for n in (96, 32))
+        np.testing.assert_allclose(few, many, rtol=BEAM_STREAMS)
+
+
+@pytest.mark.parametrize("surface", ["snell", "none"])
+@pytest.mark.parametrize("sun_up", [0.02, 0.3, 0.67, 0.9, 1.0])
+def test_no_veil_is_negative(surface: str, sun_up: float) -> None:
+    distance, up = np.geomspace(0.01, 200.0, 6)[:, None], np.linspace(-1.0, 1.0, 41)
+    for name in ("IB", "5C"):
+        for floor in (None, LambertFloor(12.0, (0.8,))):
+            model = spectral_model(
+                Water.jerlov(name), [430.0, 650.0], "table", surface, ("sun", sun_up, 1.0), floor=floor
+            )
+            assert model.inscatter(distance, 10.0, up).min() >= 0.0
+            assert model.radiance(10.0, up).min() >= 0.0
 
 
 def test_far_rays_give_the_whole_field() -> None:
@@ -120,8 +219,12 @@ def test_bad_input_is_refused() -> None:
         (0.1, 0.1, {"surface": "rough"}),
         (0.1, 0.1, {"sky": ("sun", 1.5, 0.5)}),
         (0.1, 0.1, {"phase": np.ones((1, 5))}),
+        (0.1, 0.1, {"floor": LambertFloor(3.0, (0.1, 0.2))}),
     ):
         with pytest.raises(ParameterError, match=" - "):
             LightField(a, b, **keys)
+    for depth, albedo in ((0.0, (0.5,)), (np.inf, (0.5,)), (1.0, (1.5,)), (1.0, ())):
+        with pytest.raises(ParameterError, match="floor - "):
+            LambertFloor(depth, albedo)
     with pytest.raises(ParameterError, match="depth_m"):
         LightField(0.1, 0.1).radiance(-1.0, 0.0)

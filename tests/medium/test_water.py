@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium import JERLOV_TYPES, Water, WaterSettings
+from mr360uw.medium import JERLOV_TYPES, Medium, Water, WaterSettings
 from mr360uw.medium.phase import (
     backscatter_ratio,
     henyey_greenstein,
@@ -20,7 +19,7 @@ from mr360uw.medium.phase import (
     phase_moments,
     wide_angle_moments,
 )
-from mr360uw.medium.visibility import visibility_m, water_of_visibility
+from mr360uw.medium.visibility import visibility_m, water_of_visibility, water_seen_as_far
 from tests.medium.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
 
 VISIBLE = np.arange(400.0, 701.0, 5.0)
@@ -134,8 +133,11 @@ def test_a_visibility_is_that_of_its_water() -> None:
     for before, after in itertools.pairwise(murkier):
         assert np.all(after.attenuation(VISIBLE) > before.attenuation(VISIBLE))
         assert np.all(after.diffuse_attenuation(VISIBLE) >= after.absorption(VISIBLE))
-    # a black target against the solved water: its contrast, all scattered light lost, at the distance of the definition
-    assert np.exp(-murkier[3].attenuation(532.0) * 8.0) == pytest.approx(0.0082, rel=0.01)  # e^-4.8
+    # a black target against the solved water: its contrast at the distance of the definition, and that of any type
+    for water in (murkier[3], *(water_seen_as_far(Water.jerlov(name), 8.0) for name in ("I", "II", "5C", "9C"))):
+        solved = Medium(water, camera_depth_m=5.0)
+        at = int(np.argmin(np.abs(solved.bands.wavelength_nm - 532.0)))
+        assert solved.spectral_transmittance(8.0)[at] == pytest.approx(0.0082, rel=0.05)  # e^-4.8; 2 nm beside
     for wrong in (0.4, 91.0, np.inf):
         with pytest.raises(ParameterError, match="visibility - is out of range"):
             water_of_visibility(wrong)
@@ -147,9 +149,25 @@ def test_a_diver_s_words_for_water() -> None:
     sighted = WaterSettings(visibility_m=8.0)
     assert sighted.water() is water_of_visibility(8.0)
     assert sighted.label == "water of 8 m visibility"
-    for other in ({"type": "IB"}, {"type": "none"}, {"inherent": "solonenko2015"}, {"kd": "lee2005"}):
-        with pytest.raises(ValidationError, match=f"stands in place of {next(iter(other))} .* remove one of them"):
-            WaterSettings(visibility_m=8.0, **other)
+    assert WaterSettings(visibility_m=8.0, type="none").water() is None
+    both = WaterSettings(visibility_m=8.0, type="5C")
+    assert both.water() is water_seen_as_far(Water.jerlov("5C"), 8.0)
+    assert both.label == "water 5C of 8 m visibility"
+
+
+@pytest.mark.parametrize("name", ["I", "IB", "II", "5C"])
+def test_a_type_of_a_visibility_keeps_its_colour(name: str) -> None:
+    """Murkier water has more particles; clearer water less of all but the water itself."""
+    of, pure = Water.jerlov(name), Water.pure()
+    own = visibility_m(of)
+    murky, clear = (water_seen_as_far(of, sight) for sight in (0.3 * own, min(1.5 * own, 90.0)))
+    more = np.maximum(of.absorption(VISIBLE) - pure.absorption(VISIBLE), 0.0)
+    np.testing.assert_allclose(murky.absorption(VISIBLE), pure.absorption(VISIBLE) + more, rtol=1e-3)  # a kink
+    assert np.all(murky.scattering(VISIBLE) > of.scattering(VISIBLE))
+    assert np.all(clear.absorption(VISIBLE) >= pure.absorption(VISIBLE))
+    for made, sight in ((murky, 0.3 * own), (clear, min(1.5 * own, 90.0))):
+        assert visibility_m(made) == pytest.approx(sight, rel=1e-9)
+        assert np.all(made.diffuse_attenuation(VISIBLE) >= made.absorption(VISIBLE))
 
 
 @pytest.mark.parametrize("phase", PHASES)

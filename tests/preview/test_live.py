@@ -68,7 +68,7 @@ def same(one: VideoFrame, other: VideoFrame) -> bool:
         ("object.0.position_m=[0.6, -0.6, -3.6]", {"layer", "picture"}),
         ("object.0.casts_shadow=false", {"layer", "picture"}),
         ("object.0.base_color=[0.5, 0.2, 0.1]", {"layer", "picture"}),
-        ("receiver.height_m=-3.0", {"pattern", "layer", "picture"}),
+        ("receiver.height_m=-3.0", {"medium", "light", "water", "caustics", "pattern", "layer", "picture"}),
         ("sea.wind_speed=6", {"pattern", "caustics", "layer", "picture"}),
         ("caustics.sun_half_angle_rad=0.02", {"caustics", "layer", "picture"}),
         ("light.peak=9", {"light", "water", "layer", "picture"}),

@@ -19,7 +19,7 @@ from mr360uw.medium.fit.level import SECTORS, fit_level
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.render.first_pass import first_pass
+from mr360uw.render.first_pass import ClipFacts, first_pass
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.recording import record
@@ -153,11 +153,14 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
     with open_plate(scene) as video:
         frame = next(iter(video.frames(k, k + 1)))
 
-    def render(gain: np.ndarray | None) -> np.ndarray:
-        done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, gain=gain)
+        facts = first_pass(load_surroundings(scene), video, sun=False, open_water=True)
+
+    def render(facts: ClipFacts | None) -> np.ndarray:
+        done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, facts=facts)
         return done.image_linear
 
-    np.testing.assert_allclose(render(gain_of(scene)[k]), made, atol=FLOAT32)
+    assert facts.open_water is not None
+    np.testing.assert_allclose(render(facts), made, atol=FLOAT32)
     assert np.abs(render(None) - made).max() > 100.0 * FLOAT32
 
 
@@ -166,7 +169,7 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
     [
         ({}, 2),
         ({"water": {"gain": [0.5, 0.4, 0.3]}}, 1),
-        ({"water": {"mode": "plate"}}, 1),
+        ({"water": {"mode": "table"}}, 2),
         ({"water": {"type": "none"}}, 1),
         ({"light": {"sun": "none", "smooth": False}}, 1),
     ],

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,8 +12,11 @@ import pytest
 
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.lookup import ambient_ratio, beam_ratio
-from mr360uw.render.exposed_water import with_ambient
+from mr360uw.medium.ambient import LightAtCamera, ambient_parts
+from mr360uw.medium.lookup import ambient_ratio
+from mr360uw.medium.models import spectral_model
+from mr360uw.medium.ray_field import cosine_kernel
+from mr360uw.medium.transfer import LambertFloor
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import dive_scene
 from mr360uw.sample.recording import record
@@ -21,7 +25,7 @@ from mr360uw.scene import scene_from_dict
 from mr360uw.video import open_video
 from tests.dives import over_sand
 from tests.render.holding import given_sun, held
-from tests.tolerances import HELD, WATER_ADDS_UP
+from tests.tolerances import COLOUR_OF_FLOOR, HELD, HELD_DARK, WATER_ADDS_UP
 
 SUN_UP = 0.8
 TURBID = pytest.mark.xfail(
@@ -35,7 +39,8 @@ TURBID = pytest.mark.xfail(
     [("IA", 4.0, 80.0), ("IB", 4.0, 80.0), pytest.param("II", 4.0, 50.0, marks=TURBID), ("3C", 12.0, 25.0)],
 )
 def test_a_card_of_sand_on_the_sand_vanishes(tmp_path: Path, water: str, depth_m: float, sun_deg: float) -> None:
-    np.testing.assert_allclose(held(tmp_path, water, depth_m, sun_deg, width=512, frames=4).ratio, 1.0, atol=HELD)
+    found = held(tmp_path, water, depth_m, sun_deg, width=512, frames=4)
+    assert np.all(np.abs(found.ratio - 1.0) <= np.where(found.rounding > 0.1, HELD_DARK, HELD)), found
 
 
 @pytest.mark.parametrize(
@@ -58,18 +63,39 @@ def test_the_light_read_from_a_dive_is_its_own(tmp_path: Path, water: str, camer
     np.testing.assert_allclose(found.sun.irradiance, plate.exposure * beam, rtol=HELD)
 
 
+@pytest.mark.parametrize("floor_m", [None, 7.0])
 @pytest.mark.parametrize("water", ["IB", "9C"])
-def test_what_leaves_the_beam_becomes_ambient(water: str) -> None:
-    medium = Medium(Water.jerlov(water), camera_depth_m=4.0, sky=("sun", SUN_UP, 0.7))
-    field, bands = medium.model, medium.bands
-    depth = np.array([0.5, 3.0, 4.0, 4.001, 6.0, 12.0])
-    here = np.array(4.0)
+def test_what_leaves_the_beam_becomes_ambient(water: str, floor_m: float | None) -> None:
+    """Ambient light and beam that are those of a solved field at the camera are its own at every depth and normal."""
+    share, camera, albedo = 0.7, 4.0, 0.3
+    medium = Medium(Water.jerlov(water), camera_depth_m=camera, floor_m=floor_m)
+    nm, bands = medium.bands.wavelength_nm, medium.bands
+    floor = None if floor_m is None else LambertFloor(floor_m, (albedo,))
+    field = spectral_model(medium.water, nm, "table", sky=("sun", SUN_UP, share), floor=floor)
+    depth, normal = np.array([0.5, 3.0, 4.0, 4.001, 6.0, 12.0]), np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+
+    def ambient(depth_m: np.ndarray, normal_up: np.ndarray) -> np.ndarray:
+        beam = field.level_beam * np.exp(-field.extinction / SUN_UP * np.minimum(depth_m, floor_m or np.inf)[..., None])
+        facing = cosine_kernel(np.array(SUN_UP), normal_up)[..., None] / (2.0 * np.pi * SUN_UP)
+        return bands.rgb(field.irradiance(depth_m, normal_up) - beam * facing)
+
     whole = np.array([1.0, 2.0, 3.0])
-    sun = 0.5 * whole * bands.rgb(np.exp(-field.extinction * 4.0 / SUN_UP)) / bands.rgb(field.irradiance(here, 1.0))
-    table = with_ambient(medium.table, whole - sun * SUN_UP, sun, SUN_UP)
-    total = (whole - sun * SUN_UP) * ambient_ratio(table, depth) + sun * SUN_UP * beam_ratio(table, depth, SUN_UP)
-    solved = whole * bands.rgb(field.irradiance(depth, 1.0)) / bands.rgb(field.irradiance(here, 1.0))
-    np.testing.assert_allclose(total, solved, rtol=WATER_ADDS_UP)
+    at = np.array(camera)
+    down, up = (whole * ambient(at, np.array(n)) for n in (1.0, -1.0))
+    sun = whole * bands.rgb(field.level_beam * np.exp(-field.extinction * camera / SUN_UP)) / SUN_UP
+    diffuse, shining = ambient_parts(medium, LightAtCamera(down, up, sun, SUN_UP))
+    table = replace(medium.table, diffuse=diffuse)
+    tolerance = WATER_ADDS_UP if floor_m is None else COLOUR_OF_FLOOR
+    for height in normal:
+        expected = ambient(depth, np.full(len(depth), height)) / ambient(at, np.array(height))
+        np.testing.assert_allclose(ambient_ratio(table, depth, height), expected, rtol=tolerance)
+    if floor_m is None:
+        np.testing.assert_array_equal(shining, 0.0)
+    else:
+        lit = albedo / np.pi * bands.rgb(field.irradiance(np.array(floor_m), 1.0))
+        np.testing.assert_allclose(shining, whole * lit, rtol=tolerance)
     # without a sun all light is ambient
-    alone = with_ambient(medium.table, whole, np.zeros(3), SUN_UP)
-    np.testing.assert_allclose(alone.diffuse, medium.table.diffuse, rtol=WATER_ADDS_UP)
+    alone, _ = ambient_parts(Medium(Water.jerlov(water), camera_depth_m=camera),
+                             LightAtCamera(whole, 0.1 * whole, np.zeros(3), SUN_UP))  # fmt: skip
+    plain = Medium(Water.jerlov(water), camera_depth_m=camera).table.diffuse
+    np.testing.assert_allclose(alone, plain, rtol=WATER_ADDS_UP)

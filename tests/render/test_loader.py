@@ -45,7 +45,7 @@ def picture(loaded: Loaded) -> np.ndarray:
         ({"light": {"peak": 9.0}}, {"surroundings"}),
         ({"water": {"type": "II"}}, {"surroundings", "camera", "medium", "lamps"}),
         ({"camera": {"depth_m": 3.0}}, {"surroundings", "camera", "medium", "lamps"}),
-        ({"receiver": {"height_m": -1.2}}, {"receiver"}),
+        ({"receiver": {"height_m": -1.2}}, {"receiver", "surroundings", "medium", "lamps"}),  # a floor lights the water
         ({"lamp": [{"attach": "camera"}]}, {"lamps"}),
     ],
 )

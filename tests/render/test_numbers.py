@@ -34,8 +34,6 @@ def test_deep_murky_water_has_a_veil(name: str, depth_m: float) -> None:
     for fitted in (medium.scaled(gain), MediumAtDepths(medium).at(depth_m).scaled(gain)):
         assert fitted.table.veil.dtype == np.float32
         np.testing.assert_allclose(veil_lookup(fitted.table, 1e6, 0.0), [0.02, 0.1, 0.05], rtol=0.05)
-    of_plate = Medium(Water.jerlov(name), mode="plate", camera_depth_m=depth_m).with_map(plate)
-    np.testing.assert_allclose(veil_lookup(of_plate.table, 1e6, 0.0), [0.02, 0.1, 0.05], rtol=0.05)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

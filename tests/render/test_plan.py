@@ -29,7 +29,7 @@ def plan_of(folder: Path, mesh: Path | None, **tables: Any) -> Plan:
         ({"light": {"sun": "none"}, "receiver": {"height_m": -2.0}}, {"sun", "caustics", "shafts", "shadow", "grain"}),
         ({"water": {"type": "none"}}, {"medium", "gain", "caustics", "shafts", "shadow", "grain"}),
         ({"water": {"gain": [1.0, 1.0, 1.0]}}, {"gain", "shadow", "grain"}),
-        ({"water": {"mode": "plate"}}, {"gain", "shadow", "grain"}),
+        ({"water": {"mode": "table"}}, {"shadow", "grain"}),
         ({"caustics": {"enabled": False}}, {"caustics", "shadow", "grain"}),
         ({"camera": {"depth_m": 120.0}, "water": {"type": "5C"}}, {"sun", "caustics", "shafts", "shadow", "grain"}),
         (

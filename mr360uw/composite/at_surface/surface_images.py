@@ -190,10 +190,10 @@ def _towards_camera(
 
     seen: (n, 3) directions of the camera's rays. in_water: whether the bodies are on the water's side.
     """
-    through, veil = sides.to_surface(first_m, seen[:, 1])
+    through, veil = sides.to_surface(first_m, seen)
     square = sides.refractive_index**2
     if in_water:
-        passed, added = sides.below_surface(further_m, hits.direction[:, 1])
+        passed, added = sides.below_surface(further_m, hits.direction)
         light = passed * bodies.wet.radiance(hits) + added
         return veil + through * (light if sides.in_water else light / square), through * passed
     above = bodies.dry.radiance(hits) * (square if sides.in_water else 1.0)

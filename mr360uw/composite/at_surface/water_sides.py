@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mr360uw.composite.lighting.surfaces import water_ahead
+from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
 from mr360uw.composite.shot import Shot
-from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
+from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Floats, MediumTable
 
@@ -40,19 +40,20 @@ class WaterSides:
         """Height [m] of the camera over the mean surface, negative below."""
         return float(self.wet.view.position[1] - self.wet.view.surface_y_m)
 
-    def to_surface(self, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
+    def to_surface(self, distance_m: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return transmittance and veil (n, 3) from the camera to the surface."""
         if self.in_water:
-            return water_ahead(self.wet, distance_m, up)
-        return np.ones((len(up), 3)), np.zeros((len(up), 3))
+            return water_ahead(self.wet, distance_m, direction)
+        return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
 
-    def below_surface(self, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
+    def below_surface(self, distance_m: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return transmittance and veil (n, 3) of rays from the surface down into the water."""
         table = self.from_surface
         if table is None:
-            return np.ones((len(up), 3)), np.zeros((len(up), 3))
-        level = np.minimum(up, 0.0)  # a ray that a wave turns up stays in the water until the body
-        return transmittance_lookup(table, distance_m, level), veil_lookup(table, distance_m, level)
+            return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
+        level = np.stack([direction[:, 0], np.minimum(direction[:, 1], 0.0), direction[:, 2]], axis=-1)
+        # a ray that a wave turns up stays in the water until the body
+        return transmittance_lookup(table, distance_m, level[:, 1]), veil_ahead(table, distance_m, level)
 
 
 def camera_in_water(shot: Shot, sea: SampledSea) -> bool:
@@ -62,10 +63,11 @@ def camera_in_water(shot: Shot, sea: SampledSea) -> bool:
 
 
 def table_at_surface(camera: MediumTable, unit_camera: MediumTable, unit_surface: MediumTable) -> MediumTable:
-    """Return a water's table for rays from the surface with the veil's gain of a frame's table.
+    """Return a water's table for rays from the surface with the veil's gain of a frame's table, and its plate's light.
 
     camera: the frame's. unit_camera, unit_surface: without gain, for the camera's depth and for the surface.
     """
     whole = np.maximum(unit_camera.veil.sum(axis=1), 1e-12)
     gain = camera.veil.sum(axis=1) / whole
-    return replace(unit_surface, veil=(unit_surface.veil * gain[:, None]).astype(np.float32))
+    veil = (unit_surface.veil * gain[:, None]).astype(np.float32)
+    return replace(unit_surface, veil=veil, plate_ratio=camera.plate_ratio)

@@ -20,6 +20,9 @@ _FACES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 
 _CORNER_RAD = float(np.arccos(3.0**-0.5))
 """Angle between the axis of a cube's face and its corners."""
 
+_ROWS_OF_BEAM = 2
+"""Rows of the texture `beam` before the lamps' attenuations: the sun's beam, and what of it has not turned."""
+
 
 def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
     """Return the light frames of each lamp: one for each body in its cone, or faces of a cube for bodies around it."""
@@ -64,11 +67,10 @@ def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
     return apart <= float(np.arccos(lamp.cos_edge)) + 1.5 * radius_rad
 
 
-def shadow_table(shot: Shot, atlas: Atlas, slots: list[int], lamp_rows: int) -> Floats:
+def shadow_table(shot: Shot, atlas: Atlas, slots: list[int]) -> Floats:
     """Return the texture `casters` (rows, ROW_TEXELS, 4): the slots of an atlas, then the lamps.
 
-    slots: index of each lamp's first slot, and the end. lamp_rows: rows of the texture `diffuse`, the last of which
-    are the lamps' attenuations.
+    slots: index of each lamp's first slot, and the end.
     """
     lamps = lamps_of(shot)
     table = np.zeros((len(atlas.table) + len(lamps), ROW_TEXELS, 4))
@@ -79,7 +81,7 @@ def shadow_table(shot: Shot, atlas: Atlas, slots: list[int], lamp_rows: int) -> 
             row[2:5, 3] = frame.axes @ (shot.view.position - frame.origin)
             row[5, 0] = frame.middle_m
     for number, lamp in enumerate(lamps):
-        at = (lamp_rows - len(lamps) + number) / max(lamp_rows - 1, 1)
+        at = _ROWS_OF_BEAM + number
         count = slots[number + 1] - slots[number]
         table[len(atlas.table) + number, :4] = (
             (*(lamp.position - shot.view.position), lamp.radius_m), (*lamp.axis, lamp.cos_core),

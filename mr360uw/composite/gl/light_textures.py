@@ -92,14 +92,14 @@ class LightTextures:
             write_uniform(shader, name, np.asarray(values, np.float32))
 
     def _update_environment(self, shot: Shot) -> None:
+        """Set one texture of the ambient irradiance and, in the layers after it, the glossy levels."""
         environment = shot.environment
-        glossy = environment.glossy[:MAXIMUM_GLOSSY_LEVELS] if len(environment.glossy) else environment.ambient[None]
-        self.textures |= {
-            "ambient": self._cache.get(
-                "ambient", environment, lambda: texture_array_from_array(environment.ambient[None])
-            ),
-            "glossy": self._cache.get("glossy", environment, lambda: texture_array_from_array(glossy)),
-        }
+
+        def ambient() -> moderngl.TextureArray:
+            glossy = environment.glossy[:MAXIMUM_GLOSSY_LEVELS]
+            return texture_array_from_array(np.stack([environment.ambient, *glossy]))
+
+        self.textures["ambient"] = self._cache.get("ambient", environment, ambient)
 
     def _update_medium(self, shot: Shot) -> None:
         medium, lamps = shot.medium, lamps_of(shot)
@@ -108,8 +108,9 @@ class LightTextures:
             return
         self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
         if lamps:
-            rows = np.stack([medium.diffuse, *(lamp.attenuation for lamp in lamps if lamp.attenuation is not None)])
-            self.textures["diffuse"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
+            of_lamps = (lamp.attenuation for lamp in lamps if lamp.attenuation is not None)
+            rows = np.stack([medium.beam, medium.unscattered, *of_lamps])
+            self.textures["beam"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
 
     def _update_caustics(self, stack: Any) -> None:
         if stack is None:
@@ -128,7 +129,7 @@ class LightTextures:
         size = slot_size(len(frames), _pixels_across(shot), narrowest)
         atlas = self._atlas.of(frames, size)
         slots = np.cumsum([len(of_sun), *(len(group) for group in of_lamps)]).tolist()
-        table = shadow_table(shot, atlas, slots, 1 + len(lamps))
+        table = shadow_table(shot, atlas, slots)
         of_grid, rows = sun_grid(shot, atlas, len(table))
         table = np.concatenate([table, rows])
         self.textures |= {
@@ -150,16 +151,18 @@ def _no_caustics() -> dict[str, Any]:
     }
 
 
-def _medium_textures(medium: MediumTable | None) -> dict[str, moderngl.Texture]:
-    """Return the tables of a medium in the layout of medium/lookup.glsl."""
+def _medium_textures(medium: MediumTable | None) -> dict[str, Any]:
+    """Return the tables of a medium in the layout of medium/lookup.glsl, and the plate's ratio."""
     blank = np.zeros((1, 1, 3))
+    ratio = np.ones((1, 2, 3)) if medium is None or medium.plate_ratio is None else medium.plate_ratio
     tables = {
         "veil": blank if medium is None else medium.veil,
         "attenuation": blank if medium is None else medium.attenuation,
-        "diffuse": blank if medium is None else medium.diffuse[None],
+        "diffuse": blank if medium is None else medium.diffuse,
         "beam": blank if medium is None else np.stack([medium.beam, medium.unscattered]),
     }
-    return {name: texture_from_array(table) for name, table in tables.items()}
+    textures = {name: texture_from_array(table) for name, table in tables.items()}
+    return textures | {"plate_ratio": texture_array_from_array(ratio[None])}
 
 
 def _pixels_across(shot: Shot) -> float:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance of surfaces towards the camera, from ambient light and all light sources (reference renderer).
 
-    ambient  E = ambient(N) ambient_ratio(d) R        L = T L_surface + veil
+    ambient  E = ambient(N) ambient_ratio(d, N) R        L = T L_surface + veil
 
 with d the depth, R what bodies leave of it and add (ambient/solver.py), T and veil those of the water in front. On the
 device: layer.frag.
@@ -29,7 +29,7 @@ from mr360uw.constants import INV_PI
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
-from mr360uw.types import Floats
+from mr360uw.types import Floats, MediumTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,13 +90,13 @@ class _Coat:
 
 def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
     """Return the unoccluded ambient irradiance (n, 3) on surfaces."""
-    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point)
+    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point, normal)
 
 
-def _ambient_factor(shot: Shot, point: Floats) -> Floats:
+def _ambient_factor(shot: Shot, point: Floats, normal: Floats) -> Floats:
     if shot.medium is None:
         return np.ones((len(point), 3))
-    return ambient_ratio(shot.medium, shot.view.depth_of(point))
+    return ambient_ratio(shot.medium, shot.view.depth_of(point), normal[:, 1])
 
 
 def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats) -> Radiance:
@@ -121,7 +121,7 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
     return Radiance(
         diffuse=hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
-        glossy=hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point) * occlusion,
+        glossy=hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion,
         direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
         emission=hits.trim * hits.emission,
     )
@@ -159,8 +159,15 @@ def _highlight(arrival: Arrival, hits: Hits, coat: _Coat) -> Floats:
     return total / len(PIXEL_POINTS)
 
 
-def water_ahead(shot: Shot, distance_m: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Return (transmittance, veil), each (n, 3), of camera rays of length `distance_m`; up: y of their directions."""
+def water_ahead(shot: Shot, distance_m: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Return (transmittance, veil), each (n, 3), of camera rays of lengths `distance_m` in directions (n, 3)."""
     if shot.medium is None:
         return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
-    return transmittance_lookup(shot.medium, distance_m, up), veil_lookup(shot.medium, distance_m, up)
+    through = transmittance_lookup(shot.medium, distance_m, direction[:, 1])
+    return through, veil_ahead(shot.medium, distance_m, direction)
+
+
+def veil_ahead(table: MediumTable, distance_m: Floats, direction: Floats) -> Floats:
+    """Return the veil (..., 3) of camera rays of lengths (...,) in directions (..., 3), matched to the plate."""
+    veil = veil_lookup(table, distance_m, direction[..., 1])
+    return veil if table.plate_ratio is None else veil * environment_lookup(table.plate_ratio, direction)

@@ -10,6 +10,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.surfaces import veil_ahead
 from mr360uw.composite.receiver.block_kernel import mark_changed, survey_blocks
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.ratio import ambient_share
@@ -25,7 +26,6 @@ from mr360uw.composite.receiver.receiver_kernel import (
 )
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Shot
-from mr360uw.medium.lookup import veil_lookup
 from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
@@ -85,7 +85,7 @@ def set_plate_light(shot: Shot, ground: Ground, blocks: NDArray[np.bool_], corne
     corner[j, i, SHARE] = ambient_share(shot, light_sources(shot), point[of], normal[of])
     if shot.medium is not None:
         distance = np.linalg.norm(point, axis=-1)
-        corner[j, i, VEIL] = veil_lookup(shot.medium, distance, point[:, 1] / np.maximum(distance, 1e-9))
+        corner[j, i, VEIL] = veil_ahead(shot.medium, distance, point / np.maximum(distance, 1e-9)[:, None])
 
 
 def free_images(

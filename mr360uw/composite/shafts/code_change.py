@@ -53,7 +53,7 @@ def waves_show(shot: Shot, light: ShaftLight) -> bool:
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays, end = to / distance[:, None], np.minimum(distance, settings.range_m)
     beam = _beam_before(shot, light, rays, end)
-    _, veil = water_ahead(shot, end, rays[:, 1])
+    _, veil = water_ahead(shot, end, rays)
     change = settings.strength * _WAVES * beam
     return bool(np.max(code_change(veil, change)) >= settings.least_codes)
 
@@ -79,7 +79,7 @@ def bodies_show(shot: Shot, light: ShaftLight) -> bool:
     half = np.minimum(0.5 * np.repeat(wide, len(_SHADOW_M)) / sine, 0.5 * _LONGEST_M)
     ends = np.clip(np.stack([distance - half, distance + half]), 0.0, settings.range_m)
     near, far = (_beam_before(shot, light, rays, end) for end in ends)
-    _, veil = water_ahead(shot, np.full(len(rays), settings.range_m), rays[:, 1])
+    _, veil = water_ahead(shot, np.full(len(rays), settings.range_m), rays)
     return bool(np.max(code_change(veil, settings.strength * (near - far))) >= settings.least_codes)
 
 

@@ -47,7 +47,7 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
     ends = np.full(len(directions), range_m)
     changes = [_change(part, directions, ends, view.key, kept) for part in scene.parts]
-    _, veil = water_ahead(shot, ends, directions[:, 1])
+    _, veil = water_ahead(shot, ends, directions)
     veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
     codes = sum((code_change(veil, change) for change in changes), np.zeros(len(veil)))
     marked = ((codes >= _MARGIN * least_codes) & (codes > 0.0)).reshape(rows, columns)

@@ -70,7 +70,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
         if lamp.casts_shadow:
             turned[lit] *= bodies.visible_from(world[lit], np.asarray(lamp.position, np.float64), nearest_m(lamp))
         light = light + arrival.irradiance * turned[:, None]
-    through, veil = water_ahead(shot, distance, direction[:, 1])
+    through, veil = water_ahead(shot, distance, direction)
     return np.asarray(through * albedo * light + veil)
 
 

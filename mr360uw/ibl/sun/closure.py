@@ -44,7 +44,8 @@ def close(split: Split, plate: Plate, ratio: float | None) -> Split:
     sine = max(float(elevation_sine(split.sun.direction, plate.up)), _LOWEST_SINE)
     here = shown_ratio(plate, split.sun.direction, sky) if ratio is None else ratio
     wanted = here * grey / sine
-    return Split(split.residual, replace(split.sun, irradiance=np.asarray(sunlight(sine) * wanted, np.float32)))
+    irradiance = np.asarray(sunlight(sine) * wanted, np.float32)
+    return Split(split.residual, replace(split.sun, irradiance=irradiance, shown=0.0))
 
 
 def sunlight(sine: float) -> Floats:

@@ -164,7 +164,7 @@ def split_known(plate: Plate, sun: Sun) -> Split:
     """Return the plate's expanded map split into this sun and the rest without the light of its spot."""
     blob = spot_towards(plate, sun.direction)
     radius = max(sun.half_angle_rad, 0.0 if blob is None else blob.radius_rad)
-    rest = split_sun(plate, sun.direction, radius, sun.half_angle_rad, sun.confidence, local=_local(blob))
+    rest = split_sun(plate, sun.direction, radius, sun.half_angle_rad, sun.confidence, local=is_disc(blob))
     return replace(rest, sun=sun)
 
 
@@ -173,14 +173,14 @@ def split_given(plate: Plate, direction: Floats, *, underwater: bool = False) ->
     blob = spot_towards(plate, direction)
     size = shown_half_angle(plate, blob, underwater)
     radius = max(size, 0.0 if blob is None else blob.radius_rad)
-    return split_sun(plate, direction, radius, size, 1.0, local=_local(blob))
+    return split_sun(plate, direction, radius, size, 1.0, local=is_disc(blob))
 
 
 def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
     """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
     blob = disc.blob
     size = shown_half_angle(plate, blob, underwater)
-    centred, local = not blob.clipped, _local(blob)
+    centred, local = not blob.clipped, is_disc(blob)
     return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=centred, local=local)
 
 
@@ -192,11 +192,11 @@ def lost_light(plate: Plate, direction: Floats, blob: Blob | None = None) -> boo
     if float(plate.brightest.max()) > DISPLAY_WHITE:
         return False
     spot = spot_towards(plate, direction) if blob is None else blob
-    return spot is None or (spot.flat and spot.peak >= CLIPPED if blob is not None else not _local(spot))
+    return spot is None or (spot.flat and spot.peak >= CLIPPED if blob is not None else not is_disc(spot))
 
 
-def _local(blob: Blob | None) -> bool:
-    """Return whether a spot is told from the sky by what surrounds it: where it is a disc that is not clipped."""
+def is_disc(blob: Blob | None) -> bool:
+    """Return whether a spot is a sharp disc that is not clipped, which the sky around tells from the sky."""
     return blob is not None and not blob.clipped and blob.sharp
 
 

@@ -110,9 +110,14 @@ def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame
         exactly(name, values, (len(gain),)).astype(np.float64)
         for name, values in (("exposure", exposure), ("picture", picture))
     )
-    cuts = np.flatnonzero(moved > max(CUT, _CUT_MEDIANS * float(np.median(moved))))
-    shots = pairwise(np.unique([0, *cuts, len(gain)]))
+    shots = pairwise(np.unique([0, *shot_starts(moved), len(gain)]))
     return np.concatenate([_steady_shot(gain[a:b], change[a:b], frame_rate) for a, b in shots])
+
+
+def shot_starts(picture: ArrayLike) -> NDArray[np.int64]:
+    """Return the frames that begin a shot, from the `picture_change` (N,) of every frame from the one before."""
+    moved = np.asarray(picture, np.float64)
+    return np.flatnonzero(moved > max(CUT, _CUT_MEDIANS * float(np.median(moved))))
 
 
 def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, steady_gain
+from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, shot_starts, steady_gain
 from mr360uw.types import Floats
 from mr360uw.types.time_knots import knot_step
 
@@ -66,6 +67,10 @@ class GainSeries(Generic[Frame]):
         self._measure_waiting()
         exposure, picture = zip(*self._changes, strict=True)
         return steady_gain(self._gains, exposure, picture, self._rate)
+
+    def cuts(self) -> NDArray[np.int64]:
+        """Return the frames that begin a shot, counted from the first one; after `steady`."""
+        return shot_starts([picture for _, picture in self._changes])
 
     def _measure_waiting(self) -> None:
         for frame in self._waiting:

@@ -27,8 +27,7 @@ from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_light import FrameLight, plate_light
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.plate_light import FrameLight, plate_light, plate_ratio
 from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.keyed import scene_at
 from mr360uw.sphere import directions, row_solid_angle
@@ -180,8 +179,8 @@ class LightKnots:
         sun = self._sun(before, after, plate, share, rotation)
         environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        shown = None if light.plate_map is None else plate_map(self._ungraded(plate).pixels, rotation[1])
-        return FrameLight(environment, shown, gain, knots)
+        ratio = plate_ratio(self._loaded.at(plate.time_s), self._facts, self._ungraded(plate), gain)
+        return FrameLight(environment, gain, ratio, knots)
 
     def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
         """Return the sun of a frame in its own axes: that of the clip's track, or between those of two knots.

@@ -154,10 +154,9 @@ def gain_stage(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage
     water = scene.water
     return stage(
         visible and medium is not None and water.fits_gain,
-        "the veil's gain is fitted to the plate",
+        "the veil's gain is fitted to the plate" + (", and its far end to open water" if water.fits_ratio else ""),
         "no objects to veil" if not visible
         else 'water is "none"' if medium is None
-        else "the veil is each frame's own map" if water.mode == "plate"
         else "water.gain is given",
     )  # fmt: skip
 

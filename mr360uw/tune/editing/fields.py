@@ -36,10 +36,7 @@ FIRST = {
     "object.scale": "Object scale",
 }
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
-INSTEAD = {
-    "water.visibility_m": "water.type", "water.type": "water.visibility_m",
-    "lamp.lumen": "lamp.watts", "lamp.watts": "lamp.lumen",
-}  # fmt: skip
+INSTEAD = {"lamp.lumen": "lamp.watts", "lamp.watts": "lamp.lumen"}
 """Parameters of which one stands in place of the other: a control that sets one removes the other."""
 
 _TITLES = {

@@ -17,7 +17,7 @@ struct Lamp {
     float cos_edge;
     int first_slot;
     int slots;
-    float table;     // row of `diffuse` that holds the attenuation of its light, in [0, 1]
+    float table;     // row of `beam` that holds the attenuation of its light
     float nearest;
 };
 
@@ -39,7 +39,7 @@ float spot_factor(Lamp lamp, vec3 towards) {
     return t * t * (3.0 - 2.0 * t);
 }
 
-LampLight lamp_light(Lamp lamp, MediumTable medium, sampler2D diffuse, sampler2D attenuation, vec3 point) {
+LampLight lamp_light(Lamp lamp, MediumTable medium, sampler2D beam, sampler2D attenuation, vec3 point) {
     vec3 away = lamp.place - point;
     float apart = max(length(away), lamp.nearest);
     LampLight light;
@@ -48,7 +48,7 @@ LampLight lamp_light(Lamp lamp, MediumTable medium, sampler2D diffuse, sampler2D
     light.half_angle = asin(min(lamp.radius / apart, 1.0));
 #if defined(MEDIUM)
     float back = length(point), path = apart + back;
-    vec3 lost = bilinear(diffuse, lamp.table, table_coordinate(path, medium.length_m)) * path;
+    vec3 lost = linear(beam, int(lamp.table + 0.5), table_coordinate(path, medium.length_m)) * path;
     light.irradiance *= exp(optical_length(medium, attenuation, back, point.y / max(back, 1e-9)) - lost);
 #endif
     return light;

@@ -9,7 +9,7 @@ uniform float eye_m;
 #endif
 uniform sampler2D fragments, bodies;
 uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
-uniform sampler2DArray ambient, glossy, caustic_ratio;
+uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int count;
@@ -70,8 +70,10 @@ vec2 sun_seen_from(Surface s, Footprint area, float bias_m) {
 #else
 Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
     Coat coat = make_coat(s, outside_index);
-    vec3 scale = ambient_factor(view, medium, diffuse, s.point);
-    Parts parts = ambient_light(coat, s, among, ambient, glossy, glossy_level(s.roughness), scale);
+    vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
+    vec3 scale = ambient_factor(view, medium, diffuse, s.point, s.normal.y);
+    vec3 mirrored = ambient_factor(view, medium, diffuse, s.point, axis.y);
+    Parts parts = ambient_light(coat, s, among, ambient, glossy_level(s.roughness), axis, scale, mirrored);
     area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
     bool faces = faces_sun(s);
@@ -89,7 +91,7 @@ Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
 #if defined(LAMPS)
     for (int k = 0; k < LAMPS; ++k) {
         Lamp lamp = fetch_lamp(casters, first_lamp + k);
-        LampLight light = lamp_light(lamp, medium, diffuse, attenuation, s.point);
+        LampLight light = lamp_light(lamp, medium, beam, attenuation, s.point);
         bool lit = dot(s.normal, light.towards) > 0.0 && dot(s.geometric_normal, light.towards) > 0.0
                 && light.irradiance != vec3(0.0);
         float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);
@@ -139,7 +141,7 @@ void main() {
     vec3 through = vec3(1.0), haze = vec3(0.0);
 #if defined(MEDIUM)
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);
-    haze = veil_lookup(medium, veil, s.distance_m, s.direction.y);
+    haze = veil_lookup(medium, veil, s.distance_m, s.direction.y) * environment_lookup(plate_ratio, 0, s.direction);
 #endif
 #if defined(BLENDED)
     float alpha = s.base.a;

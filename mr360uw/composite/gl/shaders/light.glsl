@@ -41,9 +41,9 @@ float depth_of(View view, vec3 point) {
     return view.surface_y_m - (point.y + view.position.y);
 }
 
-vec3 ambient_factor(View view, MediumTable medium, sampler2D diffuse, vec3 point) {
+vec3 ambient_factor(View view, MediumTable medium, sampler2D diffuse, vec3 point, float normal_up) {
 #if defined(MEDIUM)
-    return ambient_ratio(medium, diffuse, depth_of(view, point));
+    return ambient_ratio(medium, diffuse, depth_of(view, point), normal_up);
 #else
     return vec3(1.0);
 #endif
@@ -62,13 +62,14 @@ Coat make_coat(Surface s, float outside_index) {
     return coat;
 }
 
-// level: fractional glossy level of the roughness. scale: ambient light at the surface's depth over that at the camera
-Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, sampler2DArray glossy, float level,
-                    vec3 scale) {
+// ambient: irradiance, then glossy levels. level: fractional glossy level of the roughness. axis: of the light that the
+// coat reflects. scale, mirrored: ambient light at the surface's depth over that at the camera, on its normal and on the
+// axis
+Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, float level, vec3 axis, vec3 scale,
+                    vec3 mirrored) {
     Parts parts;
-    vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
 #if defined(GLOSSY)
-    vec3 reflected = glossy_lookup(glossy, level, axis);
+    vec3 reflected = glossy_lookup(ambient, 1.0 + level, axis);
 #if defined(AMONG_BODIES)
     reflected = reflected * among.kept + among.instead;
 #endif
@@ -76,7 +77,7 @@ Parts ambient_light(Coat coat, Surface s, Among among, sampler2DArray ambient, s
     vec3 reflected = environment_lookup(ambient, 0, axis) * INV_PI * among.ratio;
 #endif
     parts.diffuse = coat.albedo * INV_PI * environment_lookup(ambient, 0, s.normal) * among.ratio * scale * s.occlusion;
-    parts.glossy = coat.mirrors * reflected * scale * s.occlusion;
+    parts.glossy = coat.mirrors * reflected * mirrored * s.occlusion;
     parts.emission = s.emission;
     parts.sun = parts.lamps = parts.caustics = vec3(0.0);
     return parts;

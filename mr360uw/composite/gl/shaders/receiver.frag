@@ -7,7 +7,7 @@
 uniform float eye_m;
 #endif
 uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
-uniform sampler2DArray ambient, caustic_ratio;
+uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int side;
@@ -77,20 +77,20 @@ void main() {
     falls = seen;
 #endif
 #if defined(ROUGH)
-    vec3 around = environment_lookup(ambient, 0, ground.xyz) * ambient_factor(view, medium, diffuse, point);
+    vec3 around = environment_lookup(ambient, 0, ground.xyz) * ambient_factor(view, medium, diffuse, point, ground.y);
     vec3 direct = beam_at(sun, view, medium, beam, point) * max(dot(ground.xyz, sun.direction), 0.0);
     float weight = distance_m > 0.0 ? 1.0 - smoothstep(fade.x, fade.y, distance_m) : 0.0;
     share = vec4(around / max(around + direct, DARK), weight);
     haze = vec4(0.0);
 #if defined(MEDIUM)
-    haze.rgb = veil_lookup(medium, veil, distance_m, direction.y);
+    haze.rgb = veil_lookup(medium, veil, distance_m, direction.y) * environment_lookup(plate_ratio, 0, direction);
 #endif
 #endif
 #if defined(LAMPS)
     added = vec4(0.0);
     for (int k = 0; k < LAMPS; ++k) {
         Lamp lamp = fetch_lamp(casters, first_lamp + k);
-        LampLight light = lamp_light(lamp, medium, diffuse, attenuation, point);
+        LampLight light = lamp_light(lamp, medium, beam, attenuation, point);
         float cosine = max(dot(ground.xyz, light.towards), 0.0);
         bool lit = cosine > 0.0 && distance_m > 0.0 && light.irradiance != vec3(0.0);
         float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: NPY002 - numba has the legacy generator alone
+"""Bodies near a bright floor against path tracing: python benchmarks/dive_truth.py trace|field|compare [name ...]
+
+field: traces radiance and irradiance over a floor, without bodies, into tests/data/floor_field.csv (four minutes).
+trace: renders the dives of tests/lit_dives.py by path tracing into tests/data/lit_dives.npz (20 s of a core a dive).
+compare: lays a ball and a box into their plates by both renderers and prints means over regions over the truth.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from mr360uw.medium.phase import phase_function  # noqa: E402
+from mr360uw.optics import fresnel_from_below  # noqa: E402
+from tests.lit_dives import DATA, DIVES, PLATE, SIZE, LitDive, compared, regions_of  # noqa: E402
+
+PLATE_PATHS, REGION_PATHS = 1500, 800_000
+"""Paths a pixel of the plate and a region, in each channel: noise of 0.2 % in a region."""
+PEAK_RAD = 0.01
+"""Angle [rad] within which a tabulated phase function is level: its peak would be noise."""
+_CLOSE, _FAR = 1e-6, 1e30
+
+
+def phase_table(phase: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return angles [rad], the phase function there and its cumulative integral over the sphere."""
+    angle = np.concatenate([np.geomspace(PEAK_RAD, 0.2, 400), np.linspace(0.2, np.pi, 800)[1:]])
+    angle = np.concatenate([[0.0], angle])
+    value = phase_function(phase, np.maximum(angle, PEAK_RAD))
+    f = 2.0 * np.pi * value * np.sin(angle)
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(angle))])
+    return angle, value / total[-1], total / total[-1]
+
+
+@numba.njit(inline="always")
+def _between(x, xs, ys):
+    i = min(max(np.searchsorted(xs, x), 1), len(xs) - 1)
+    w = min(max((x - xs[i - 1]) / max(xs[i] - xs[i - 1], 1e-300), 0.0), 1.0)
+    return ys[i - 1] * (1.0 - w) + ys[i] * w
+
+
+@numba.njit(inline="always")
+def _fresnel(cosine, n):
+    s2 = (1.0 - cosine * cosine) * n * n
+    if s2 >= 1.0:
+        return 1.0
+    ca = np.sqrt(1.0 - s2)
+    p, q = (cosine - n * ca) / (cosine + n * ca), (n * cosine - ca) / (n * cosine + ca)
+    return 0.5 * (p * p + q * q)
+
+
+@numba.njit(inline="always")
+def _hit_ball(o, d, ball):
+    x, y, z = o[0] - ball[0], o[1] - ball[1], o[2] - ball[2]
+    b = x * d[0] + y * d[1] + z * d[2]
+    q = b * b - (x * x + y * y + z * z - ball[3] * ball[3])
+    if q <= 0.0 or -b - np.sqrt(q) < _CLOSE:
+        return _FAR
+    return -b - np.sqrt(q)
+
+
+@numba.njit(inline="always")
+def _hit_box(o, d, box):
+    """Return distance, axis and side; box: middle, half sizes, cosine and sine of its yaw."""
+    c, s = box[6], box[7]
+    x, y, z = o[0] - box[0], o[1] - box[1], o[2] - box[2]
+    lo = (x * c - z * s, y, x * s + z * c)
+    ld = (d[0] * c - d[2] * s, d[1], d[0] * s + d[2] * c)
+    near, far, axis, side = -_FAR, _FAR, 0, 0.0
+    for i in range(3):
+        half = box[3 + i]
+        if abs(ld[i]) < 1e-14:
+            if abs(lo[i]) > half:
+                return _FAR, 0, 0.0
+            continue
+        a, b = (-half - lo[i]) / ld[i], (half - lo[i]) / ld[i]
+        of = -1.0
+        if a > b:
+            a, b, of = b, a, 1.0
+        if a > near:
+            near, axis, side = a, i, of
+        far = min(far, b)
+    if near < far and near > _CLOSE:
+        return near, axis, side
+    return _FAR, 0, 0.0
+
+
+@numba.njit(inline="always")
+def _turn(d, cosine, turn):
+    """Turn a unit vector by an angle, about itself by another."""
+    sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
+    x, y, z = d[0], d[1], d[2]
+    sign = 1.0 if z >= 0.0 else -1.0
+    k = -1.0 / (sign + z)
+    b = x * y * k
+    ca, sa = sine * np.cos(turn), sine * np.sin(turn)
+    d[0] = ca * (1.0 + sign * x * x * k) + sa * b + cosine * x
+    d[1] = ca * sign * b + sa * (sign + y * y * k) + cosine * y
+    d[2] = -ca * sign * x - sa * y + cosine * z
+    r = 1.0 / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    d[0] *= r
+    d[1] *= r
+    d[2] *= r
+
+
+@numba.njit
+def _trace(o, d, water, floor, place, sun, table, ball, box, bodies):
+    """Return the radiance of one path.
+
+    water: c, b/c, g (or 2: of the table), n. floor: albedo. place: heights [m] of surface and floor over the camera,
+    radiance of the sky in the water. sun: direction and irradiance across the beam just below the surface. table:
+    angles, phase function, cumulative. ball, box: albedo last.
+    """
+    c, w0, g, n = water
+    top, bottom, sky = place
+    light, weight = 0.0, 1.0
+    for _ in range(2000):
+        t, kind, axis, side = _FAR, 0, 0, 0.0
+        if d[1] < 0.0:
+            t, kind = (bottom - o[1]) / d[1], 1
+        elif d[1] > 0.0:
+            t, kind = (top - o[1]) / d[1], 2
+        if bodies:
+            to_ball = _hit_ball(o, d, ball)
+            if to_ball < t:
+                t, kind = to_ball, 3
+            to_box, axis, side = _hit_box(o, d, box)
+            if to_box < t:
+                t, kind = to_box, 4
+        s = -np.log(1.0 - np.random.random()) / c
+        if s < t:
+            for i in range(3):
+                o[i] += s * d[i]
+            weight *= w0
+            if not bodies or (_hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR):
+                cosine = d[0] * sun[0] + d[1] * sun[1] + d[2] * sun[2]
+                if g > 1.5:
+                    p = _between(np.arccos(min(1.0, max(-1.0, cosine))), table[0], table[1])
+                else:
+                    p = (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
+                light += weight * p * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
+            u = np.random.random()
+            if g > 1.5:
+                cosine = np.cos(_between(u, table[2], table[0]))
+            else:
+                q = (1.0 - g * g) / (1.0 - g + 2.0 * g * u)
+                cosine = (1.0 + g * g - q * q) / (2.0 * g)
+            _turn(d, cosine, 2.0 * np.pi * np.random.random())
+        elif kind == 2:
+            if np.random.random() >= _fresnel(d[1], n):
+                return light + weight * sky
+            for i in range(3):
+                o[i] += t * d[i]
+            o[1], d[1] = top - 1e-9, -d[1]
+        else:
+            for i in range(3):
+                o[i] += t * d[i]
+            nx, ny, nz, albedo = 0.0, 1.0, 0.0, floor
+            if kind == 3:
+                albedo = ball[4]
+                nx, ny, nz = (o[0] - ball[0]) / ball[3], (o[1] - ball[1]) / ball[3], (o[2] - ball[2]) / ball[3]
+            elif kind == 4:
+                albedo = box[8]
+                if axis == 0:
+                    nx, ny, nz = side * box[6], 0.0, -side * box[7]
+                elif axis == 1:
+                    nx, ny, nz = 0.0, side, 0.0
+                else:
+                    nx, ny, nz = side * box[7], 0.0, side * box[6]
+            o[0] += 1e-7 * nx
+            o[1] += 1e-7 * ny
+            o[2] += 1e-7 * nz
+            weight *= albedo
+            facing = nx * sun[0] + ny * sun[1] + nz * sun[2]
+            if facing > 0.0 and (
+                not bodies or (_hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR)
+            ):
+                light += weight * facing / np.pi * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
+            d[0], d[1], d[2] = nx, ny, nz
+            _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
+        if weight < 0.1:
+            if np.random.random() > weight / 0.1:
+                return light
+            weight = 0.1
+    return light
+
+
+@numba.njit
+def _means(pixels, size, paths, seed, water, floor, place, sun, table, ball, box, bodies):
+    """Return the mean radiance and its standard error (n, 2) of pixels (n, 2: row, column) of a picture."""
+    np.random.seed(seed)
+    out, o, d = np.zeros((len(pixels), 2)), np.zeros(3), np.zeros(3)
+    for k in range(len(pixels)):
+        total, square = 0.0, 0.0
+        for _ in range(paths):
+            lon = 2.0 * np.pi * ((pixels[k, 1] + np.random.random()) / size[1] - 0.5)
+            lat = np.pi * (0.5 - (pixels[k, 0] + np.random.random()) / size[0])
+            o[:] = 0.0
+            d[0], d[1], d[2] = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
+            one = _trace(o, d, water, floor, place, sun, table, ball, box, bodies)
+            total += one
+            square += one * one
+        out[k, 0] = total / paths
+        out[k, 1] = np.sqrt(max(square / paths - out[k, 0] ** 2, 0.0) / paths)
+    return out
+
+
+def channel(dive: LitDive, k: int) -> tuple[Any, ...]:
+    """Return what the tracer asks of a channel of a dive."""
+    c = dive.absorption[k] + dive.scattering[k]
+    g = dive.phase[1] if isinstance(dive.phase, tuple) else 2.0
+    table = phase_table("petzold" if isinstance(dive.phase, tuple) else dive.phase)
+    return (
+        np.array([c, dive.scattering[k] / c, g, dive.refractive_index]), dive.floor_albedo[k],
+        np.array([dive.depth_m, -dive.height_m, dive.sky_radiance]), np.array([*dive.sun, dive.sun_irradiance]),
+        table, np.array(dive.ball), np.array(dive.box),
+    )  # fmt: skip
+
+
+def traced(dive: LitDive, seed: int) -> dict[str, np.ndarray]:
+    """Return the plate (H, W/2, 3) of a dive, of which the sun's plane is the middle, and means of regions (r, 3)."""
+    height, width = PLATE
+    rows, columns = np.mgrid[:height, : width // 2]
+    pixels = np.stack([rows.ravel(), columns.ravel()], axis=1)
+    plate, means = [], []
+    regions = regions_of(dive)
+    for k in range(3):
+        of = channel(dive, k)
+        plate.append(_means(pixels, PLATE, PLATE_PATHS, 10 * seed + k, *of, False)[:, 0].reshape(height, -1))
+        row = []
+        for number, (name, mask) in enumerate(regions.items()):
+            some = np.argwhere(mask)
+            paths = -(-REGION_PATHS // len(some))
+            found = _means(some, SIZE, paths, 1000 * seed + 10 * number + k, *of, not name.startswith("plate"))
+            row.append((found[:, 0].mean(), np.sqrt(np.sum(found[:, 1] ** 2)) / len(some)))
+        means.append(row)
+    values = np.moveaxis(np.array(means), 0, -1)
+    return {"plate": np.stack(plate, -1).astype(np.float16), "mean": values[:, 0], "noise": values[:, 1]}
+
+
+@numba.njit
+def _light(up, cosine, paths, seed, water, floor, place, sun, table, ball, box):
+    """Return the mean radiance from directions of a height, or the mean over the cosine about a normal of that height,
+    and the standard error. The sun's own beam is not in it.
+    """
+    np.random.seed(seed)
+    o, d, total, square = np.zeros(3), np.zeros(3), 0.0, 0.0
+    for _ in range(paths):
+        o[:] = 0.0
+        turn = 2.0 * np.pi * np.random.random()
+        across = np.sqrt(1.0 - up * up)
+        d[0], d[1], d[2] = across * np.cos(turn), up, across * np.sin(turn)
+        if cosine:
+            _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
+        one = _trace(o, d, water, floor, place, sun, table, ball, box, False)
+        total += one
+        square += one * one
+    mean = total / paths
+    return mean, np.sqrt((square / paths - mean * mean) / paths)
+
+
+FIELDS = (
+    # absorption, scattering, g, albedo, floor_m, sun_up, sun_share, refractive_index
+    (0.05, 0.20, 0.85, 0.5, 4.0, 0.80, 0.7, 1.0),
+    (0.30, 0.40, 0.90, 0.3, 2.0, 0.95, 0.5, 1.0),
+    (0.03, 0.30, 0.60, 0.8, 6.0, 0.70, 0.9, 1.34),
+    (0.10, 0.10, 0.924, 0.2, 3.0, 0.85, 0.0, 1.34),
+)
+FIELD_PATHS = 3_000_000
+
+
+def field() -> None:
+    """Trace light over floors: radiances over the downwelling irradiance in the same place, and irradiances over it."""
+    keys = [
+        "absorption",
+        "scattering",
+        "g",
+        "albedo",
+        "floor_m",
+        "sun_up",
+        "sun_share",
+        "refractive_index",
+        "depth_m",
+        "kind",
+        "up",
+        "value",
+        "noise",
+    ]
+    rows, seed = [], 0
+    for case in FIELDS:
+        a, b, g, albedo, floor_m, up, share, n = case
+        mu = (np.arange(20000) + 0.5) / 20000
+        passed = 2.0 * np.mean((1.0 - fresnel_from_below(mu, n)) * mu)
+        sun = np.array([np.sqrt(1.0 - up * up), up, 0.0, share / up])
+        for depth in (0.3 * floor_m, 0.9 * floor_m):
+            place = np.array([depth, depth - floor_m, (1.0 - share) / np.pi / passed])
+            water = np.array([a + b, b / (a + b), g, n])
+            of = water, albedo, place, sun, phase_table("petzold"), np.zeros(5), np.ones(9)
+            found = []
+            for kind, ups in (("irradiance", (1.0, 0.0, -1.0)), ("radiance", (-1.0, -0.4, 0.1, 0.5))):
+                for one in ups:
+                    seed += 1
+                    mean, noise = _light(one, kind == "irradiance", FIELD_PATHS, seed, *of)
+                    found.append((kind, one, mean * (np.pi if kind == "irradiance" else 1.0), noise / mean))
+            diffuse = found[0][2]
+            whole = diffuse + share * np.exp(-(a + b) * depth / up)
+            level_beam = share / up * np.sqrt(1.0 - up * up) / np.pi * np.exp(-(a + b) * depth / up)
+            for kind, one, value, noise in found[1:]:
+                of_beam = level_beam if kind == "irradiance" and one == 0.0 else 0.0  # a mean over the azimuth
+                both = np.hypot(noise, found[0][3] * diffuse / whole)
+                rows.append((*case, round(depth, 3), kind, one, f"{(value + of_beam) / whole:.6g}", f"{both:.1e}"))
+            print(*rows[-1], flush=True)
+    with (DATA.parent / "floor_field.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([keys, *rows])
+
+
+def trace(names: list[str]) -> None:
+    """Trace dives and write them beside those that are there."""
+    known = dict(np.load(DATA)) if DATA.exists() else {}
+    for number, (name, dive) in enumerate(DIVES.items()):
+        if names and name not in names:
+            continue
+        start = time.time()
+        known |= {f"{name}/{key}": value for key, value in traced(dive, number + 1).items()}
+        known[f"{name}/dive"] = np.array(json.dumps(asdict(dive)))
+        print(f"{name}: {time.time() - start:.0f} s", flush=True)
+        np.savez_compressed(DATA, **known)
+
+
+def compare(names: list[str]) -> None:
+    """Print means over regions of both renderers over the truth."""
+    for name in names or DIVES:
+        for backend in ("reference", "gl"):
+            with tempfile.TemporaryDirectory() as folder:
+                rows = compared(name, backend, Path(folder))
+            print(f"{name}, {backend}")
+            for region, ratio, noise in rows:
+                cells = "  ".join(f"{x:.3f}" for x in ratio)
+                print(f"  {region:24s} {cells}   noise {np.max(noise):.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    command, *names = sys.argv[1:]
+    if command == "field":
+        field()
+    else:
+        {"trace": trace, "compare": compare}[command](names)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far one sees in the water of a panorama: the contrast of a level floor falls off with its distance.
+
+    |L(x + l) - L(x)|  ~  exp(-c s)        s = h/sin(e)        V = 4.8/c
+
+Differences of light between places of the floor that lie a fixed length apart do not have the veil in them; the water
+between floor and camera leaves exp(-c s) of them (`medium.visibility`). h: height of the camera over the floor, e:
+angle below the horizon.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+_STEEPEST_DEG, _FLATTEST_DEG, _ROWS = 55.0, 5.0, 16
+"""Angles below the horizon between which the floor is looked at: flatter, a pixel averages over too much of it."""
+_APART, _DEEP = 0.25, 0.5
+"""Distance across of the places that are compared, and extent away from the camera of each, over the height."""
+_NOISE = 1.5
+"""Differences over those of open water from which they are the floor's."""
+_SURE_HEIGHT, _GUESSED_HEIGHT = 1.1, 1.7
+"""Factors that a known and a guessed height over the floor may be off by; the visibility is proportional to it."""
+_USUAL_M, _USUAL_RANGE = 20.0, 2.0
+"""Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
+_LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 15.0
+"""Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
+_LEAST_ROWS = 5
+_UNSURE = 0.35
+"""Standard error of c, relative to it, up to which it counts as told."""
+_UNEVEN = 0.15
+"""Standard error of the logarithm of c that a floor adds which is not the same everywhere."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """A visibility [m] and the range it is in. by: what told it, or ""."""
+
+    visibility_m: float
+    low_m: float
+    high_m: float
+    by: str = ""
+
+
+def guess_sight(image: Floats, height_m: float | None, *, known: bool, usual_m: float) -> Sight:
+    """Return the visibility in a levelled panorama (h, w, 3) of linear light: by its floor, or what is usual.
+
+    height_m: of the camera over the floor, None where there is none; known: whether it is, or is guessed. usual_m: the
+    visibility of the nearest type of water.
+    """
+    found = None if height_m is None else _over_floor(image, height_m, _SURE_HEIGHT if known else _GUESSED_HEIGHT)
+    if found is not None:
+        return found
+    usual = min(usual_m, _USUAL_M)
+    return Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
+
+
+def _over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
+    """Return the visibility by the floor of a levelled panorama (h, w, 3) of linear light; None where it is not told.
+
+    height_m: of the camera over the floor; unsure: factor that it may be off by, 1 or more.
+    """
+    angle = np.radians(np.geomspace(_STEEPEST_DEG, _FLATTEST_DEG, _ROWS))
+    green = np.asarray(image[..., 1], np.float64)
+    rows, columns = green.shape
+    apart = np.maximum(np.round(columns * _APART * np.tan(angle) / (2.0 * np.pi)).astype(int), 1)
+    high = np.maximum(_DEEP * np.sin(angle) ** 2 * rows / np.pi, 1.0)
+    contrast = np.array([_difference(green, -a, s, h) for a, s, h in zip(angle, apart, high, strict=True)])
+    noise = np.array([_difference(green, np.radians(_FLATTEST_DEG), s, h) for s, h in zip(apart, high, strict=True)])
+    below = float(np.median(green[round(rows * (0.5 + angle[0] / np.pi))]))
+    if contrast[0] < max(_LEAST_TEXTURE * below, _LEAST_OVER_NOISE * noise[0]):
+        return None
+    seen = contrast > _NOISE * noise
+    seen = np.logical_and.accumulate(seen)  # beyond the first row that does not show, all is noise
+    if np.count_nonzero(seen) < _LEAST_ROWS:
+        return None
+    way = height_m / np.sin(angle[seen])
+    log = 0.5 * np.log(contrast[seen] ** 2 - noise[seen] ** 2)
+    (slope, _), covariance = np.polyfit(way, log, 1, cov=True)
+    error = float(np.sqrt(covariance[0, 0]))
+    if slope > -CONTRAST_LENGTHS / MOST_M or error > -_UNSURE * slope:
+        return None
+    visibility, wide = -CONTRAST_LENGTHS / slope, unsure * np.exp(2.0 * np.hypot(error / slope, _UNEVEN))
+    low, high = (float(np.clip(v, LEAST_M, MOST_M)) for v in (visibility / wide, visibility * wide))
+    return Sight(float(max(visibility, LEAST_M)), low, high, "contrast of the floor with distance")
+
+
+def _difference(light: Array, elevation: float, apart: int, high: float) -> float:
+    """Return the median difference of light (h, w) about an elevation, between means over `high` rows `apart` columns
+    from each other."""
+    rows = len(light)
+    middle = rows * (0.5 - elevation / np.pi)
+    first = int(np.clip(round(middle - 0.5 * high), 0, rows - 1))
+    across = light[first : first + max(round(high), 1)].mean(axis=0)
+    box = np.convolve(np.pad(across, apart, mode="wrap"), np.ones(max(apart // 2, 1)) / max(apart // 2, 1), "same")
+    return float(np.median(np.abs(box[2 * apart :] - box[: -2 * apart])))

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light of a plate's open water by direction, over that of the solved field: what the veil of far things becomes.
+
+    r(d) = V(d)/(g L(up))        veil(d, s) = r(d) g veil(up, s)
+
+V: the plate; g, L: gain and solved light of open water from a direction, without bodies, with what a level floor sends
+up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log r is harmonic over
+the sphere: it takes its values from the water around, so that a diver's suit is not in it. Where no open water is seen,
+r is 1.
+
+Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
+zenith, where the surface shows, nor where the ground is near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.color import luminance
+from mr360uw.constants import PI
+from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.fit.sphere_fill import filled
+from mr360uw.medium.medium import Medium
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+COLUMNS, ROWS = 256, 128
+"""Size of the map: 1.4 degrees. Between its pixels the water about a sun is off by a tenth of a code."""
+FINER = 2
+"""How many times finer a plate is looked at than the map."""
+_FINE_DEG, _COARSE_DEG, _WIDE_DEG = 0.4, 1.6, 1.0
+"""Deviations of the blurs between which structure is taken, and over which it is averaged."""
+_SMOOTH, _ROUGH = 0.02, 0.05
+"""Structure, rms of the logarithm of light, from which a direction counts less as open water, and not at all."""
+_REDDER, _REDDEST = 1.15, 1.6
+"""Share of red, over that of the least red smooth directions, between which a direction loses its weight."""
+_TYPICAL_RANK = 0.3
+_LEVEL = 0.25
+"""Sine of elevation over which directions fall off in what is typical: there ways are long."""
+_FAR, _NEAR = 0.05, 0.25
+"""Share of light from beyond the water between which a direction loses its weight."""
+_UNLIKE, _UNLIKEST = 0.8, 1.2
+"""Logarithm of the light over the typical one between which a direction loses its weight: bodies that fill the view."""
+DARKEST = 1e-4
+"""Light of open water that is told from black: a third of an 8-bit code."""
+_TINY = 1e-300
+_DIM = 0.05
+"""Light, over that of open water, that is added before logarithms and shares are taken: grain is no structure."""
+_LEAST_SEEN = 0.002
+"""Fraction of the sphere that must be open water for the plate to be believed; half as much: half believed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenWater:
+    """What a plate shows of its open water. level: (ROWS, COLUMNS, 3) log V/L of the module's text, world axes.
+
+    weight: (ROWS, COLUMNS) how far each direction is open water, 0 to 1. least_gain: (3,) see `visible_gain`.
+    """
+
+    level: Array
+    weight: Array
+    least_gain: Array
+
+    def ratio(self, gain: ArrayLike) -> NDArray[np.float32]:
+        """Return the ratio r (ROWS, COLUMNS, 3) of the module's text for a gain (3,)."""
+        return np.exp(mean_log_ratio([self], [gain], [1.0])).astype(np.float32)
+
+
+def mean_log_ratio(looks: Sequence[OpenWater], gains: Sequence[ArrayLike], shares: Sequence[float]) -> Array:
+    """Return the logarithm of the ratio (ROWS, COLUMNS, 3) from several looks, each for a gain (3,), with a share."""
+    known = np.zeros((ROWS, COLUMNS))
+    total = np.zeros((ROWS, COLUMNS, 3))
+    for look, gain, share in zip(looks, gains, shares, strict=True):
+        weight = share * look.weight
+        known += weight
+        total += weight[..., None] * (look.level - np.log(np.maximum(gain, look.least_gain)))
+    return filled(total / np.maximum(known, _TINY)[..., None], known / sum(shares))
+
+
+def visible_gain(medium: Medium, gain: ArrayLike) -> Array:
+    """Return a gain (3,) raised so far that open water at the horizon has a third of a code in every channel."""
+    return np.maximum(gain, DARKEST / np.maximum(medium.level_radiance(np.zeros(1))[0], _TINY))
+
+
+def open_water(medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: float | None = None) -> OpenWater:
+    """Return the open water of a plate. shown: (h, w, 3) its linear light, equirectangular, in world axes.
+
+    gain: (3,) of the medium's veil, near which open water is looked for. above_ground_m: height of the camera over a
+    level ground, None where there is none.
+    """
+    import cv2
+
+    size = FINER * COLUMNS, FINER * ROWS
+    shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
+    small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
+    up = row_up(ROWS)
+    of_row = np.maximum(-up, 0.0) * np.sqrt(1.0 - up**2) * (2.0 * PI * PI / (ROWS * COLUMNS))
+    model = medium.far_light(up, visible_gain(medium, gain), np.einsum("r,rck->k", of_row, small))
+    light = visible_gain(medium, gain) * model
+    dim = _DIM * float(luminance(light).max()) + DARKEST
+    seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
+    weight = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH))) * seen
+    area = np.sqrt(1.0 - up**2)[:, None] * np.ones(COLUMNS)
+    level = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
+    red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
+    bright = luminance(small) / luminance(light)[:, None]
+    weight = weight * _fade(red / _quantile(red, weight * level * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
+    typical = _quantile(bright, weight * level * bright, 0.5)
+    weight = weight * _fade(np.abs(np.log(bright / typical)), _UNLIKE, _UNLIKEST)
+    share = float((weight * area).sum() / area.sum())
+    weight = weight * min(share / _LEAST_SEEN, 1.0)
+    return OpenWater(np.log(small / np.maximum(model, _TINY)[:, None]), weight, visible_gain(medium, np.zeros(3)))
+
+
+def _from_beyond(medium: Medium, up: Array, above_ground_m: float | None) -> Array:
+    """Return the share (r,) of light from the surface, or from a level ground, in directions of y `up`."""
+    depth, whole = medium.camera_depth_m, luminance(medium.level_radiance(up))
+    to_surface = depth / np.maximum(up, 1e-6)
+    veil = luminance(medium.unit_veil(to_surface, np.maximum(up, 1e-6)))
+    share = np.where(up > 0.0, 1.0 - veil / np.maximum(whole, _TINY), 0.0)
+    if above_ground_m is None:
+        return share
+    to_ground = max(above_ground_m, 0.0) / np.maximum(-up, 1e-6)
+    left = medium.transmittance(to_ground, depth, np.minimum(up, 0.0)).max(axis=-1)
+    return np.where(up < 0.0, left, share)
+
+
+def structure(shown: Floats, dim: float) -> Array:
+    """Return the structure (h, w) of a panorama (h, w, 3) of linear light: the rms of its logarithm over a few degrees.
+
+    dim: light that is added before, of which differences are not seen.
+    """
+    import cv2
+
+    scale = len(shown) / 180.0
+    margin = round(4.0 * (_COARSE_DEG + _WIDE_DEG) * scale)
+
+    def blur(values: Array, degrees: float) -> Array:
+        return np.asarray(cv2.GaussianBlur(values, (0, 0), degrees * scale))
+
+    light = np.pad(luminance(shown), ((0, 0), (margin, margin)), mode="wrap")
+    log = np.log(blur(light, _FINE_DEG) + dim)
+    return np.sqrt(blur((log - blur(log, _COARSE_DEG)) ** 2, _WIDE_DEG))[:, margin:-margin]
+
+
+def _eroded(weight: Array) -> Array:
+    """Return the least weight (h, w) among neighbours, so that edges of bodies are not open water."""
+    import cv2
+
+    wide = np.pad(weight, ((0, 0), (2, 2)), mode="wrap")
+    return np.asarray(cv2.erode(wide, np.ones((3, 3))))[:, 2:-2]
+
+
+def _small(weight: Array) -> Array:
+    import cv2
+
+    return np.asarray(cv2.resize(weight, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
+
+
+def _fade(values: Floats, full: float, none: float) -> Array:
+    """Return weights that fall smoothly from 1 at `full` to 0 at `none`."""
+    x = np.clip((none - np.asarray(values, np.float64)) / (none - full), 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))
+
+
+def _quantile(values: Array, weight: Array, rank: float) -> float:
+    """Return the weighted quantile of values; that of all where none has a weight."""
+    if not np.any(weight > 0.0):
+        return float(np.quantile(values, rank))
+    order = np.argsort(values, axis=None, kind="stable")
+    share = np.cumsum(weight.ravel()[order])
+    return float(values.ravel()[order][np.searchsorted(share, rank * share[-1])])

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Discrete ordinates of plane-parallel light: its modes at the nodes of a quadrature, without boundaries.
+
+See `transfer` for the equations; P and Q are those of its text.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.constants import PI
+from mr360uw.medium.ray_field import legendre_polynomials
+
+Array = NDArray[np.float64]
+
+
+@functools.cache
+def nodes(streams: int, split: float) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split` where that lies inside."""
+    edges = [0.0, split, 1.0] if 0.0 < split < 1.0 else [0.0, 1.0]
+    x, w = np.polynomial.legendre.leggauss(streams // (len(edges) - 1))
+    half = 0.5 * np.diff(edges)[:, None]
+    middle = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))[:, None]
+    return (middle + half * x).ravel(), (half * w).ravel()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Modes:
+    """Light that changes as exp(-rate (y - origin_m)) with the depth y.
+
+    rate: (n, j) [1/m]. origin_m: (j,). down, up: (n, i, j) radiance at the nodes, at that depth.
+    """
+
+    rate: Array
+    origin_m: Array
+    down: Array
+    up: Array
+
+    def mirrored(self, depth_m: float) -> Modes:
+        """Return the same light turned upside down, which fades upwards from a depth."""
+        return Modes(-self.rate, np.full(self.origin_m.shape, depth_m), self.up, self.down)
+
+    def times(self, amount: Array) -> Modes:
+        """Return the modes in amounts (n, j)."""
+        return Modes(self.rate, self.origin_m, self.down * amount[:, None], self.up * amount[:, None])
+
+    def beside(self, other: Modes) -> Modes:
+        """Return these modes and others."""
+        pairs = ((self.rate, other.rate, 1), (self.down, other.down, 2), (self.up, other.up, 2))
+        rate, down, up = (np.concatenate([a, b], axis=axis) for a, b, axis in pairs)
+        return Modes(rate, np.append(self.origin_m, other.origin_m), down, up)
+
+    def at(self, depth_m: float) -> tuple[Array, Array]:
+        """Return the radiance at the nodes, down and up, each (n, i, j), at a depth."""
+        left = np.exp(-self.rate * (depth_m - self.origin_m))[:, None]
+        return self.down * left, self.up * left
+
+
+class Ordinates:
+    """Coupling of n wavelengths' light at nodes mu (i,) with weights (i,).
+
+    extinction: (n,) [1/m]. moments: (n, l) Legendre moments of the scattering times 2 l + 1 [1/m].
+    """
+
+    def __init__(self, mu: Array, weight: Array, extinction: Array, moments: Array) -> None:
+        self._mu, self._weight, self._extinction, self._moments = mu, weight, extinction, moments
+        self._scale = np.sqrt(weight / mu)
+        self._spread = 0.5 / np.sqrt(mu * weight)
+        self.legendre = legendre_polynomials(mu, moments.shape[1])
+        self.parity = (-1.0) ** np.arange(moments.shape[1])
+        self._p, self._q = self._coupling(self.parity < 0), self._coupling(self.parity > 0)
+
+    def _coupling(self, kept: NDArray[np.bool_]) -> Array:
+        scattered = np.einsum("il,nl,jl->nij", self.legendre, self._moments * kept, self.legendre)
+        lost = np.eye(len(self._mu)) * self._extinction[:, None, None] / self._mu
+        return np.asarray(lost - self._scale[:, None] * scattered * self._scale)
+
+    def free(self) -> Modes:
+        """Return the modes of water without sources, as many as nodes, that fade downwards."""
+        lower = np.linalg.cholesky(self._q)
+        squared, z = np.linalg.eigh(np.swapaxes(lower, 1, 2) @ self._p @ lower)
+        rate = np.sqrt(np.maximum(squared, 0.0))
+        total = np.linalg.solve(np.swapaxes(lower, 1, 2), z)
+        net = lower @ z / rate[:, None, :]
+        spread = self._spread[:, None]
+        return Modes(rate, np.zeros(len(self._mu)), spread * (total + net), spread * (total - net))
+
+    def driven(self, sun_mu: float, beam: float) -> Modes:
+        """Return the one mode that a beam drives. beam: its irradiance, across it, just below the surface."""
+        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1])
+        source = beam / (2.0 * PI) * self._scale[:, None] * self.legendre * (self._moments * at_sun)[:, None]
+        even, odd = (source[..., kept].sum(-1) for kept in (self.parity > 0, self.parity < 0))
+        rate = self._extinction / sun_mu * (1.0 + 1e-9)  # beside a rate of the water's own
+        size = len(self._mu)
+        eye = np.eye(size) * rate[:, None, None]
+        system = np.block([[-eye, self._p], [self._q, -eye]])
+        both = np.linalg.solve(system, np.concatenate([odd, even], axis=1)[..., None])
+        total, net = both[:, :size], both[:, size:]
+        spread = self._spread[:, None]
+        return Modes(rate[:, None], np.zeros(1), spread * (total + net), spread * (total - net))
