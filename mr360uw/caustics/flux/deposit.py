@@ -20,7 +20,6 @@ from mr360uw.jit import exact
 Array = NDArray[np.floating[Any]]
 
 
-@exact
 def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     """Return each cell's flux shared over pixels by the area it covers of them; the sum is that of the flux.
 
@@ -28,7 +27,17 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
     """
     cells = flux.shape[0]
     change, start = np.zeros((size, size + 1)), np.zeros(size)
-    light = np.zeros((cells + 1, cells + 1, 2))  # of each cell's triangles, behind a row and a column without cells
+    evenly = _add_cells(hit, flux, change, start, np.zeros((cells + 1, cells + 1, 2)))
+    return running_sum(change, start) + evenly / (size * size)
+
+
+@exact
+def _add_cells(hit: Array, flux: Array, change: Array, start: Array, light: Array) -> float:
+    """Add the edges of all cells, see `add_edge`; return the flux of cells as wide as the map.
+
+    light: (N + 1, N + 1, 2) zeros, room for that of each cell's triangles behind a row and a column without cells.
+    """
+    cells, size = flux.shape[0], start.shape[0]
     evenly = 0.0
     for j in range(cells):
         for i in range(cells):
@@ -53,7 +62,8 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
             add_edge(change, start, ax, ay, cx, cy, in_b - in_d)
             add_edge(change, start, cx, cy, dx, dy, -in_d)
             add_edge(change, start, dx, dy, ax, ay, -in_d)
-    light[0] = light[cells]  # rows close on themselves; columns close one tile on
+    for i in range(cells + 1):  # rows close on themselves; columns close one tile on
+        light[0, i, 0], light[0, i, 1] = light[cells, i, 0], light[cells, i, 1]
     for j in range(cells):
         for i in range(cells):
             ax, ay = hit[j, i, 0], hit[j, i, 1]
@@ -63,4 +73,4 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
             add_edge(change, start, ax, ay, hit[j + 1, i, 0], hit[j + 1, i, 1], in_d - light[j + 1, i, 0])
         bx, by = hit[j, cells, 0], hit[j, cells, 1]
         add_edge(change, start, bx, by, hit[j + 1, cells, 0], hit[j + 1, cells, 1], -light[j + 1, cells, 0])
-    return running_sum(change, start) + evenly / (size * size)
+    return evenly

@@ -73,14 +73,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
         row = row + 1 if row + 1 < size else 0
 
 
-@exact
 def running_sum(change: Array, start: Array) -> Array:
     """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
-    size = start.shape[0]
-    out = np.zeros((size, size))
-    for row in range(size):
-        light = start[row]
-        for column in range(size):
-            light += change[row, column]
-            out[row, column] = max(light, 0.0)
-    return out
+    light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
+    return np.maximum(light[:, 1:], 0.0)

@@ -43,11 +43,12 @@ def vertex_rays(
             row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7],
         )  # fmt: skip
         for field in range(8):
-            out[field, j, :cells] = row[field]
+            for i in range(cells):
+                out[field, j, i] = row[field, i]
+            out[field, j, cells] = row[field, 0] + (tile_m if field in (0, 3) else 0.0)
     for field in range(8):
-        rows = out[field]
-        rows[:cells, cells] = rows[:cells, 0] + (tile_m if field in (0, 3) else 0.0)
-        rows[cells] = rows[0] + (tile_m if field in (2, 4) else 0.0)
+        for i in range(cells + 1):
+            out[field, cells, i] = out[field, 0, i] + (tile_m if field in (2, 4) else 0.0)
 
 
 @exact
@@ -105,8 +106,11 @@ def triangle_flux(rays: Array, sun: Array, out: Array) -> float:
             out[1, j + 1, i + 1] = max(d, 0.0) * (middle + rays[7, j + 1, i]) / 6.0
         for i in range(cells):
             least = min(least, out[0, j + 1, i + 1], out[1, j + 1, i + 1])
-    out[:, 0] = out[:, cells]
-    out[:, :, 0] = out[:, :, cells]
+    for k in range(2):
+        for i in range(cells + 1):
+            out[k, 0, i] = out[k, cells, i]
+        for j in range(cells + 1):
+            out[k, j, 0] = out[k, j, cells]
     return least
 
 

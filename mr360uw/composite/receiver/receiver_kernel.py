@@ -85,7 +85,21 @@ def lay_receiver(
         light.waves.at, light.waves.image, light.shape.at, light.shape.image,
         light.added.at, light.added.image, width,
         height, tile.row, tile.column, np.ascontiguousarray(shown), np.ascontiguousarray(calm), tile.ratio, tile.veil,
+        *_lines(),
     )  # fmt: skip
+
+
+def _lines() -> tuple[NDArray[np.float32], ...]:
+    """Return room for one row of some blocks: channels of `corner`, weight of the change, waves and added light, twice,
+    by blocks and by pixels; the plate's pattern, one over it, and the relative change; and where pixels lie in a block.
+    """
+    room = _AT_ONCE * BLOCK
+    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
+    waves, added = np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32)
+    by_pixels = (line.reshape(10, room), weight.reshape(room), waves.reshape(3, room), added.reshape(3, room))
+    plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    middle = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
+    return line, weight, waves, added, *by_pixels, plate, inverse, np.empty((3, room), np.float32), middle
 
 
 @inlined
@@ -170,16 +184,10 @@ def _lay(
     row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
     shape_at: Any, shape: Any, added_at: Any, added: Any,
     width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
+    line: Any, weight: Any, waves_row: Any, added_row: Any, flat_line: Any, flat_weight: Any, flat_waves: Any,
+    flat_added: Any, flat_plate: Any, inverse: Any, change: Any, middle: Any,
 ) -> None:  # fmt: skip
     one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
-    # one row of some blocks: channels of `corner`, weight of the change, one over the plate's pattern, relative change
-    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
-    waves_row, added_row = (np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32))
-    room = _AT_ONCE * BLOCK
-    flat_line, flat_weight = line.reshape(10, room), weight.reshape(room)
-    flat_waves, flat_added = waves_row.reshape(3, room), added_row.reshape(3, room)
-    flat_plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
-    change, middle = np.empty((3, room), np.float32), ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
     begin, end = 0, 0
     while end < len(row):
         begin, q, z = end, row[end], column[end]
@@ -199,8 +207,10 @@ def _lay(
             continue
         across_row, inside = slice(x0 - first_column, x1 - first_column), slice(x0 - left, x1 - left)
         blocks = end - begin
-        weight[:blocks] = one
-        waves_row[:, :blocks], added_row[:, :blocks] = one, zero
+        for i in range(blocks * BLOCK):
+            flat_weight[i] = one
+            for k in range(3):
+                flat_waves[k, i], flat_added[k, i] = one, zero
         down = one / np.float32(min(BLOCK, height - top))
         for y in range(y0, y1):
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
