@@ -31,6 +31,23 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
 
 
 @contextmanager
+def terminal_count(doing: str) -> Iterator[Progress]:
+    """Yield a `Progress` that keeps "doing: 3 of 48" on standard error; off a terminal, one line at the beginning."""
+    begun = False
+
+    def tell(done: int, total: int | None) -> None:
+        nonlocal begun
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r{doing}: {done} of {total}" + "\n" * (done == total))
+        elif not begun:
+            sys.stderr.write(f"{doing}: {total} kernels\n")
+        sys.stderr.flush()
+        begun = True
+
+    yield tell
+
+
+@contextmanager
 def _pending_signals() -> Iterator[Callable[[], None]]:
     """Yield a function that raises the exception of the handler of a signal that ends the run again.
 

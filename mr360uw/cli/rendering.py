@@ -49,6 +49,7 @@ def composite(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
+    from mr360uw.cli.first_run import compile_first
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
@@ -64,6 +65,7 @@ def composite(
 
             typer.echo(explain_skips(loaded, backend))
         return
+    compile_first()
     with terminal_progress(lines=progress_lines) as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
@@ -86,11 +88,13 @@ def still(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
+    from mr360uw.cli.first_run import compile_first
     from mr360uw.preview.still import save_still
     from mr360uw.scene.model import at_scale, load_scene
 
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     seen = view_of(view, size)
+    compile_first()
     save_still(out, loaded, frame=frame, time_s=time_s, view=seen, backend=backend, overwrite=overwrite)
     typer.echo(f"wrote {out}")
 

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kernels of a plain composite (kernels.txt), compiled before the first frame by several processes at once.
+
+Each line names a module, a kernel in it and the types of its arguments, `float32:2C` an array of two axes in C order,
+`float32:2Cr` one that is not written; those that take longest to compile stand first. `python -m mr360uw.jit.ahead`
+compiles the lines that it reads and answers each with a line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.types.npytypes import Array
+
+from mr360uw.jit import versions
+from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, sources_stamp
+
+LIST = Path(__file__).with_name("kernels.txt")
+_WORKERS = 4
+"""Most processes that compile at once: with more, each would load what it needs for a few kernels."""
+
+
+def compile_ahead(tell: Callable[[int, int | None], None]) -> None:
+    """Compile the kernels of the list that are not there, on all cores; nothing where none could be kept.
+
+    tell: called with how many are done, and how many there were.
+    """
+    folder, listed = kernel_folder(), LIST.read_text("utf-8")
+    if folder is None:
+        return
+    stamp = hashlib.sha256(repr((sources_stamp(), versions(), listed)).encode()).hexdigest()[:32]
+    complete = folder / f"complete-{stamp}.nbc"
+    if complete.is_file():
+        return
+    missing = [line for line in listed.splitlines() if not _is_there(line)]
+    for done in _compiled(missing):
+        tell(done, len(missing))
+    keep_bytes(complete, b"")
+
+
+def _compiled(lines: list[str]) -> Iterator[int]:
+    """Compile kernels by as many processes as there are cores; yield how many are done.
+
+    A process that fails leaves its kernels to the run, which then says why.
+    """
+    if not lines:
+        return
+    count = min(os.cpu_count() or 1, _WORKERS, len(lines))
+    answers, answer = os.pipe()
+    command = [sys.executable, "-m", "mr360uw.jit.ahead"]
+    quiet = {"stdout": answer, "stderr": subprocess.DEVNULL}
+    workers = [subprocess.Popen(command, stdin=subprocess.PIPE, **quiet) for _ in range(count)]  # type: ignore[call-overload]
+    os.close(answer)
+    try:
+        for number, worker in enumerate(workers):
+            worker.stdin.write("\n".join(lines[number::count]).encode())
+            worker.stdin.close()
+        with os.fdopen(answers) as lines_back:
+            for done, _ in enumerate(lines_back, 1):
+                yield done
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.wait()
+
+
+def _is_there(line: str) -> bool:
+    return size(*_read(line)) > 0
+
+
+def size(kernel: Any, arguments: tuple[Any, ...]) -> int:
+    """Return the bytes that a kernel takes for arguments of a type; 0 where it is not kept."""
+    file = kernel._cache.file(arguments)
+    return 0 if file is None else int(file.stat().st_size)
+
+
+def entry(kernel: Any, arguments: tuple[Any, ...]) -> str:
+    """Return the line of the list for a kernel and the types of its arguments."""
+    return " ".join([kernel.__module__, kernel.__name__, *map(_written, arguments)])
+
+
+def _written(kind: Any) -> str:
+    if isinstance(kind, Array):
+        return f"{kind.dtype}:{kind.ndim}{kind.layout}{'' if kind.mutable else 'r'}"
+    return str(kind)
+
+
+def _read(line: str) -> tuple[Any, tuple[Any, ...]]:
+    """Return the kernel and the types of its arguments that a line names."""
+    module, name, *written = line.split()
+    return getattr(importlib.import_module(module), name), tuple(_kind(text) for text in written)
+
+
+def _kind(text: str) -> Any:
+    dtype, colon, rest = text.partition(":")
+    scalar = getattr(numba.types, dtype)
+    if not colon:
+        return scalar
+    return Array(scalar, int(rest[0]), rest[1], readonly=rest.endswith("r"))
+
+
+def _serve() -> None:
+    """Compile the lines of standard input."""
+    for line in sys.stdin.read().splitlines():
+        kernel, arguments = _read(line)
+        kernel.compile(arguments)
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    _serve()
