@@ -82,7 +82,7 @@ def check_work_folder(folder: Path, keeps: Iterable[Path] = ()) -> None:
     keeps: files that may not lie in it, as it is removed in the end.
     """
     files = (file for path in keeps for file in files_named(path))
-    inside = next((file for file in files if folder.resolve() in file.resolve().parents), None)
+    inside = next((file for file in files if _real(folder) in _real(file).parents), None)
     if inside is not None:
         raise OutputError(f"{inside} - lies in a folder that the run removes (got {folder}) - move it elsewhere")
     if folder.is_symlink():
@@ -126,18 +126,23 @@ def remove_work_folder(folder: Path) -> None:
         shutil.rmtree(folder)
 
 
+def _real(path: Path) -> Path:
+    """Return where links lead; those that lead round in a circle, where `Path.resolve` raises, stay as they are."""
+    return Path(os.path.realpath(path))
+
+
 def _identities(file: Path) -> list[Hashable]:
     """Return what two names of one file have in common: their resolved path, or the numbers of a hard link."""
     try:
-        resolved, found = file.resolve(), file.stat()
-    except (OSError, ValueError, RuntimeError):  # there is no such file yet, or links lead round in a circle
-        return [file.absolute().parent.resolve() / file.name]
-    return [resolved, (found.st_dev, found.st_ino)]
+        found = file.stat()
+    except (OSError, ValueError):  # there is no such file yet, or links lead round in a circle
+        return [_real(file.parent) / file.name]
+    return [_real(file), (found.st_dev, found.st_ino)]
 
 
 def _same_pattern(one: Path, other: Path) -> bool:
     """Return whether two outputs, one of them a pattern at least, may have a file in common that is not there yet."""
-    if one.absolute().parent.resolve() != other.absolute().parent.resolve():
+    if _real(one.parent) != _real(other.parent):
         return False
     names = [numbered(path, 0).name if is_pattern(path) else path.name for path in (one, other)]
     pairs = zip((one, other), reversed(names), strict=True)

@@ -149,3 +149,13 @@ def test_inputs_do_not_lie_in_the_folder_that_a_run_removes(bench: Bench) -> Non
 def test_check_knows_its_own_scene(bench: Bench) -> None:
     (bench.folder / "link.png").symlink_to("scene.toml")
     bench.refuses("check", "scene.toml", "link.png", says=("link.png", "this run reads"))
+
+
+def test_a_folder_whose_links_lead_round_in_a_circle_is_refused(bench: Bench) -> None:
+    (bench.folder / "one").symlink_to("two", target_is_directory=True)
+    (bench.folder / "two").symlink_to("one", target_is_directory=True)
+    bench.refuses("composite", "scene.toml", "one/out.png", says=("one/out.png",))
+    bench.refuses(*COMPOSITE, "--report", "one/run.json", says=("one/run.json",))
+    bench.refuses("still", "scene.toml", "one/out.png", says=("one/out.png",))
+    bench.refuses("new", "plate.png", "mesh.glb", "-o", "one/new.toml", says=("one/new.toml",))
+    bench.refuses("track", "plate.png", "-o", "one/t.csv", says=("one/t.csv",))
