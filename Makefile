@@ -49,8 +49,9 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 	else $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'; fi
 	@touch $@
 
-wheel: $(VENV)/.installed-docs  ## wheel and sources in dist, tried in an environment of their own
-	rm -rf dist build/fresh
+wheel: $(VENV)/.installed-docs  ## wheel with compiled kernels and sources in dist, tried in an environment of their own
+	rm -rf dist build/fresh mr360uw/compiled
+	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.first_run import compile_first; compile_first()'
 	$(BIN)/python -m build --outdir dist . >/dev/null
 	$(PYTHON) -m venv build/fresh
 	build/fresh/bin/python -m pip install --quiet --disable-pip-version-check dist/mr360uw-*.whl

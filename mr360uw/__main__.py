@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """`mr360uw` and `python -m mr360uw` are the command line."""
 
+import gc
 import os
 import sys
 
 _INTERRUPTED = 130  # 128 + SIGINT, as shells count
+_NEW_OBJECTS = 100_000
+"""New objects between two searches for rubbish: while modules load, thousands are made that all stay."""
 
 
 def main() -> None:
     """Run the command line; an interrupt ends it without a traceback, also while its modules are still loading."""
     _open_standard_streams()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads wait busily, and matrices here are small
+    gc.set_threshold(_NEW_OBJECTS, 50, 50)
     try:
         from mr360uw.cli import main as run
 

@@ -17,15 +17,14 @@ an edit compiles anew what it touches and nothing else.
 
 from __future__ import annotations
 
-import dis
 import hashlib
+import os
 import pickle
 import platform
 import sys
 from collections.abc import Callable
 from functools import cache, cached_property
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, EllipsisType, FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import llvmlite
@@ -37,10 +36,6 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
-from numba.core.types.abstract import Type
-from numba.core.types.containers import BaseNamedTuple, BaseTuple
-from numba.core.types.functions import Dispatcher as DispatcherType
-from numba.extending import _Intrinsic
 
 from mr360uw.jit.stamp import add_to
 from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes
@@ -79,13 +74,20 @@ def _kernel(function: F, **options: Any) -> F:
 
 @cache
 def _compile_for_class() -> None:
-    """Tell the compiler the class of this machine's processor, unless NUMBA_CPU_NAME says another."""
+    """Tell the compiler the class of this machine's processor, unless NUMBA_CPU_NAME says another.
+
+    In the environment: the compiler reads it again when any of its variables changes.
+    """
     if config.CPU_NAME is not None:
         return
     if platform.machine() in ("aarch64", "arm64"):
-        config.CPU_NAME, config.CPU_FEATURES = "generic", ""
+        name = "generic"
     elif all(llvmlite.binding.get_host_cpu_features().get(name) for name in _V3):
-        config.CPU_NAME, config.CPU_FEATURES = "x86-64-v3", ""
+        name = "x86-64-v3"
+    else:
+        return
+    os.environ.update(NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES="")
+    config.reload_config()
 
 
 class _Kept(_Cache):  # type: ignore[misc, unused-ignore]

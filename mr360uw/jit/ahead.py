@@ -15,7 +15,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numba
 from numba.core.types.npytypes import Array
@@ -56,13 +56,15 @@ def _compiled(lines: list[str]) -> Iterator[int]:
     count = min(os.cpu_count() or 1, _WORKERS, len(lines))
     answers, answer = os.pipe()
     command = [sys.executable, "-m", "mr360uw.jit.ahead"]
-    quiet = {"stdout": answer, "stderr": subprocess.DEVNULL}
-    workers = [subprocess.Popen(command, stdin=subprocess.PIPE, **quiet) for _ in range(count)]  # type: ignore[call-overload]
+    workers = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=answer, stderr=subprocess.DEVNULL)  # noqa: S603 - our own
+        for _ in range(count)
+    ]
     os.close(answer)
     try:
         for number, worker in enumerate(workers):
-            worker.stdin.write("\n".join(lines[number::count]).encode())
-            worker.stdin.close()
+            with cast("IO[bytes]", worker.stdin) as listed:
+                listed.write("\n".join(lines[number::count]).encode())
         with os.fdopen(answers) as lines_back:
             for done, _ in enumerate(lines_back, 1):
                 yield done
@@ -104,7 +106,8 @@ def _kind(text: str) -> Any:
     scalar = getattr(numba.types, dtype)
     if not colon:
         return scalar
-    return Array(scalar, int(rest[0]), rest[1], readonly=rest.endswith("r"))
+    layout: Any = rest[1]
+    return Array(scalar, int(rest[0]), layout, readonly=rest.endswith("r"))
 
 
 def _serve() -> None:

@@ -7,6 +7,7 @@ python samples/demo/pictures.py readme                   # docs/demo.jpg and doc
 
 from __future__ import annotations
 
+import shutil
 import sys
 import tempfile
 from dataclasses import replace
@@ -54,6 +55,9 @@ def readme() -> None:
         dive = DiveSettings.of(**DIVE)
         wide = sample_dive(folder, dive, width=3 * 1024, frames=1, overwrite=True)
         wide.scene.write_bytes((HERE / "scene.toml").read_bytes())
+        empty = ["shafts.on_plate=true", "object.0.visible=false", "object.0.casts_shadow=false"]
+        uw.composite_video(uw.load_scene(wide.scene, empty), folder / "shafts.mp4")
+        shutil.copy(folder / "shafts.mp4", wide.plate)
         uw.composite_video(uw.load_scene(wide.scene), folder / "wide.mp4")
         pair = [frames(path, VIEW, 1)[0] for path in (wide.plate, folder / "wide.mp4")]
         Image.fromarray(np.concatenate(pair, axis=1)).save(DOCS / "demo.jpg", quality=88)

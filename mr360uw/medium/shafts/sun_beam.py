@@ -44,7 +44,7 @@ class SunBeam:
     def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, kept: Cache) -> SunBeam:
         """Return the beam of a scene for rays of `count` segments. kept: holds weights, and the shadows of bodies."""
         key = scene.water.key, scene.depth_m, scene.sun_up, count
-        weights = kept.get("shaft light", key, lambda: _weights(scene, count), keep=2)
+        weights = kept.get("shaft light", key, lambda: _weights(scene, count), keep=4)
         shadows = shadows_of(pattern, kept)
         maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
         return cls(scene, pattern, weights, maps, shadows)

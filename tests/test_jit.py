@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels are used again exactly where all that their machine code follows from is the same."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from mr360uw.jit import ahead
+
+HELPER = "from mr360uw.jit import inlined\nFACTOR = {}\n@inlined\ndef part(x):\n    return x * FACTOR\n"
+LOOP = "from mr360uw.jit import {}\n@{}\ndef whole(x):\n    return part(x) + 1.0\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Sources of a kernel and of a part of it in another file; kernels are kept beside them."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
+    (tmp_path / "helper.py").write_text(HELPER.format(2.0))
+    (tmp_path / "loop.py").write_text(LOOP.format("exact", "exact"))
+    return tmp_path
+
+
+def run(folder: Path, **names: object) -> tuple[float, int]:
+    """Load the kernel as a new process does; return its value at 3, and how often it was compiled."""
+    made: dict[str, ModuleType] = {}
+    for name in ("helper", "loop"):
+        spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+        assert spec is not None
+        made[name] = importlib.util.module_from_spec(spec)
+        vars(made[name]).update(vars(made["helper"]) if name == "loop" else {}, **names)
+        exec(compile((folder / f"{name}.py").read_text(), name, "exec"), vars(made[name]))
+    whole = made["loop"].whole
+    return whole(3.0), sum(whole.stats.cache_misses.values())
+
+
+def test_an_edit_of_an_inlined_part_compiles_anew_and_nothing_else_does(folder: Path) -> None:
+    assert run(folder) == (7.0, 1)
+    assert run(folder) == (7.0, 0)
+    (folder / "helper.py").write_text("# a comment, and more\n\n" + HELPER.format(2.0) + "OTHER = 3\n")
+    os.utime(folder / "loop.py", (1, 1))
+    assert run(folder) == (7.0, 0), "times, comments and what the kernel does not name change no machine code"
+    (folder / "helper.py").write_text(HELPER.format(5.0))
+    assert run(folder) == (16.0, 1), "a constant of another file"
+    (folder / "helper.py").write_text(HELPER.format(5.0).replace("x * FACTOR", "x + FACTOR"))
+    assert run(folder) == (9.0, 1), "arithmetic of another file"
+    (folder / "loop.py").write_text(LOOP.format("fast", "fast"))
+    assert run(folder) == (9.0, 1), "the same arithmetic, in another order"
+
+
+def test_arrays_that_a_kernel_names_count_by_what_is_in_them(folder: Path) -> None:
+    (folder / "helper.py").write_text(HELPER.format("np.arange(3.0)").replace("x * FACTOR", "x * FACTOR[2]"))
+    assert run(folder, np=np) == (7.0, 1)
+    (folder / "helper.py").write_text((folder / "helper.py").read_text().replace("3.0)", "3.0) + 1.0"))
+    assert run(folder, np=np) == (10.0, 1)
+
+
+def test_kernels_travel(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copies of the same sources share them, and those that came with the package are found first."""
+    assert run(folder) == (7.0, 1)
+    copy = shutil.copytree(folder, folder / "copy", ignore=shutil.ignore_patterns("kept"))
+    assert run(copy) == (7.0, 0)
+    shipped = (folder / "kept").rename(folder / "shipped")
+    monkeypatch.setattr("mr360uw.jit.SHIPPED", shipped)
+    assert run(copy) == (7.0, 0)
+    assert not (folder / "kept").exists()
+
+
+def test_a_damaged_kernel_is_compiled_anew(folder: Path) -> None:
+    assert run(folder) == (7.0, 1)
+    for kept in (folder / "kept").iterdir():
+        kept.write_bytes(kept.read_bytes()[:-40])
+    assert run(folder) == (7.0, 1)
+    assert run(folder) == (7.0, 0)
+
+
+def test_kernels_listed_for_a_plain_composite_are_there() -> None:
+    """Each line of the list is what its kernel and its arguments are written as."""
+    lines = ahead.LIST.read_text("utf-8").splitlines()
+    assert len(lines) > 30
+    for line in lines:
+        assert ahead.entry(*ahead._read(line)) == line
+
+
+def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By processes of their own, which are counted; a second run finds them."""
+    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "fragment_kernel take_lanes" in line]
+    assert quick
+    (tmp_path / "kernels.txt").write_text("\n".join(quick))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
+    monkeypatch.setattr(ahead, "LIST", tmp_path / "kernels.txt")
+    told: list[tuple[int, int | None]] = []
+    ahead.compile_ahead(lambda done, total: told.append((done, total)))
+    assert told == [(1, 1)]
+    assert ahead.size(*ahead._read(quick[0])) > 0
+    ahead.compile_ahead(lambda done, total: told.append((done, total)))
+    assert told == [(1, 1)]
+
+
+def test_a_run_with_nowhere_to_keep_kernels_compiles_them_as_it_goes(tmp_path: Path) -> None:
+    code = "from mr360uw.jit.ahead import compile_ahead; compile_ahead(print)"
+    named = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**named, "MR360UW_CACHE": ""}, cwd=tmp_path, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert done.stdout == ""
