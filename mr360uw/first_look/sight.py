@@ -46,7 +46,7 @@ _DARK_DEG = (20.0, 25.0, 30.0, 37.0, 45.0)
 _DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
 """Share of directions that are dark places, the blur that takes their noise, and the height of the bands of them."""
 _SEEN = 0.01
-"""Light of open water that a channel needs for its dark places to tell: a few times the noise and the steps of codes."""
+"""Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
 _STEPS = 7
 """Visibilities that are tried, up to the greatest."""
 
