@@ -19,7 +19,6 @@ from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import Water
 from mr360uw.medium.jerlov import JerlovType
-from mr360uw.medium.visibility import visibility_m
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
 from mr360uw.video.eyes_seen import EYES_APART_M
 
@@ -95,8 +94,7 @@ def guess_water(plate: PlateLook, view: FreeView, height_m: float | None, *, kno
     height_m: of the camera over the floor, None without one; known: whether it is, or is guessed.
     """
     kind, confidence, others = _nearest_type(plate, view)
-    usual = visibility_m(Water.jerlov(kind))
-    sight = guess_sight(plate.sharp, height_m, known=known, usual_m=usual)
+    sight = guess_sight(plate.sharp, height_m, Water.jerlov(kind), view, _DEPTH_M, known=known)
     return WaterGuess(kind, confidence, others, confidence > 0.0, sight)
 
 

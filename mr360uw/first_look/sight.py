@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far one sees in the water of a panorama: the contrast of a level floor falls off with its distance.
+"""How far one sees in the water of a panorama, by its level floor: how contrast falls off, how dark dark places are.
 
-    |L(x + l) - L(x)|  ~  exp(-c s)        s = h/sin(e)        V = 4.8/c
+    |L(x + l) - L(x)|  ~  exp(-c s)        veil(s, e; V) <= L(x)        s = h/sin(e)        V = 4.8/c
 
 Differences of light between places of the floor that lie a fixed length apart do not have the veil in them; the water
-between floor and camera leaves exp(-c s) of them (`medium.visibility`). h: height of the camera over the floor, e:
-angle below the horizon.
+between floor and camera leaves exp(-c s) of them (`medium.visibility`). A place of the floor has the whole veil before
+it in its light, in every channel, so the darkest ones say how far one sees at least; shade and crevices tell it well.
+h: height of the camera over the floor, e: angle below the horizon.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M
+from mr360uw.first_look.free_view import FreeView
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -33,10 +36,19 @@ _USUAL_M, _USUAL_RANGE = 20.0, 2.0
 _LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 15.0
 """Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
 _LEAST_ROWS = 5
+_TINY = 1e-9
 _UNSURE = 0.35
 """Standard error of c, relative to it, up to which it counts as told."""
 _UNEVEN = 0.15
 """Standard error of the logarithm of c that a floor adds which is not the same everywhere."""
+_DARK_DEG = (20.0, 25.0, 30.0, 37.0, 45.0)
+"""Angles below the horizon at which dark places are looked for: flatter, what rises from the floor is much nearer."""
+_DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
+"""Share of directions that are dark places, the blur that takes their noise, and the height of the bands of them."""
+_SEEN = 0.01
+"""Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
+_STEPS = 7
+"""Visibilities that are tried, up to the greatest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +61,56 @@ class Sight:
     by: str = ""
 
 
-def guess_sight(image: Floats, height_m: float | None, *, known: bool, usual_m: float) -> Sight:
+def guess_sight(
+    image: Floats, height_m: float | None, water: Water, open_water: FreeView, depth_m: float, *, known: bool
+) -> Sight:
     """Return the visibility in a levelled panorama (h, w, 3) of linear light: by its floor, or what is usual.
 
-    height_m: of the camera over the floor, None where there is none; known: whether it is, or is guessed. usual_m: the
-    visibility of the nearest type of water.
+    height_m: of the camera over the floor, None where there is none; known: whether it is, or is guessed. water: the
+    nearest type; open_water: of the panorama; depth_m: of the camera.
     """
-    found = None if height_m is None else _over_floor(image, height_m, _SURE_HEIGHT if known else _GUESSED_HEIGHT)
-    if found is not None:
+    unsure = _SURE_HEIGHT if known else _GUESSED_HEIGHT
+    found = None if height_m is None else _by_contrast(image, height_m, unsure)
+    if found is None:
+        usual = min(visibility_m(water), _USUAL_M)
+        found = Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
+    least = 0.0 if height_m is None else _by_dark_places(image, height_m, water, open_water, depth_m, found)
+    if least <= found.visibility_m:
         return found
-    usual = min(usual_m, _USUAL_M)
-    return Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
+    return Sight(least, least / unsure, max(found.high_m, min(least * unsure, MOST_M)), "dark places of the floor")
 
 
-def _over_floor(image: Floats, height_m: float, unsure: float) -> Sight | None:
+def _by_dark_places(
+    image: Floats, height_m: float, water: Water, open_water: FreeView, depth_m: float, found: Sight
+) -> float:
+    """Return the visibility [m] from which the veil before the floor is below its dark places, from `found` upwards.
+
+    Of the bands of directions the one that asks for most is left out.
+    """
+    import cv2
+
+    scale = len(image) / 180.0
+    smooth = cv2.GaussianBlur(np.asarray(image, np.float32), (0, 0), _BLUR_DEG * scale)
+    half = 0.5 * _HIGH_DEG
+    bands = [smooth[round((90.0 + e - half) * scale) : round((90.0 + e + half) * scale)] for e in _DARK_DEG]
+    dark = np.array([np.quantile(band.reshape(-1, 3), _DARK_SHARE, axis=0) for band in bands])
+    color, up = np.array(open_water.color), -np.sin(np.radians(_DARK_DEG))
+    level, seen = np.sin(np.radians([open_water.elevation_deg])), color > _SEEN
+    if not np.any(seen):
+        return 0.0
+    visibility = np.geomspace(found.visibility_m, max(MOST_M, found.visibility_m), _STEPS)
+    over = []
+    for v in visibility:
+        medium = Medium(water_seen_as_far(water, float(v)), camera_depth_m=depth_m)
+        veil = color * medium.unit_veil(-height_m / up, up) / np.maximum(medium.level_radiance(level), _TINY)
+        over.append(np.sort(np.log(np.maximum(veil, _TINY) / np.maximum(dark, _TINY))[:, seen].max(axis=1))[-2])
+    if over[0] <= 0.0:
+        return 0.0
+    falling = np.minimum.accumulate(over)[::-1]
+    return float(np.exp(np.interp(0.0, falling, np.log(visibility[::-1]))))
+
+
+def _by_contrast(image: Floats, height_m: float, unsure: float) -> Sight | None:
     """Return the visibility by the floor of a levelled panorama (h, w, 3) of linear light; None where it is not told.
 
     height_m: of the camera over the floor; unsure: factor that it may be off by, 1 or more.

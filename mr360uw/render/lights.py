@@ -9,6 +9,13 @@ A, S: horizontal irradiance at the camera of ambient light and of the sun; g: ga
 horizon tells without clipping; E: solved irradiance at the camera's depth for g = 1 and the sun's height; L: radiance
 of a pixel of the environment, w: how far it is at display white. One factor f for each channel, 1 or more: what did not
 clip stays.
+
+Ground sends back no more light than falls on it (`lit_as_its_ground`): where clipping, tone mapping or a white balance
+took more of the sky than that, it is given back, in each channel:
+
+    A' + S' >= B/r
+
+B: horizontal irradiance from below; r: the greatest albedo of ground.
 """
 
 from __future__ import annotations
@@ -59,6 +66,8 @@ _MOST = 2.0
 """Greatest ratio of restored to shown light: one stop. A type of water that is not the plate's misleads by no more."""
 _LEAST_SHARE = 0.02
 """Fraction of the ambient light that clipped pixels must bring for them to be raised; wholly from twice as much on."""
+_GREATEST_ALBEDO = 0.6
+"""Albedo of white coral sand; but for fresh snow, 0.9, no ground is brighter."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 """Bounds of the ratio of direct to diffuse irradiance."""
 
@@ -224,6 +233,27 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     if not np.any(growth > 0.0) and np.all(of_sun == 1.0):
         return light
     return _brighter(light, factor * white, factor * clipped, of_sun)
+
+
+def lit_as_its_ground(light: Environment, up: Floats) -> Environment:
+    """Return the light of a plate with as much from above as its ground must have; see the module's text.
+
+    What is missing is the sun's, of which a picture loses most, and all of the sky's where no sun is found. up: (3,) of
+    the world in the environment's axes.
+    """
+    beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
+    shown, below = (environment_lookup(light.ambient, way).astype(np.float64) for way in (up, -up))
+    missing = np.maximum(below / _GREATEST_ALBEDO - shown - beam, 0.0)
+    if not np.any(missing > 0.0):
+        return light
+    if luminance(beam) > 0.0:
+        dark = np.zeros_like(light.residual)
+        return _brighter(light, dark, dark, 1.0 + missing / np.maximum(beam, _LEAST_LIGHT))
+    above = directions(*light.residual.shape[1::-1]) @ up > 0.0
+    sky = np.repeat((luminance(light.residual) * above)[..., None], 3, axis=-1)
+    received = cosine_filter(1)(sky)
+    growth = missing / np.maximum(environment_lookup(received, up), _LEAST_LIGHT)
+    return _brighter(light, growth * sky, growth * received, np.ones(3))
 
 
 def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: Floats) -> Environment:

@@ -11,7 +11,7 @@ from mr360uw.composite.shot import BetweenKnots
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.render.first_pass import ClipFacts
-from mr360uw.render.lights import may_be_clipped, restored
+from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view
 from mr360uw.types import Environment, Floats
@@ -40,12 +40,15 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
     medium, gain = surroundings.medium_at(plate.time_s), None
+    clipped = may_be_clipped(plate.pixels, surroundings.settings)
     if medium is not None:
         up = world_from_camera[1]
         gain, known = _gain(facts, plate, medium, up) if water.fits_gain else (None, True)
-        if known and may_be_clipped(plate.pixels, surroundings.settings):
+        if known and clipped:
             scaled = medium if gain is None else medium.scaled(gain)
             found = restored(found, scaled, up, keep_sun=not isinstance(sun, str))
+    if clipped:
+        found = lit_as_its_ground(found, world_from_camera[1])
     return FrameLight(found, gain, plate_ratio(loaded, facts, plate, gain))
 
 

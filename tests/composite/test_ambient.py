@@ -82,6 +82,15 @@ def blocked_share(layout: Layout, points: Floats) -> Floats:
     return out.sum(axis=0)[:, 0] / np.pi
 
 
+def hidden_from(body: PlacedObject, points: Floats) -> Floats:
+    """Return the fraction (n,) of uniform light that rays find blocked by a body at level places (n, 3)."""
+    rays = RayScene(occluding([body], np.zeros(3)))
+    u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
+    hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
+    start = points + np.array([0.0, 1e-6, 0.0])
+    return np.array([rays.occluded(np.broadcast_to(p, hemisphere.shape), hemisphere).mean() for p in start])
+
+
 # --- the ground ----------------------------------------------------------------------------------------------------
 
 
@@ -109,11 +118,7 @@ def test_a_box_blocks_what_rays_and_lambert_find(size: tuple[float, float, float
     rng = np.random.default_rng(5)
     points = np.column_stack([rng.uniform(-1.0, 1.0, 60), np.zeros(60), rng.uniform(-1.0, 1.0, 60)])
     share = blocked_share(layout, points)
-    rays = RayScene(occluding([body], np.zeros(3)))
-    u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
-    hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
-    start = points + np.array([0.0, 1e-6, 0.0])
-    truth = np.array([rays.occluded(np.broadcast_to(p, hemisphere.shape), hemisphere).mean() for p in start])
+    truth = hidden_from(body, points)
     aside = np.hypot(*(np.maximum(np.abs(points[:, [0, 2]]) - 0.5 * np.array(size)[[0, 2]], 0.0).T))
     within = (aside == 0.0) & (gap == 0.0)  # below what touches the ground nothing is seen
     off = np.where(within, 0.0, np.abs(share - truth))
@@ -124,6 +129,23 @@ def test_a_box_blocks_what_rays_and_lambert_find(size: tuple[float, float, float
     if gap > 0.0 and size[1] < 0.05:  # thin: what it blocks straight below is its lower face, by Lambert's formula
         below = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2]])
         np.testing.assert_allclose(blocked_share(layout, below), lambert(lid, below), atol=tol.BOX_SHARE)
+
+
+def test_beside_a_hollowed_foot_the_ground_is_not_below_the_body() -> None:
+    """A barrel whose foot is a rim of 2 cm: the shade of the rim ends where the rim does, all around."""
+    turn, height = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False), np.linspace(0.0, 0.9, 25)
+    profile = [(1e-3, 0.02), *((0.33 - 0.06 * (y / 0.45 - 1.0) ** 2, y) for y in height), (1e-3, 0.9)]
+    points = np.array([(r * np.cos(t), y, r * np.sin(t)) for r, y in profile for t in turn])
+    ring = np.arange(48)
+    after, rows = (ring + 1) % 48, 48 * np.arange(len(profile) - 1)[:, None]
+    corners = [np.stack([rows + a, rows + b, rows + c], axis=-1).reshape(-1, 3)
+               for a, b, c in ((ring, ring + 48, after), (after, ring + 48, after + 48))]  # fmt: skip
+    body = placed(make_mesh([Part("barrel", points, np.concatenate(corners))], [WHITE]), (0.0, 0.0, 0.0))
+    layout = solved(shot(body, receiver=Receiver(plane_y=0.0))).layout
+    azimuth, away = (g.ravel() for g in np.meshgrid(np.linspace(0.0, 6.2, 40), [0.275, 0.28, 0.29, 0.31, 0.35]))
+    places = np.stack([away * np.cos(azimuth), 0.0 * away, away * np.sin(azimuth)], axis=-1)
+    off = np.abs(blocked_share(layout, places) - hidden_from(body, places))
+    assert off.max() < tol.BOX_SHARE
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 33.0])

@@ -16,8 +16,11 @@ from mr360uw.first_look.free_view import free_view
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.mesh_words import kind_of
 from mr360uw.first_look.plate_look import look_at_plate
-from mr360uw.first_look.sight import guess_sight
+from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import water_or_air
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.jerlov import JerlovType
+from mr360uw.medium.visibility import water_seen_as_far
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
@@ -138,18 +141,45 @@ def floor_seen(height_m: float, sight_m: float) -> Floats:
     return (light + np.random.default_rng(8).normal(0.0, 1e-4, light.shape)).astype(np.float32)
 
 
+def sight_in(image: Floats, height_m: float | None, water_type: JerlovType = "II", *, known: bool = False) -> Sight:
+    """Return the visibility that is found in a panorama, from a camera 6 m deep."""
+    open_water = free_view(image, (-8.0, 18.0), underwater=True)
+    return guess_sight(image, height_m, Water.jerlov(water_type), open_water, 6.0, known=known)
+
+
 @pytest.mark.parametrize(("height_m", "sight_m"), [(2.0, 10.0), (2.0, 25.0), (4.0, 40.0)])
 def test_the_floor_tells_the_visibility(height_m: float, sight_m: float) -> None:
     image = floor_seen(height_m, sight_m)
-    found = guess_sight(image, height_m, known=True, usual_m=30.0)
+    found = sight_in(image, height_m, known=True)
     assert found.by
     assert found.low_m < sight_m < found.high_m
     assert found.visibility_m == pytest.approx(sight_m, rel=0.3)  # each row of the floor has some tens of patches
-    unsure = guess_sight(image, height_m, known=False, usual_m=30.0)
+    unsure = sight_in(image, height_m)
     assert unsure.high_m / unsure.low_m > found.high_m / found.low_m
 
 
+@pytest.mark.parametrize("albedo", [0.0, 0.02])
+def test_dark_places_of_the_floor_tell_the_least_visibility(albedo: float) -> None:
+    """Half of the floor is black rock and half is white sand, both smooth: no contrast of the floor tells anything."""
+    height_m, sight_m, gain = 1.5, 45.0, 0.8
+    ray = directions(1024, 512)
+    up = ray[:, 0, 1]
+    medium = Medium(water_seen_as_far(Water.jerlov("II"), sight_m), camera_depth_m=6.0)
+    way, below = height_m / np.maximum(-up, 1e-3), up < -0.02
+    veil, left = medium.unit_veil(way[below], up[below]), medium.transmittance(way[below], 6.0, up[below])
+    light = np.repeat(medium.level_radiance(up)[:, None], 1024, axis=1)
+    irradiance = medium.irradiance(6.0 + height_m)
+    for half, factor in ((slice(0, 512), albedo), (slice(512, 1024), 0.5)):
+        light[below, half] = (veil + left * factor / np.pi * irradiance)[:, None]
+    image = (gain * light + np.random.default_rng(3).normal(0.0, 1e-3, light.shape)).astype(np.float32)
+    found = sight_in(image, height_m, known=True)
+    assert found.by.startswith("dark")
+    # light of rock may be veil as well: then less is told; the colour of open water is a mean over 18 degrees
+    assert 0.7 * sight_m * (1.0 if albedo == 0.0 else 0.5) < found.visibility_m < 1.15 * sight_m
+    assert found.low_m < found.visibility_m < found.high_m
+
+
 def test_open_water_tells_no_visibility() -> None:
-    found = guess_sight(water((0.02, 0.15, 0.3)), 2.0, known=False, usual_m=30.0)
+    found = sight_in(water((0.02, 0.15, 0.3)), 2.0)
     assert (found.visibility_m, found.low_m, found.high_m, found.by) == (20.0, 10.0, 40.0, "")
-    assert guess_sight(water((0.06, 0.16, 0.08)), None, known=False, usual_m=9.5).visibility_m == 9.5
+    assert sight_in(water((0.06, 0.16, 0.08)), None, "5C").visibility_m == pytest.approx(9.5, abs=0.05)

@@ -12,7 +12,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.fit.level_light import irradiance_from_level
 from mr360uw.optics import critical_cosine
-from mr360uw.render.lights import may_be_clipped, restored
+from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Sun
 
@@ -76,3 +76,19 @@ def test_scene_radiance_is_not_clipped() -> None:
     assert may_be_clipped(pixels, LightSettings())
     assert not may_be_clipped(3.0 * pixels, LightSettings())
     assert not may_be_clipped(pixels, LightSettings(operator="none"))
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_ground_has_the_light_that_it_sends_back(lit: bool) -> None:
+    """A sky without red over sand with red, as a white balance leaves it, and a sky that is darker than the sand."""
+    up = directions(256, 128)[..., 1:2]
+    light = np.where(up > 0.0, np.array([0.0, 0.2, 0.8]), np.array([0.3, 0.4, 0.4]))
+    plate = assemble(light.astype(np.float32), Sun(UP, np.full(3, 1e-3, np.float32), 0.004, 1.0) if lit else None)
+    found = lit_as_its_ground(plate, UP)
+    received = environment_lookup(found.irradiance, UP) / np.pi
+    np.testing.assert_allclose(received, [0.3 / 0.6, 0.4 / 0.6, 0.8], rtol=2.0 * MAP_LOSS)
+    np.testing.assert_allclose(found.residual[20:], plate.residual[20:], rtol=1e-6)  # the sand stays
+    if lit:  # the sun has lost it
+        np.testing.assert_allclose(environment_lookup(found.ambient, UP), environment_lookup(plate.ambient, UP))
+    consistent = assemble(np.where(up > 0.0, 0.8, 0.4 * np.ones(3)).astype(np.float32), None)
+    assert lit_as_its_ground(consistent, UP) is consistent

@@ -3,7 +3,7 @@
 
 Each kind of evidence is a number from 0 to 1. What is lacking of them adds up, and the sum gives the confidence:
 
-    doubt = sum of (1 - evidence)        confidence: 1 up to a doubt of 0.2, a half at 0.6, 0 from 1 on
+    doubt = sum of (1 - evidence)        confidence: 1 up to a doubt of 0.2, a half at 0.5, 0 from 0.8 on
 
 No single evidence decides: two that are half there weigh as much as one that is missing. What is asked of a spot
 depends on what the plate can show:
@@ -34,9 +34,9 @@ from mr360uw.ibl.sun.glow import Glow
 from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.types import Floats
 
-_DOUBT = (0.2, 1.0)
-"""Doubt up to which a spot surely is a sun, and from which it is none. The middle lies in the gap between the suns of
-`benchmarks/suns.py verdict` and most of what is none there."""
+_DOUBT = (0.2, 0.8)
+"""Doubt up to which a spot surely is a sun, and from which it is none. The middle is that of the gap, 0.31 to 0.72,
+between the suns in the first half of `benchmarks/suns.py verdict`, all but one, and what is none there."""
 _WIDEST_SUN_DEG = (8.0, 15.0)
 """Radius [deg] of an unclipped spot up to which it may be a sun, and from which it is a bright part of the sky."""
 _WIDEST_GLARE_DEG = (5.0, 18.0)

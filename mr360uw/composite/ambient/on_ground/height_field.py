@@ -24,8 +24,10 @@ _LEAST_WIDTH = 0.01
 """Least half width of the plan as a part of its half length: thin cards that stand upright keep one."""
 _STRAIGHT = 0.012
 """Slope by which heights may leave a straight line between two steps of a ray: a thousandth of the light."""
-_STANDS_OUT = 1e-3
-"""Part of a body's extent by which edges stand out of what vertical rays found before they count."""
+_STANDS_OUT, _OF_A_CELL = 1e-3, 0.25
+"""Parts of a body's height, and of the side of a cell, by which edges stand out of what vertical rays found before they
+count. A foot that is hollowed by less stays as round as its cells; were its rim spread over them, its shade would lie
+beside it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +80,8 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     within = (hit | _within(outline, a, b)).reshape(shape).sum(axis=(1, 3))
     cover, lower, upper = (np.pad(a, 1) for a in (count / np.maximum(within, 1), lower, upper))
     cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
-    cells = _with_thin_parts(_samples(points, frame), cover, lower, upper)
+    least = max(_STANDS_OUT * (high - low), _OF_A_CELL * 2.0 * min(frame[4:]) / CELLS)
+    cells = _with_thin_parts(_samples(points, frame), cover, lower, upper, least)
     return HeightField(frame, outline, _squares(cells))
 
 
@@ -163,9 +166,11 @@ def _samples(points: Floats, frame: Floats) -> tuple[Floats, Floats]:
     return place[of, 0] + t[:, None] * (place[of, 1] - place[of, 0]), height
 
 
-def _with_thin_parts(samples: tuple[Floats, Floats], cover: Floats, lower: Floats, upper: Floats) -> Floats:
+def _with_thin_parts(
+    samples: tuple[Floats, Floats], cover: Floats, lower: Floats, upper: Floats, least_m: float
+) -> Floats:
     """Return cells with what vertical rays miss, upright sheets and parts narrower than their distance: edges that
-    stand out of the heights around. cover: as in `HeightField`, not a number beyond the outline.
+    stand out of the heights around by `least_m`. cover: as in `HeightField`, not a number beyond the outline.
     """
     from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -173,9 +178,8 @@ def _with_thin_parts(samples: tuple[Floats, Floats], cover: Floats, lower: Float
     known = np.nan_to_num(cover) > 0.0
     top = maximum_filter(np.where(known, upper, -np.inf), 3, mode="constant", cval=-np.inf)
     bottom = minimum_filter(np.where(known, lower, np.inf), 3, mode="constant", cval=np.inf)
-    margin = _STANDS_OUT * np.ptp(height)
     i, j = np.floor(place + 0.5).astype(np.int64).T
-    out = (height > top[i, j] + margin) | (height < bottom[i, j] - margin)
+    out = (height > top[i, j] + least_m) | (height < bottom[i, j] - least_m)
     lower, upper = _spread_out(known, lower, upper)
     if np.any(out):
         cover[i[out], j[out]] = 1.0
