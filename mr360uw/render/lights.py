@@ -238,22 +238,20 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
 def lit_as_its_ground(light: Environment, up: Floats) -> Environment:
     """Return the light of a plate with as much from above as its ground must have; see the module's text.
 
-    What is missing is the sun's, of which a picture loses most, and all of the sky's where no sun is found. up: (3,) of
-    the world in the environment's axes.
+    Of what is missing the sun gets the sine of its elevation, for a picture loses most of a high sun, and the sky gets
+    the rest. up: (3,) of the world in the environment's axes.
     """
-    beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
+    sun_up = 0.0 if light.sun is None else max(float(light.sun.direction @ up), 0.0)
+    beam = np.zeros(3) if light.sun is None else light.sun.irradiance
     shown, below = (environment_lookup(light.ambient, way).astype(np.float64) for way in (up, -up))
-    missing = np.maximum(below / _GREATEST_ALBEDO - shown - beam, 0.0)
+    missing = np.maximum(below / _GREATEST_ALBEDO - shown - sun_up * beam, 0.0)
     if not np.any(missing > 0.0):
         return light
-    if luminance(beam) > 0.0:
-        dark = np.zeros_like(light.residual)
-        return _brighter(light, dark, dark, 1.0 + missing / np.maximum(beam, _LEAST_LIGHT))
     above = directions(*light.residual.shape[1::-1]) @ up > 0.0
     sky = np.repeat((luminance(light.residual) * above)[..., None], 3, axis=-1)
     received = cosine_filter(1)(sky)
-    growth = missing / np.maximum(environment_lookup(received, up), _LEAST_LIGHT)
-    return _brighter(light, growth * sky, growth * received, np.ones(3))
+    growth = (1.0 - sun_up) * missing / np.maximum(environment_lookup(received, up), _LEAST_LIGHT)
+    return _brighter(light, growth * sky, growth * received, 1.0 + missing / np.maximum(beam, _LEAST_LIGHT))
 
 
 def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: Floats) -> Environment:

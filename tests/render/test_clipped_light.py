@@ -78,17 +78,23 @@ def test_scene_radiance_is_not_clipped() -> None:
     assert not may_be_clipped(pixels, LightSettings(operator="none"))
 
 
-@pytest.mark.parametrize("lit", [False, True])
-def test_ground_has_the_light_that_it_sends_back(lit: bool) -> None:
-    """A sky without red over sand with red, as a white balance leaves it, and a sky that is darker than the sand."""
+@pytest.mark.parametrize("sun_up", [0.0, 0.3, 1.0])
+def test_ground_has_the_light_that_it_sends_back(sun_up: float) -> None:
+    """A sky without red over sand with red, as a white balance leaves it, and a sky that is darker than the sand.
+
+    Without a sun, and with a sun whose elevation has a sine.
+    """
     up = directions(256, 128)[..., 1:2]
     light = np.where(up > 0.0, np.array([0.0, 0.2, 0.8]), np.array([0.3, 0.4, 0.4]))
-    plate = assemble(light.astype(np.float32), Sun(UP, np.full(3, 1e-3, np.float32), 0.004, 1.0) if lit else None)
+    sun = Sun(np.array([np.sqrt(1.0 - sun_up**2), sun_up, 0.0]), np.full(3, 1e-3, np.float32), 0.004, 1.0)
+    plate = assemble(light.astype(np.float32), sun if sun_up else None)
     found = lit_as_its_ground(plate, UP)
     received = environment_lookup(found.irradiance, UP) / np.pi
     np.testing.assert_allclose(received, [0.3 / 0.6, 0.4 / 0.6, 0.8], rtol=2.0 * MAP_LOSS)
     np.testing.assert_allclose(found.residual[20:], plate.residual[20:], rtol=1e-6)  # the sand stays
-    if lit:  # the sun has lost it
-        np.testing.assert_allclose(environment_lookup(found.ambient, UP), environment_lookup(plate.ambient, UP))
+    if found.sun is not None:
+        red = (0.3 / 0.6 * np.pi - sun_up * 1e-3, environment_lookup(found.ambient, UP)[0])
+        np.testing.assert_allclose(found.sun.irradiance[0] - 1e-3, red[0], rtol=2.0 * MAP_LOSS)
+        np.testing.assert_allclose(red[1], (1.0 - sun_up) * red[0], rtol=2.0 * MAP_LOSS, atol=0.01)
     consistent = assemble(np.where(up > 0.0, 0.8, 0.4 * np.ones(3)).astype(np.float32), None)
     assert lit_as_its_ground(consistent, UP) is consistent
