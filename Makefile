@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench docs wheel clean
+.PHONY: demo test test-fast lint bench docs wheel clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.installed: pyproject.toml
@@ -32,6 +32,11 @@ demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say 
 
 test: $(VENV)/.installed  ## the whole suite, on two workers
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+
+test-fast: $(VENV)/.installed  ## physics and runs end to end, in a minute
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
+		tests/ibl/test_closure.py tests/ibl/test_integrals.py tests/medium/test_closed_form.py tests/medium/test_water.py \
+		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py tests/test_pipeline.py
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -3,7 +3,7 @@
 
     python benchmarks/composite.py [agreement | furnace | turn | shadow | edges | speed | pictures FOLDER]
 
-`edges`, `speed` and `pictures` use meshes beside the checkout, in shared/data/meshes.
+`pictures` uses meshes beside the checkout, in shared/data/meshes; `edges` and `speed` the demo's whale and a ball.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -134,31 +135,26 @@ def shadow() -> None:
 
 
 def two_meshes(width: int, shift: float = 0.0, *, receiver: bool = True) -> Shot:
-    """Return the snapper and spot, about one per cent of the frame."""
-    fish, cow = _TWO or _load_two()
+    """Return the whale and a ball, about one per cent of the frame."""
+    whale, ball = _TWO or _load_two()
     objects = (
         replace(
-            at_origin(fish),
-            world_from_object=scenes.rigid((-0.6 + shift, -0.8, -2.6), scenes.rotation_matrix((70, 0, 0)), 4.0),
+            at_origin(whale),
+            world_from_object=scenes.rigid((-0.6 + shift, -0.8, -2.6), scenes.rotation_matrix((70, 0, 0)), 0.5),
         ),
-        replace(
-            at_origin(cow),
-            world_from_object=scenes.rigid((1.6 + shift, -1.15, -4.5), scenes.rotation_matrix((-30, 0, 0)), 1.0),
-        ),
+        replace(ball, world_from_object=scenes.rigid((1.6 + shift, -1.15, -4.5), np.eye(3), 1.0)),
     )
     view = View(width, width // 2)
     return Shot(view, objects, _LIGHT, (scenes.SUN,), receiver=_FLOOR if receiver else None, medium=_WATER)
 
 
-_TWO: list[SceneObject] = []
+_TWO: list[Any] = []
 _LIGHT, _FLOOR, _WATER = environment(), Receiver(plane_y=-2.0), medium()
 
 
-def _load_two() -> list[SceneObject]:
-    _TWO.extend([
-        found(mesh="greySnapper_vertColor.glb", unit="cm"),
-        found(mesh="spot/spot_triangulated.obj", texture="spot/spot_texture.png"),
-    ])  # fmt: skip
+def _load_two() -> list[Any]:
+    whale = load_object(ObjectSettings(mesh=ROOT / "samples" / "demo" / "whale.glb"))
+    _TWO.extend([whale, placed(sphere(), (0.0, 0.0, 0.0))])
     return _TWO
 
 
@@ -171,7 +167,7 @@ def edges() -> None:
         base, objects=tuple(replace(o, world_from_object=_nearer(o.world_from_object)) for o in base.objects)
     )
     print(f"{'body':8} {'samples':>7} {'shading':8} {'edges':>14} {'inside':>7} {'alpha':>11}  RMSE, target 2")
-    for name, body in zip(("snapper", "spot"), near.objects, strict=True):
+    for name, body in zip(("whale", "ball"), near.objects, strict=True):
         scene = replace(near, objects=(body,))
         fine = render_layer(changed(scene, width=8 * width, height=4 * width, samples=1))
         alpha, radiance = _mean_of_64(fine.alpha), _mean_of_64(fine.radiance)
