@@ -133,7 +133,7 @@ def section_field() -> None:
 def section_pictures() -> None:
     """Whole pictures against path tracing."""
     data = np.load(truth("mitsuba_scene.npz"))
-    scene = Scene.from_samples(data["gbuf_samples"], data["mixed"])
+    scene = Scene.of(data["spheres"], *data["mixed"].shape)
     a, b, kd = data["iop"][0].T
     w = data["wl"]
     print("path-traced picture          relative rms over wavelengths and pixels (noise 0.025)")
