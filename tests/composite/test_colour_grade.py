@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from mr360uw.color import ColorSpec, decode_signal, encode, in_rec709
-from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade
+from mr360uw.color import ColorSpec, decode, decode_signal, encode, in_plate_primaries, in_rec709
+from mr360uw.composite.grading.colour_grade import MOST_LIGHT, NO_GRADE, ColourGrade, graded_spec
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches, solved_in_words
-from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
+from mr360uw.composite.grading.settings import COLOUR, LEAST_STEP, MatchSettings, PatchSettings
 from mr360uw.composite.over import empty_tile, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, Layer, Rectangle, YuvImage
@@ -49,13 +51,28 @@ def test_taking_a_grade_off_is_the_inverse_of_laying_it_on(name: str) -> None:
         )
 
 
-def test_codes_below_the_black_of_a_grade_show_no_light() -> None:
-    """Under the steepest grades that settings take: dark, and not the negative of a sun."""
-    steep = MatchSettings(black=0.5, white=0.75, gamma=0.3, contrast=0.3, saturation=0.1).colour_over(NO_GRADE)
-    for grade in (steep, *GRADES.values()):
-        light = grade.take_off(np.random.default_rng(1).random((8, 8, 3)).astype(np.float32), SPECS["srgb"])
-        assert np.all(np.isfinite(light))
-        assert light.min() >= 0.0
+def test_light_of_any_code_is_neither_negative_nor_absurd() -> None:
+    """Corners of all codes in narrow and wide primaries, under each combination of levels, curve and saturation that
+    settings take; those whose white would be brighter than the limit are refused."""
+    corners = np.array(list(itertools.product((0.0, 0.5, 1.0), repeat=3)), np.float32)
+    taken = 0
+    for numbers in itertools.product((-0.3, 0.3), (0.5, 1.0, 1.6), (0.3, 3.0), (0.3, 1.45), (0.1, 4.0)):
+        settings = dict(zip(COLOUR, numbers, strict=True))
+        white = ColourGrade.of_numbers(np.repeat(numbers, (3, 3, 1, 1, 1))).ungraded(np.ones((1, 3)))
+        if numbers[1] - numbers[0] > LEAST_STEP and decode(white, "srgb").max() > MOST_LIGHT:
+            with pytest.raises(ValidationError, match="times as bright as white"):
+                MatchSettings(**settings)
+        elif numbers[1] - numbers[0] > LEAST_STEP:
+            grade, taken = MatchSettings(**settings).colour_over(NO_GRADE), taken + 1
+            for spec in SPECS.values():
+                own = graded_spec(spec)
+                shown = decode_signal(corners, own)
+                light = in_plate_primaries(grade.take_off(in_rec709(shown, own), spec), own)
+                assert np.all(np.isfinite(light))
+                # float32 through two matrices
+                assert light.min() >= -1e-5 * MOST_LIGHT
+                assert light.max() <= 1.0001 * max(MOST_LIGHT, float(shown.max()))
+    assert taken > 20
 
 
 def test_each_number_does_what_it_says() -> None:

@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 Three = tuple[float, float, float]
 LEAST_CONTRAST, MOST_CONTRAST = 0.3, 1.45
 """Slopes at middle grey. At 1.5 black and white have the slope 0, from which no light can be read; 1.45 leaves 0.1."""
+MOST_LIGHT = 100.0
+"""Most light that a code of a graded plate is read as, over that of its white, unless the plate itself says more: white
+of PQ is less. Codes that no grade makes, as a full red where saturation is low, would be read as far more."""
 _ODD_CUBIC = 1.5 * np.sqrt(3.0)
 """Factor in the trigonometric and hyperbolic solutions of u^3 -+ p u = q."""
 
@@ -115,7 +118,8 @@ class ColourGrade:
     def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
         """Return the light (..., 3) before the grade, of light (..., 3) as the plate shows it: inverse of `lay_on`.
 
-        Codes below black, which a grade cannot have made of any light, show none.
+        Codes that a grade cannot have made of any light show none, or `MOST_LIGHT`, in the plate's own primaries:
+        colours outside Rec.709 stay what they are.
         """
         return self._through(linear, spec, laid_on=False)
 
@@ -126,10 +130,16 @@ class ColourGrade:
         light = in_plate_primaries(np.asarray(linear, np.float32), own)
         if own.is_wide or np.max(np.abs(light), initial=0.0) > BRIGHTEST:
             change = self.graded if laid_on else self.ungraded
-            changed = decode_signal(change(encode_signal(light, own), luma_weights_of(own)), own)
+            code = change(encode_signal(light, own), luma_weights_of(own))
+            if not laid_on:
+                most = encode_signal(np.maximum(light, MOST_LIGHT), own)
+                code = np.clip(code, -most, most)  # log curves of more are not finite
+            changed = decode_signal(code, own)
         else:
             changed = _tables(self, own, laid_on)(light)
-        return np.asarray(in_rec709(changed if laid_on else np.maximum(changed, 0.0), own), np.float32)
+        if not laid_on:
+            changed = np.clip(changed, 0.0, np.maximum(light, MOST_LIGHT))
+        return np.asarray(in_rec709(changed, own), np.float32)
 
     def saturation_matrix(self, weights: Floats) -> Floats:
         """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""

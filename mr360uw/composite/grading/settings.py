@@ -6,9 +6,18 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from mr360uw.composite.grading.colour_grade import LEAST_CONTRAST, MOST_CONTRAST, NO_GRADE, ColourGrade, Three
+from mr360uw.color import decode
+from mr360uw.composite.grading.colour_grade import (
+    LEAST_CONTRAST,
+    MOST_CONTRAST,
+    MOST_LIGHT,
+    NO_GRADE,
+    ColourGrade,
+    Three,
+)
 from mr360uw.parameters import Parameters, parameter
 
 _ONE_LOOK = "a clip has one look"
@@ -94,13 +103,19 @@ class MatchSettings(Parameters):
     )
 
     @model_validator(mode="after")
-    def _white_above_black(self) -> MatchSettings:
+    def _light_can_be_read(self) -> MatchSettings:
         given = self.colour_over(NO_GRADE)
         for black, white in zip(given.black, given.white, strict=True):
             if white - black < LEAST_STEP:
                 raise ValueError(
                     f"white - must be {LEAST_STEP:g} above black (got {white:g} over {black:g}) - change one of them"
                 )
+        brightest = float(decode(given.ungraded(np.ones((1, 3))), "srgb").max())
+        if brightest > MOST_LIGHT:
+            raise ValueError(
+                f"white - the plate's greatest code would be {brightest:.3g} times as bright as white, by black, "
+                f"white, gamma and contrast together (at most {MOST_LIGHT:g}) - bring white or gamma nearer to 1"
+            )
         return self
 
     def colour_over(self, found: ColourGrade) -> ColourGrade:
