@@ -21,8 +21,7 @@ $(VENV)/.installed: pyproject.toml
 demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say where the results are
 	@mkdir -p demo
 	$(BIN)/mr360uw composite samples/demo/scene.toml demo/composite.mp4 --overwrite
-	$(BIN)/mr360uw still samples/demo/scene.toml demo/still.png --view -2,-19,95 --size 960x540 --overwrite
-	$(BIN)/python samples/demo/pictures.py wipe demo/composite.mp4 demo/wipe.png
+	$(BIN)/python samples/demo/pictures.py look demo/composite.mp4 demo
 	@echo
 	@echo 'demo/composite.mp4  the 360 video: open it in VLC and drag'
 	@echo 'demo/still.png      a frame as an ordinary camera sees it'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of the demo.
 
-python samples/demo/pictures.py wipe COMPOSITE OUT.png   # left the plate, right the composite, as a camera sees them
+python samples/demo/pictures.py look COMPOSITE FOLDER     # still.png and wipe.png: as an ordinary camera sees it
 python samples/demo/pictures.py readme                   # docs/demo.jpg and docs/demo.webp, three minutes on two cores
 """
 
@@ -39,13 +39,14 @@ def frames(path: Path, view: Perspective, count: int) -> list[Floats]:
         return [_codes(look(frame.image_linear, view)) for frame in video.frames(0, count)]
 
 
-def wipe(composite: Path, out: Path) -> None:
-    """Write the first frame: the plate left of a white line through the middle, the composite right of it."""
+def still_and_wipe(composite: Path, folder: Path) -> None:
+    """Write the first frame, and the same with the plate left of a white line through the middle."""
     plate, picture = frames(HERE / "dive.mp4", VIEW, 1)[0], frames(composite, VIEW, 1)[0]
+    Image.fromarray(picture).save(folder / "still.png")
     middle = VIEW.width // 2
     picture[:, :middle] = plate[:, :middle]
     picture[:, middle - 1 : middle + 1] = 255
-    Image.fromarray(picture).save(out)
+    Image.fromarray(picture).save(folder / "wipe.png")
 
 
 def readme() -> None:
@@ -74,8 +75,8 @@ def _codes(light: Floats) -> Floats:
 
 if __name__ == "__main__":
     match sys.argv[1:]:
-        case ["wipe", composite, out]:
-            wipe(Path(composite), Path(out))
+        case ["look", composite, folder]:
+            still_and_wipe(Path(composite), Path(folder))
         case ["readme"]:
             readme()
         case _:
