@@ -35,7 +35,8 @@ test: $(VENV)/.installed  ## the whole suite, on two workers
 test-fast: $(VENV)/.installed  ## physics and runs end to end, in a minute
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
 		tests/ibl/test_closure.py tests/ibl/test_integrals.py tests/medium/test_closed_form.py tests/medium/test_water.py \
-		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py tests/test_pipeline.py
+		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py \
+		tests/test_pipeline.py::test_a_video_goes_in_and_a_video_comes_out
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -56,7 +57,7 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 wheel: $(VENV)/.installed-docs  ## wheel with compiled kernels and sources in dist, tried in an environment of their own
 	rm -rf dist build/fresh mr360uw/compiled
 	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.first_run import compile_first; compile_first()'
-	$(BIN)/python -m build --outdir dist . >/dev/null
+	$(BIN)/python -m build --sdist --wheel --outdir dist . >/dev/null
 	$(PYTHON) -m venv build/fresh
 	build/fresh/bin/python -m pip install --quiet --disable-pip-version-check dist/mr360uw-*.whl
 	cd build/fresh && bin/mr360uw --version && bin/mr360uw sample dive --width 256 --frames 2 --overwrite \
