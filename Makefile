@@ -32,7 +32,7 @@ demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say 
 test: $(VENV)/.installed  ## the whole suite, on two workers
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
-test-fast: $(VENV)/.installed  ## physics and runs end to end, in a minute
+test-fast: $(VENV)/.installed  ## physics and a run of each renderer, in forty seconds
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
 		tests/ibl/test_closure.py tests/ibl/test_integrals.py tests/medium/test_closed_form.py tests/medium/test_water.py \
 		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py \
