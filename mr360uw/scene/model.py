@@ -149,7 +149,7 @@ class Scene(Parameters):
     objects: tuple[ObjectSettings, ...] = parameter((), "the meshes", alias="object")
     lamps: tuple[LampSettings, ...] = parameter((), "lights beside the plate's own", alias="lamp")
     receiver: ReceiverSettings | None = parameter(
-        None, "the floor: the part of the plate that receives shadows and caustics"
+        None, "the floor, sand or rock: the part of the plate that receives shadows and caustics"
     )
     holdouts: tuple[HoldoutSettings, ...] = parameter(
         (),
@@ -160,7 +160,9 @@ class Scene(Parameters):
     light: LightSettings = parameter(LightSettings(), "how light is taken from the plate")
     sea: Sea = parameter(GerstnerSea(), "the water surface")
     caustics: CausticSettings = parameter(CausticSettings(), "light focused by the surface")
-    shafts: ShaftSettings = parameter(ShaftSettings(), "light in the water, and bodies' shadows in it")
+    shafts: ShaftSettings = parameter(
+        ShaftSettings(), "light in the water (shafts, god rays), and bodies' shadows in it"
+    )
     snow: SnowSettings = parameter(SnowSettings(), "particles suspended in the water")
     surface: SurfaceSettings = parameter(SurfaceSettings(), "objects at the water's surface")
     match: MatchSettings = parameter(MatchSettings(), "look of the plate that bodies are given")

@@ -108,6 +108,18 @@ def test_the_first_controls_are_parameters() -> None:
     assert set(FIRST) <= {path for path, _, _ in EVERY}
 
 
+def test_everyday_words_find_a_control() -> None:
+    """In the words that the page searches: of the table, the key, the label and the help."""
+    texts = [
+        " ".join((group.key, group.title, group.help, field.key, field.label, field.help)).lower()
+        for group in GROUPS.values()
+        for tag in group.tags
+        for field in group.fields(tag)
+    ]
+    for words in ("brighter", "darker", "exposure", "tint", "haze", "god rays", "sand", "sun azimuth"):
+        assert any(all(word in text for word in words.split()) for text in texts), words
+
+
 def test_lists_and_kinds_of_tables() -> None:
     assert [key for key, group in GROUPS.items() if group.repeated][:3] == ["object", "lamp", "holdout"]
     assert [key for key, group in GROUPS.items() if group.optional] == ["receiver"]

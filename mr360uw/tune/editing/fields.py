@@ -34,6 +34,9 @@ FIRST = {
     "object.position_m": "Object position",
     "object.rotation_deg": "Object rotation",
     "object.scale": "Object scale",
+    "light.exposure": "Exposure of all objects",
+    "object.exposure": "Object exposure",
+    "object.tint": "Object tint",
 }
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
 INSTEAD = {"lamp.lumen": "lamp.watts", "lamp.watts": "lamp.lumen"}

@@ -206,7 +206,7 @@ export default {
       return group.kinds[tag] || Object.values(group.kinds)[0];
     },
     matches(group, field) {
-      const text = [group.key, group.title, field.key, field.label, field.help].join(" ").toLowerCase();
+      const text = [group.key, group.title, group.help, field.key, field.label, field.help].join(" ").toLowerCase();
       return this.wanted.every((word) => text.includes(word));
     },
     count(group) {
