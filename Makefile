@@ -58,6 +58,7 @@ wheel: $(VENV)/.installed-docs  ## wheel with compiled kernels and sources in di
 	rm -rf dist build/fresh mr360uw/compiled
 	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.first_run import compile_first; compile_first()'
 	$(BIN)/python -m build --sdist --wheel --outdir dist . >/dev/null
+	rm -rf mr360uw/compiled
 	$(PYTHON) -m venv build/fresh
 	build/fresh/bin/python -m pip install --quiet --disable-pip-version-check dist/mr360uw-*.whl
 	cd build/fresh && bin/mr360uw --version && bin/mr360uw sample dive --width 256 --frames 2 --overwrite \

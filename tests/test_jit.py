@@ -97,6 +97,7 @@ def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "kernels.txt").write_text("\n".join(quick))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
     monkeypatch.setattr(ahead, "LIST", tmp_path / "kernels.txt")
+    monkeypatch.setattr("mr360uw.jit.SHIPPED", tmp_path / "none")
     told: list[tuple[int, int | None]] = []
     ahead.compile_ahead(lambda done, total: told.append((done, total)))
     assert told == [(1, 1)]
