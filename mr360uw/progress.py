@@ -30,21 +30,15 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
         yield progress
 
 
-@contextmanager
-def terminal_count(doing: str) -> Iterator[Progress]:
-    """Yield a `Progress` that keeps "doing: 3 of 48" on standard error; off a terminal, one line at the beginning."""
-    begun = False
+def terminal_count(doing: str) -> Progress:
+    """Return a `Progress` that keeps "doing: 3 of 48" on standard error where that is a terminal."""
 
     def tell(done: int, total: int | None) -> None:
-        nonlocal begun
         if sys.stderr.isatty():
             sys.stderr.write(f"\r{doing}: {done} of {total}" + "\n" * (done == total))
-        elif not begun:
-            sys.stderr.write(f"{doing}: {total} kernels\n")
-        sys.stderr.flush()
-        begun = True
+            sys.stderr.flush()
 
-    yield tell
+    return tell
 
 
 @contextmanager

@@ -9,5 +9,4 @@ def compile_first() -> None:
     from mr360uw.jit.ahead import compile_ahead
     from mr360uw.progress import terminal_count
 
-    with terminal_count("compiling for this machine, once") as tell:
-        compile_ahead(tell)
+    compile_ahead(terminal_count("compiling for this machine, once"))
