@@ -69,7 +69,7 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert code == 0
     assert "caustics     skipped  needs a sun and water" in out
     light = next(line for line in out.splitlines() if line.startswith("light "))  # a small sun, seen through waves
-    assert any(says in light for says in ("sun at azimuth", "perhaps a sun at azimuth", "best candidate at azimuth"))
+    assert "sun at azimuth" in light or "no sun; best candidate at azimuth" in light
 
 
 def test_explain_measures_what_skips_save(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import shutil
@@ -70,6 +71,11 @@ def test_kernels_travel(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(copy) == (7.0, 0)
     shipped = (folder / "kept").rename(folder / "shipped")
     monkeypatch.setattr("mr360uw.jit.SHIPPED", shipped)
+
+    def read_only(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("mr360uw.reading.disk_cache.os.utime", read_only)
     assert run(copy) == (7.0, 0)
     assert not (folder / "kept").exists()
 

@@ -119,7 +119,7 @@ def read_bytes(path: Path) -> bytes | None:
         data, mark = stored[:-_DIGEST], stored[-_DIGEST:]
         if hashlib.sha256(data).digest() != mark:
             return None
-        with suppress(PermissionError):  # of another's, as those of an installed package, none is removed by its age
+        with suppress(OSError):  # of another's or read-only, as an installed package: none is removed by its age
             os.utime(path)
     except OSError:
         return None
