@@ -54,9 +54,8 @@ def fft() -> None:
         timed(f"splines of {points} points", lambda k, sea=sea, points=points: SampledSea.of(sea, 0.1 * k, points))
         timed(
             "light on the floor",
-            lambda k, loaded=loaded, sea=sea: loaded.sea.water.on_floor(
-                sea, loaded.sea.dome, loaded.sea.sun, 4.0, 0.1 * k, 1.34, loaded.sea.floor.mean_albedo,
-                loaded.sea.caustics,
+            lambda k, loaded=loaded, sea=sea: loaded.sea.light_in_water(4.0).on_floor(
+                sea, loaded.sea.dome, loaded.sea.sun, 4.0, 0.1 * k, loaded.sea.caustics
             ),
         )  # fmt: skip
 

@@ -25,7 +25,7 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
 from mr360uw.from_above.first_surface import FloorSeen
 from mr360uw.from_above.floor_shadow import ratio_on_floor
-from mr360uw.from_above.light_in_water import joined_table, light_below
+from mr360uw.from_above.light_in_water import light_below
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.small_angles import spread_of
@@ -70,7 +70,8 @@ class AerialBodies:
             passed = float(fresnel_transmittance(sun.direction[1], sea.refractive_index))
             beam = sun.irradiance * passed * sun.direction[1] / direction[1]
             wet = Sun(direction, beam, sun.half_angle_rad / sea.refractive_index, 1.0)
-        table = None if sea.water.sky is None else joined_table(sea.water)
+        water = sea.light_in_water(depth)
+        table = None if water.sky is None else water.table(from_camera=False)
         above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
         return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
 
@@ -108,8 +109,8 @@ class AerialBodies:
             return None
         top = max(-highest, _SHALLOWEST_M)
         depths = np.linspace(top, max(-lowest, top + _SHALLOWEST_M), _PLANES)
-        medium = self.sea.water.sun
-        spread = None if medium is None else spread_of(medium.medium)
+        beam = self.sea.light_in_water(-self.sea.floor.height_m).sun
+        spread = None if beam is None else spread_of(beam.medium)
         settings = settings.model_copy(update={"sun_half_angle_rad": sun.half_angle_rad})
         return caustic_stack(self.sea.sea, sun.direction, depths, time_s, settings, self.sea.refractive_index, spread)
 

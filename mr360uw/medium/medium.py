@@ -123,7 +123,9 @@ class Medium:
     def unit_table(self) -> MediumTable:
         """The same tables without the gain and the floor's light, which change with every frame."""
         model = _SPECTRAL.get(self.mode, self.mode)
-        glow = None if self.floor_m is None else self._unit_glow
+        # a beam by itself has no share in the floor's light, which is added to that of a sky
+        beam_alone = isinstance(self.sky, tuple) and self.sky[2] == 1.0
+        glow = None if self.floor_m is None or beam_alone else self._unit_glow
         table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, model, glow)
         return replace(table, refractive_index=self.refractive_index)
 
@@ -206,7 +208,7 @@ class Medium:
         if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
             return self
         other = self._copy()
-        for of_this_sky in ("model", "light", "unit_table", "_level", "_glow_level", "floor_lobes"):
+        for of_this_sky in ("model", "light", "unit_table", "_level", "glow_level", "floor_lobes"):
             other.__dict__.pop(of_this_sky, None)
         other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
@@ -218,7 +220,7 @@ class Medium:
         """
         length_m = self.length_m
         other = self._copy()
-        for of_this_depth in ("unit_table", "_level", "_glow_level"):
+        for of_this_depth in ("unit_table", "_level", "glow_level"):
             other.__dict__.pop(of_this_depth, None)
         other.camera_depth_m = float(camera_depth_m)
         other.length_m = length_m
@@ -250,7 +252,7 @@ class Medium:
     def _unit_glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) that a floor of radiance 1 adds, less that of the sky whose level light it has."""
         glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
-        return np.asarray(glow - self.unit_veil(distance_m, up) * self._glow_level)
+        return np.asarray(glow - self.unit_veil(distance_m, up) * self.glow_level)
 
     def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
         """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1.
@@ -260,7 +262,7 @@ class Medium:
         level = self.level_radiance(up)
         if self.floor_m is None:
             return level
-        glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self._glow_level
+        glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self.glow_level
         return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
 
     def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
@@ -270,13 +272,16 @@ class Medium:
         """
         if self.floor_m is None:
             return np.zeros(3)
-        depth, below = self.camera_depth_m, self.under("floor").model
-        of_sky = gain * (self.model.irradiance(depth, -1.0) @ self.bands.lobes)
-        of_floor = below.irradiance(depth, -1.0) @ self.floor_lobes
+        of_sky = gain * (self.model.irradiance(self.camera_depth_m, -1.0) @ self.bands.lobes)
+        of_floor = self.floor_irradiance(self.camera_depth_m, -1.0)
         return np.asarray(np.clip((upwelling - of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow))
 
+    def floor_irradiance(self, depth_m: float, normal_up: float = 1.0) -> Array:
+        """Return the irradiance (3,) by a floor of radiance 1, on planes whose normal has the y `normal_up`."""
+        return np.asarray(self.under("floor").model.irradiance(depth_m, normal_up) @ self.floor_lobes)
+
     @functools.cached_property
-    def _glow_level(self) -> Array:
+    def glow_level(self) -> Array:
         """Level light (3,) of a floor of radiance 1 over that of the sky."""
         level = np.zeros(1)
         glow = self.under("floor").model.radiance(self.camera_depth_m, level) @ self.floor_lobes
@@ -285,4 +290,4 @@ class Medium:
     @property
     def _most_glow(self) -> Array:
         """Radiance (3,) of a floor that would be all of the level light for a gain of 1."""
-        return 1.0 / np.maximum(self._glow_level, _TINY)
+        return 1.0 / np.maximum(self.glow_level, _TINY)

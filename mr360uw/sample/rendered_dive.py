@@ -17,7 +17,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction
 from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
-from mr360uw.optics import diffuse_reflectance_from_below, fresnel_from_below, refract_to_water
+from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.dive_sky import DiveSky, dive_sky
 from mr360uw.sample.relief_shade import relief_shade
@@ -26,7 +26,6 @@ from mr360uw.sphere import directions
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.surface.sea_scene import SeaScene
-from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Floats
 
@@ -69,21 +68,20 @@ class Dive:
         self.sky: DiveSky = dive_sky(settings)
         self.bed: SeaBed = sea_bed(settings)
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
-        light = WaterLight.of(medium, Dome(self.sky.dome), self.sky.sun, REFRACTIVE_INDEX_SEA)
         albedo = self.bed.albedo
         if np.ptp(self.bed.height_m) > 0.0:
-            shade = relief_shade(self.bed.height_m, BED_TILE_M, self.sun_in_water, _beam_share(light, settings))
+            level = self._scene(albedo, medium).light_in_water(settings.floor_depth_m)
+            shade = relief_shade(self.bed.height_m, BED_TILE_M, self.sun_in_water, _beam_share(level, settings))
             albedo = np.clip(albedo * shade, 0.0, 1.0)
-        floor = Floor(settings.depth_m - settings.floor_depth_m, albedo, BED_TILE_M)
-        self.scene = SeaScene(settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
-        water = self._water(settings.depth_m)
-        level = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
+        self.scene = self._scene(albedo, medium)
+        water = self.water.seen_from(settings.depth_m)
+        level_light = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
         self.exposure = 2.0**settings.stops * min(
-            _LEVEL_BRIGHTNESS / float(np.mean(level)),
+            _LEVEL_BRIGHTNESS / float(np.mean(level_light)),
             _SKY_BRIGHTNESS / float(np.max(self._overhead(water))),
             _FLOOR_BRIGHTNESS / float(np.max(self._underneath(water))),
         )
-        self.level_radiance: Floats = self.exposure * level
+        self.level_radiance: Floats = self.exposure * level_light
 
     @property
     def sun_in_air(self) -> Floats | None:
@@ -108,29 +106,18 @@ class Dive:
 
         Both are means over the waves. Ambient is all light but the beam and what the water has turned by small angles.
         """
-        water = self.scene.water
-        assert water.sky is not None
-        beam = np.zeros(3)
-        ambient = water.sky.down(depth_m)
-        if water.sun is not None:
-            beam = water.sun.below * beam_fraction(water.sun.from_surface, depth_m, water.sun_up)
-            ambient = ambient + water.sun.down(depth_m) - beam
-        # light of the floor that the surface sends back
-        path = self.settings.floor_depth_m + depth_m
-        back = diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, -np.log(np.maximum(self._passed(path), 1e-300)))
-        ambient = ambient + self.scene.floor.mean_albedo * back * self.floor_irradiance
-        return np.asarray(ambient), np.asarray(beam / water.sun_up)
+        beam = _beam(self.water, depth_m)
+        return self.water.down(depth_m) - beam, np.asarray(beam / self.water.sun_up)
 
     @functools.cached_property
     def floor_irradiance(self) -> Floats:
         """Downwelling irradiance (3,) at the floor's mean depth, with what it sends up and gets back."""
-        water, depth = self.scene.water, self.settings.floor_depth_m
-        assert water.sky is not None
-        light = water.sky.down(depth) + (0.0 if water.sun is None else water.sun.down(depth))
-        tau = -2.0 * np.log(np.maximum(self._passed(depth), 1e-300))
-        return np.asarray(
-            light / (1.0 - self.scene.floor.mean_albedo * diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, tau))
-        )
+        return self.water.down(self.settings.floor_depth_m)
+
+    @property
+    def water(self) -> WaterLight:
+        """Light between the surface and the floor."""
+        return self.scene.light_in_water(self.settings.floor_depth_m)
 
     @functools.cached_property
     def albedo(self) -> Floats:
@@ -160,12 +147,10 @@ class Dive:
         footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
         return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
 
-    def _passed(self, distance_m: float) -> Floats:
-        """Return the transmittance (3,) of a way straight through the water."""
-        return self.scene.water.along(np.array([distance_m]), np.array([-1.0]), False)[0][0]
-
-    def _water(self, depth_m: float) -> WaterLight:
-        return self.scene.water.seen_from(depth_m)
+    def _scene(self, albedo: Floats, medium: Medium) -> SeaScene:
+        """Return the sea over the level floor of an albedo (size, size, 3)."""
+        floor = Floor(self.settings.depth_m - self.settings.floor_depth_m, albedo, BED_TILE_M)
+        return SeaScene(self.settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
 
     def _overhead(self, water: WaterLight) -> Floats:
         """Return the radiance (3,) of the sky straight overhead through a level surface."""
@@ -182,10 +167,13 @@ class Dive:
         return np.asarray((passed * self.scene.floor.mean_albedo / PI * self.floor_irradiance + veil)[0])
 
 
+def _beam(light: WaterLight, depth_m: float) -> Floats:
+    """Return the irradiance (3,) of a level plane at a depth by the sun's beam."""
+    if light.sun is None:
+        return np.zeros(3)
+    return np.asarray(light.sun.below * beam_fraction(light.table(from_camera=False), depth_m, light.sun_up))
+
+
 def _beam_share(light: WaterLight, settings: DiveSettings) -> Floats:
     """Return the fraction (3,) of the irradiance of level ground at the floor's depth that is the sun's beam."""
-    if light.sun is None or light.sky is None:
-        return np.zeros(3)
-    depth = settings.floor_depth_m
-    beam = light.sun.below * beam_fraction(light.sun.from_surface, depth, light.sun_up)
-    return np.asarray(beam / (light.sky.down(depth) + light.sun.down(depth)))
+    return _beam(light, settings.floor_depth_m) / light.down(settings.floor_depth_m)

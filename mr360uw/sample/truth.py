@@ -97,7 +97,7 @@ def _frame(dive: Dive, index: int, time_s: float) -> dict[str, Any]:
 def _level(dive: Dive, depth_m: float) -> tuple[Floats, Floats]:
     """Return the irradiance (3,) of a level plane at a depth: ambient, and by the beam."""
     ambient, beam = dive.irradiance(depth_m)
-    return ambient, beam * dive.scene.water.sun_up
+    return ambient, beam * dive.water.sun_up
 
 
 def _shares(sky: Floats, sun: Floats) -> dict[str, Any]:

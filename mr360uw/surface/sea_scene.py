@@ -45,7 +45,7 @@ class SeaScene:
     sea: Sea
     dome: Dome
     floor: Floor
-    water: WaterLight
+    water: Water | Medium | None
     sun: Sun | None
     refractive_index: float
     caustics: CausticSettings
@@ -66,7 +66,8 @@ class SeaScene:
 
         dome: (h, w, 3) equirectangular radiance of the sky, of which the upper half is read; a sun in it is part of the
         sky. floor: a `Floor`, or its height [m] in the world and its albedo. water: None for clear water; else its
-        scattered light is that of the solved field of deep water. sun: a sun that is not in the dome, as seen in the
+        scattered light is that of the solved field over a level floor of the mean
+        depth and albedo. sun: a sun that is not in the dome, as seen in the
         air; below the horizon it gives no light. caustics: resolution of the sun's pattern on the floor.
 
         Raises `ParameterError`.
@@ -81,7 +82,7 @@ class SeaScene:
         sky, light = Dome(dome), _checked(sun)
         kept = {
             "sea": sea, "dome": sky, "floor": floor if isinstance(floor, Floor) else Floor(*floor), "sun": light,
-            "water": WaterLight.of(water, sky, light, refractive_index), "refractive_index": refractive_index,
+            "water": water, "refractive_index": refractive_index,
             "caustics": caustics or CausticSettings(), "_cache": Cache(),
         }  # fmt: skip
         for name, value in kept.items():
@@ -124,13 +125,17 @@ class SeaScene:
         sampled = self._cache.get("sampled sea", time, lambda: SampledSea.of(self.sea, time, points))
         over, depth = float(position[1] - view.surface_y_m), view.surface_y_m - self.floor.height_m
         in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
-        water = self.water.seen_from(max(-over, _SHALLOWEST_M)) if in_water else self.water
+        water = self.light_in_water(depth)
+        if in_water:
+            water = water.seen_from(max(-over, _SHALLOWEST_M))
         index, floor = self.refractive_index, self.floor
         depths = [depth]
         if floor.lowest_m < floor.highest_m:
             depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
         lights = [
-            self._cache.get("floor light", (time, d), functools.partial(self._floor_light, time, d), keep=len(depths))
+            self._cache.get(
+                "floor light", (time, depth, d), functools.partial(self._floor_light, water, time, d), keep=len(depths)
+            )
             for d in depths
         ]
         planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
@@ -138,10 +143,14 @@ class SeaScene:
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
 
-    def _floor_light(self, time_s: float, depth_m: float) -> FloorLight:
-        return self.water.on_floor(
-            self.sea, self.dome, self.sun, depth_m, time_s, self.refractive_index, self.floor.mean_albedo, self.caustics
-        )
+    def _floor_light(self, water: WaterLight, time_s: float, depth_m: float) -> FloorLight:
+        return water.on_floor(self.sea, self.dome, self.sun, depth_m, time_s, self.caustics)
+
+    def light_in_water(self, floor_m: float) -> WaterLight:
+        """Return the light between the surface and the floor at a mean depth [m], for a camera above the water."""
+        return self._cache.get("water", floor_m, lambda: WaterLight.of(
+            self.water, self.dome, self.sun, self.refractive_index, floor_m, self.floor.mean_albedo
+        ))  # fmt: skip
 
 
 def _plane_depths(least_m: float, greatest_m: float) -> list[float]:

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Water between surface, floor and camera: what it takes of a ray, what it adds, and the light that reaches the floor.
 
-The veil and the diffuse light are those of the solved field under a flat surface, for the sky and for the sun, times
-the irradiance that each brings just below the surface. Light of the floor that the surface sends back down adds up to a
-geometric series, E = E_0/(1 - albedo R), R from `optics.diffuse_reflectance_from_below`.
+The veil and the diffuse light are those of the solved field under a flat surface and over a level floor, for the sky
+and for the sun, times the irradiance that each brings just below the surface, and for the floor, times its radiance L:
+
+    L = albedo/pi (E + L e)
+
+E: irradiance of the floor by sky and sun over a black floor; e: what a floor of radiance 1 gets back from the water and
+from the surface. In clear water, and in that of closed forms, e is pi times `optics.diffuse_reflectance_from_below`.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
-from mr360uw.constants import JUST_BELOW_M
+from mr360uw.constants import JUST_BELOW_M, PI
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
@@ -27,6 +31,7 @@ from mr360uw.types import CausticStack, MediumTable, Sun
 
 Array = NDArray[np.float64]
 
+_LEAST = 1e-300
 _SKY_MAP, _SKY_GRID = 64, 128
 """Pixels and cells of the patterns of the sky's patches, which are wide discs."""
 _EVEN_TILES = 2.0
@@ -36,29 +41,22 @@ of a wave's contrast at the most."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightInWater:
-    """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it. from_surface,
-    from_camera: its tables for rays that start there; from_camera is None where the camera is above the water. depths:
-    its tables for cameras at any depth.
+    """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it, seen from there.
+    depths: the same for cameras at any depth.
     """
 
     below: Array
     medium: Medium
-    from_surface: MediumTable
     depths: MediumAtDepths
-    from_camera: MediumTable | None = None
 
     @classmethod
     def of(cls, below: Array, medium: Medium) -> LightInWater:
-        """Return it with its tables for rays from the surface."""
-        return cls(below, medium, medium.unit_table, MediumAtDepths(medium))
+        """Return the light of a medium."""
+        return cls(below, medium, MediumAtDepths(medium))
 
-    def seen_from(self, camera_depth_m: float) -> LightInWater:
-        """Return it with its tables for a camera at a depth [m], > 0."""
-        return replace(self, from_camera=self.depths.at(camera_depth_m).unit_table)
-
-    def table(self, from_camera: bool) -> MediumTable:
-        """Return the table for rays of the camera, or of the surface."""
-        return self.from_surface if self.from_camera is None or not from_camera else self.from_camera
+    def seen_from(self, camera_depth_m: float | None) -> Medium:
+        """Return the medium for a camera at a depth [m], or for rays from the surface."""
+        return self.medium if camera_depth_m is None else self.depths.at(camera_depth_m)
 
     def down(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth."""
@@ -66,95 +64,147 @@ class LightInWater:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LitFloor:
+    """A level floor at a depth [m] below the mean surface. radiance: (3,) it sends up in all directions."""
+
+    depth_m: float
+    radiance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WaterLight:
     """Water for rays. sky, sun: light of each in the water; none for clear water, and no sun at night. sun_up: y of the
-    sun's direction in the water.
+    sun's direction in the water. floor: None where it is not known or not below the surface. index: of refraction.
+
+    from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light; those of
+    the surface stand for the camera's where the camera is above the water.
     """
 
     sky: LightInWater | None
     sun: LightInWater | None
     sun_up: float
+    index: float
+    floor: LitFloor | None = None
+    from_surface: MediumTable | None = None
+    from_camera: MediumTable | None = None
 
     @classmethod
-    def of(cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, index: float) -> WaterLight:
+    def of(
+        cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, index: float, floor_m: float, albedo: Array
+    ) -> WaterLight:
         """Return the water of a scene for a camera above it. water: as of `SeaScene`; a medium's gain and camera are
-        not read.
+        not read. floor_m: depth of the floor [m], albedo: (3,) its mean; from 0 up it stands out of the water.
         """
         risen = sun is not None and sun.direction[1] > 0.0
         sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
-        if water is None:
-            return cls(None, None, sun_up)
-        given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
-        sky = Medium(
-            given.water, given.sensor, given.mode, JUST_BELOW_M, illuminant=given.illuminant, refractive_index=index,
-            formation=given.formation,
-        )  # fmt: skip
-        beam = None
-        if risen:
-            beam = Medium(
+        light = cls(None, None, sun_up, index)
+        if water is not None:
+            given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
+            medium = Medium(
                 given.water, given.sensor, given.mode, JUST_BELOW_M, illuminant=given.illuminant,
-                refractive_index=index, sky=("sun", sun_up, 1.0), formation=given.formation,
+                refractive_index=index, formation=given.formation, floor_m=floor_m if floor_m > 0.0 else None,
             )  # fmt: skip
-        of_sky = LightInWater.of(dome.irradiance_below(index), sky)
-        of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam)
-        return cls(of_sky, of_sun, sun_up)
+            _ = medium.length_m  # that of all tables, so that their nodes are the same
+            of_sky = LightInWater.of(dome.irradiance_below(index), medium)
+            beam = medium.under(("sun", sun_up, 1.0)) if risen else None
+            light = replace(
+                light, sky=of_sky, sun=None if beam is None else LightInWater.of(sun_below(sun, index), beam)
+            )
+        if floor_m > 0.0:
+            whole = light._from_above(floor_m, dome, sun)
+            sent = albedo / PI * whole
+            light = replace(
+                light, floor=LitFloor(floor_m, sent / (1.0 - albedo / PI * light._returned(floor_m, floor_m)))
+            )
+        return light if light.sky is None else replace(light, from_surface=light._table(None))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
         """Return the water for a camera at a depth [m], > 0."""
-        sky, sun = (None if light is None else light.seen_from(camera_depth_m) for light in (self.sky, self.sun))
-        return WaterLight(sky, sun, self.sun_up)
+        return self if self.sky is None else replace(self, from_camera=self._table(camera_depth_m))
+
+    def table(self, from_camera: bool) -> MediumTable:
+        """Return the table for rays of the camera, or of the surface."""
+        table = self.from_surface if self.from_camera is None or not from_camera else self.from_camera
+        assert table is not None
+        return table
+
+    def down(self, depth_m: float) -> Array:
+        """Return the irradiance (3,) on a level plane at a depth, with what the floor sends up and gets back."""
+        lights = [light.down(depth_m) for light in (self.sky, self.sun) if light is not None]
+        return np.asarray(sum(lights, self.returned(depth_m)))
+
+    def returned(self, depth_m: float) -> Array:
+        """Return the irradiance (3,) on a level plane at a depth by light of the floor that comes back down."""
+        return np.zeros(3) if self.floor is None else self.floor.radiance * self._returned(depth_m, self.floor.depth_m)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
         directions. Distances may be infinite.
         """
-        shape = (len(distance_m), 3)
         if self.sky is None:
-            return np.ones(shape), np.zeros(shape)
-        veil = self.sky.below * veil_lookup(self.sky.table(from_camera), distance_m, up)
+            return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
+        table, finite = self.table(from_camera), np.isfinite(distance_m)
+        passed = transmittance_lookup(table, np.where(finite, distance_m, 0.0), up)
+        return np.where(finite[:, None], passed, 0.0), np.asarray(veil_lookup(table, distance_m, up), np.float64)
+
+    def _from_above(self, depth_m: float, dome: Dome, sun: Sun | None) -> Array:
+        """Return the irradiance (3,) of a floor by light that it has not sent up itself."""
+        if self.sky is None:
+            return np.asarray(dome.irradiance_below(self.index) + sun_below(sun, self.index))
+        return self.down(depth_m)
+
+    def _returned(self, depth_m: float, floor_m: float) -> Array:
+        """Return what a floor of radiance 1 gets back (3,) at a depth, from the water and from the surface."""
+        if self.sky is not None and self.sky.medium.floor_m is not None:
+            return self.sky.medium.floor_irradiance(min(depth_m, floor_m))
+        tau = np.zeros(3)
+        if self.sky is not None:
+            tau = -np.log(np.maximum(self.sky.medium.transmittance(floor_m + depth_m, floor_m, 1.0), _LEAST))
+        return np.asarray(PI * diffuse_reflectance_from_below(self.index, tau))
+
+    def _table(self, camera_depth_m: float | None) -> MediumTable:
+        """Return the table of a camera at a depth, or of the surface, with the veil of sky, sun and floor."""
+        assert self.sky is not None
+        sky = self.sky.seen_from(camera_depth_m)
+        table = sky.unit_table
+        veil = self.sky.below * table.veil
+        if self.floor is not None and table.glow is not None:
+            veil = veil + self.floor.radiance * (table.glow + sky.glow_level * table.veil)
         if self.sun is not None:
-            veil = veil + self.sun.below * veil_lookup(self.sun.table(from_camera), distance_m, up)
-        finite = np.isfinite(distance_m)
-        reach = np.where(finite, distance_m, 0.0)
-        passed = transmittance_lookup(self.sky.table(from_camera), reach, up)
-        return np.where(finite[:, None], passed, 0.0), veil
+            veil = veil + self.sun.below * self.sun.seen_from(camera_depth_m).unit_table.veil
+        return replace(table, veil=veil, glow=None)
 
     def on_floor(
-        self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, index: float, albedo: Array,
-        settings: CausticSettings,
-    ) -> FloorLight:  # fmt: skip
-        """Return the light on a floor of a mean albedo (3,) at a depth below the mean surface."""
+        self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, settings: CausticSettings
+    ) -> FloorLight:
+        """Return the light on the floor at a depth below the mean surface."""
         dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
         dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry, dry_sun)
-        tau = np.zeros(3)  # of the way up and down again
-        if self.sky is not None:
-            down = np.array([depth_m]), np.array([-1.0])
-            tau = -2.0 * np.log(np.maximum(self.along(*down, from_camera=False)[0][0], 1e-300))
-        factor = 1.0 / (1.0 - albedo * diffuse_reflectance_from_below(index, tau))
         medium = None if self.sun is None else self.sun.medium
-        pattern = sun_pattern(sea, sun, depth_m, time_s, index, settings, medium)
+        pattern = sun_pattern(sea, sun, depth_m, time_s, self.index, settings, medium)
+        even = self.returned(depth_m)
         if self.sky is None:
-            patterns = [(sky_pattern(sea, dome, depth_m, time_s, index), factor)]
+            patterns = [(sky_pattern(sea, dome, depth_m, time_s, self.index), np.ones(3))]
             if pattern is not None:
-                patterns.append((pattern[0], factor * sun_below(sun, index)))
-            return FloorLight(np.zeros(3), tuple(patterns), dry, dry_sun, skies=1)
-        even, patterns = self.sky.down(depth_m), []
+                patterns.append((pattern[0], sun_below(sun, self.index)))
+            return FloorLight(even, tuple(patterns), dry, dry_sun, skies=1)
+        even, patterns = even + self.sky.down(depth_m), []
         if pattern is not None and self.sun is not None:
             beam, sharp = self._beam(depth_m)
             even = even + self.sun.down(depth_m) - beam
-            patterns = [(pattern[0], factor * sharp)]
+            patterns = [(pattern[0], sharp)]
             if pattern[1] is not None:
-                patterns.append((pattern[1], factor * (beam - sharp)))
+                patterns.append((pattern[1], beam - sharp))
             else:
                 even = even + beam - sharp
-        return FloorLight(factor * np.maximum(even, 0.0), tuple(patterns), dry, dry_sun)
+        return FloorLight(np.maximum(even, 0.0), tuple(patterns), dry, dry_sun)
 
     def _beam(self, depth_m: float) -> tuple[Array, Array]:
         """Return the irradiance (3,) of a level plane by the sun's beam, and its part that has not turned at all."""
         assert self.sun is not None
-        beam = beam_fraction(self.sun.from_surface, depth_m, self.sun_up)
+        beam = beam_fraction(self.table(from_camera=False), depth_m, self.sun_up)
         medium = self.sun.medium
         sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
         return self.sun.below * beam, self.sun.below * np.minimum(sharp, beam)

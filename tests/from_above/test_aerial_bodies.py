@@ -14,9 +14,8 @@ from pydantic import ValidationError
 
 from mr360uw.errors import VideoError
 from mr360uw.from_above import AerialScene, LoadedAerial, aerial_film
-from mr360uw.from_above.light_in_water import joined_table, light_below
+from mr360uw.from_above.light_in_water import light_below
 from mr360uw.from_above.onto_plate import plate_gain
-from mr360uw.medium.lookup import beam_fraction, veil_lookup
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface.sky import sun_below
@@ -63,7 +62,7 @@ def test_a_body_lies_where_snells_law_puts_it(square: dict[str, Any]) -> None:
 
 
 def test_the_shadow_of_a_body_lies_behind_it(square: dict[str, Any]) -> None:
-    """Sun in the plane of the picture, clear water: the floor keeps the sky's light alone, and lies along the beam."""
+    """Sun in the plane of the picture, clear water: the floor keeps all light but the sun's, and it lies along the beam."""
     sun = {"elevation_deg": 60.0, "azimuth_deg": 90.0}
     camera = DOWN | {"fov_deg": 40.0}
     bare, seen = (
@@ -79,22 +78,14 @@ def test_the_shadow_of_a_body_lies_behind_it(square: dict[str, Any]) -> None:
     assert abs(len(dark) - scale) < 1.5
     column = dark[len(dark) // 2]
     sea = LoadedAerial.of(scene_of(camera=camera, sun=sun)).sea
-    both = sun_below(sea.sun, 1.34) + sea.dome.irradiance_below(1.34)
+    both = sea.light_in_water(4.0).down(4.0)
     share = lost[column] / (bare.image_linear - bare.reflection)[16, column]
     np.testing.assert_allclose(share, sun_below(sea.sun, 1.34) / both, rtol=tol.FORMULA)
 
 
-def test_light_and_water_of_bodies() -> None:
-    """One table for both lights, and a map that brings the field's irradiance down through a level plane."""
+def test_the_light_of_bodies_is_that_of_the_water() -> None:
+    """The map brings the field's irradiance down through a level plane."""
     sea = LoadedAerial.of(scene_of(water={"type": "IB"}, floor={"depth_m": 500.0, "albedo": 0.0})).sea
-    assert sea.water.sky is not None
-    assert sea.water.sun is not None
-    table = joined_table(sea.water)
-    s, up = np.array([0.5, 3.0, 20.0]), np.array([-1.0, -0.5, -0.2])
-    np.testing.assert_allclose(veil_lookup(table, s, up), sea.water.along(s, up, False)[1], rtol=tol.JOINED)
-    sun_up = sea.water.sun_up
-    own = beam_fraction(sea.water.sun.from_surface, 4.0, sun_up)
-    np.testing.assert_allclose(beam_fraction(table, 4.0, sun_up), own, rtol=tol.JOINED)
     radiance = light_below(sea, 500.0)
     up_, solid = directions(256, 128)[..., 1], row_solid_angle(256, 128)[:, None]
     down = np.einsum("hwc,hw->c", radiance, np.maximum(up_, 0.0) * solid)

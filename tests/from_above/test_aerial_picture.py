@@ -95,8 +95,9 @@ def test_koschmieders_formula() -> None:
 def test_koschmieders_own_constants() -> None:
     """Without numbers: the water's attenuation c, and the colour of deep water from above."""
     deep = LoadedAerial.of(scene_of(water={"type": "IB", "mode": "koschmieder"}, floor={"depth_m": 900.0}))
-    assert deep.sea.water.sky is not None
-    model = deep.sea.water.sky.medium.model
+    light = deep.sea.light_in_water(900.0).sky
+    assert light is not None
+    model = light.medium.model
     np.testing.assert_array_equal(
         model.extinction, uw.medium.Water.jerlov("IB").attenuation(np.array([650.0, 550.0, 450.0]))
     )

@@ -2,7 +2,8 @@
 """The holding test: a card of the sand's own albedo that lies on the sand of a dive vanishes.
 
 The dive is made by its own solved light, written as 8-bit video and composited like any other: the light is read from
-the plate, carried down to the sand by the water, and must come out as bright as the sand that is there.
+the plate, carried down to the sand by the water, and must come out as bright as the sand that is there. The scene is
+told the type of the water, the depths and the waves; the sun is found in the plate, or told.
 
 Video cannot show it better than its codes do: an encoder may move Y', Cb and Cr of an even area by half a code.
 """
@@ -30,17 +31,18 @@ from mr360uw.scene import scene_from_dict
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import open_video
-from tests.dives import over_sand
 
-ABOVE_SAND_M = 2.0
 HALF_SIDE_M = 1.0
 """The card is 2 m wide, below the camera: over caustics and ripples of a few decimetres."""
 LIFTED_M = 2e-3
 OBJ = "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nvn 0 1 0\nf 1//1 3//1 2//1\nf 1//1 4//1 3//1\n"
+FRAME_RATE = 6
 
 
 HALF_CODE = np.abs(rgb_from_ycbcr("bt709")) @ (0.5 / np.array([219.0, 224.0, 224.0]))
 """Largest change (3,) of R', G', B' where each of Y', Cb, Cr of limited range is half a code off."""
+DARK = 20
+"""Code of 8 bits below which a channel counts as dark."""
 GLARE_RAD = np.radians(20.0)
 
 
@@ -49,48 +51,48 @@ class Held:
     """ratio: (3,) light of the card over that of the sand it covers, means over area and frames.
 
     rounding: (3,) largest change of it by half a code in the sky that is measured and in the sand that is covered.
+    code: (3,) of 8 bits, of the covered sand's mean.
     """
 
     ratio: Floats
     rounding: Floats
+    code: Floats
+
+    def error(self) -> Floats:
+        """Return how far (3,) the ratio is from 1."""
+        return np.abs(self.ratio - 1.0)
+
+    def within(self, most: float, most_dark: float) -> bool:
+        """Return whether every channel holds: to `most`, dark ones to `most_dark`."""
+        return bool(np.all(self.error() <= np.where(self.code < DARK, most_dark, most)))
 
 
-def held(
-    folder: Path,
-    water: str,
-    depth_m: float,
-    sun_deg: float,
-    *,
-    width: int = 512,
-    frames: int = 6,
-    sun_known: bool = False,
-) -> Held:
-    """Return how bright a card of sand on the sand is.
+def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int = 6, sun_told: bool = True) -> Held:
+    """Return how bright a card of sand on the sand of a dive is; the camera is over its middle.
 
-    depth_m: of the sand. sun_deg: elevation of the sun above the surface. sun_known: whether the scene gives the sun's
-    direction; waves displace the glitter of a clip of one second by degrees.
+    sun_told: whether the scene gives the sun's direction and its share of the light. A clip of one second shows the
+    direction with an error of degrees, since waves displace its glitter.
     """
-    camera_m, height = depth_m - ABOVE_SAND_M, width // 2
-    settings = over_sand(depth_m=camera_m, floor_m=depth_m, water=water, sun_elevation_deg=sun_deg)
-    plate = Dive(settings, width, height)
-    images = [plate.radiance(k / 6.0) for k in range(frames)]
+    plate = Dive(settings, width, width // 2)
+    images = [plate.radiance(k / FRAME_RATE) for k in range(frames)]
     (folder / "dive.mp4").unlink(missing_ok=True)
-    record(folder / "dive.mp4", images, Fraction(6), settings.seed)
+    record(folder / "dive.mp4", images, Fraction(FRAME_RATE), settings.seed)
     (folder / "card.obj").write_text(OBJ)
-    below = directions(width, height)[height // 2 :]
-    place = np.abs(below * (ABOVE_SAND_M / np.maximum(-below[..., 1:2], 1e-6)))
+    height_m = settings.floor_depth_m - settings.depth_m
+    below = directions(width, width // 2)[width // 4 :]
+    place = np.abs(below * (height_m / np.maximum(-below[..., 1:2], 1e-6)))
     under = (place[..., 0] < HALF_SIDE_M) & (place[..., 2] < HALF_SIDE_M)
     card = {
-        "mesh": "card.obj", "position_m": [0.0, LIFTED_M - ABOVE_SAND_M, 0.0],
+        "mesh": "card.obj", "position_m": [0.0, LIFTED_M - height_m, 0.0],
         "base_color": plate.albedo[under].mean(axis=0).tolist(), "metallic": 0.0, "roughness": 1.0,
         "casts_shadow": False,
     }  # fmt: skip
-    light = {"light": given_sun(settings)} if sun_known else {}
-    scene = scene_from_dict(dive_scene(plate) | light | {"object": [card], "draw": {"samples": 5}}, folder)
+    keys = dive_scene(plate) | {"object": [card], "draw": {"samples": 5}}
+    scene = scene_from_dict(keys if sun_told else _untold(keys), folder)
     backend, _ = make_backend("reference")
-    shown, covered = np.zeros(3), np.zeros(3)
+    shown, covered, pixels = np.zeros(3), np.zeros(3), 0
     with open_video(folder / "dive.mp4") as video:
-        loaded = load(scene, width, height)
+        loaded = load(scene, width, width // 2)
         facts = first_pass(loaded.surroundings, video)
         for frame in video.frames():
             made = finished(frame_stages(loaded, facts, backend, frame, 0.0))
@@ -98,13 +100,21 @@ def held(
                 inside = tile.alpha > 0.99
                 shown += made.picture.image_linear[tile.window][inside].sum(axis=0)
                 covered += frame.image_linear[tile.window][inside].sum(axis=0)
-    return Held(shown / covered, _rounding(images[0], settings, under))
+                pixels += int(np.count_nonzero(inside))
+    code = 255.0 * encode(covered / pixels, "srgb")
+    return Held(shown / covered, _rounding(images[0], settings, under), code)
 
 
 def given_sun(settings: DiveSettings) -> dict[str, object]:
     """Return the keys of a scene's light that give the direction of a dive's sun, as the camera sees it."""
     elevation = float(np.degrees(np.arcsin(refract_to_water(settings.sun_in_air)[1])))
     return {"sun": "given", "sun_azimuth_deg": settings.sun_azimuth_deg, "sun_elevation_deg": elevation}
+
+
+def _untold(keys: dict[str, object]) -> dict[str, object]:
+    """Return the keys of a scene without what they tell of the sun."""
+    water = {key: value for key, value in dict(keys["water"]).items() if not key.startswith("sun")}  # type: ignore[call-overload]
+    return {key: value for key, value in keys.items() if key != "light"} | {"water": water}
 
 
 def _rounding(image: Floats, settings: DiveSettings, under: NDArray[np.bool_]) -> Floats:

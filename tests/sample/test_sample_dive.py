@@ -19,7 +19,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water, bands
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.medium.transfer import LambertFloor
+from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive
 from mr360uw.sample.camera_noise import with_noise
 from mr360uw.sample.dive_settings import DiveSettings
@@ -75,23 +76,35 @@ def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:
     np.testing.assert_allclose(down / luminance(down), 1.0, atol=DIVE_WHITE)
 
 
+def _entered(field: LightField) -> np.ndarray:
+    """Return the fraction (n,) of the irradiance just below the surface that comes from the air."""
+    critical = np.sqrt(1.0 - 1.0 / REFRACTIVE_INDEX_SEA**2)
+    node, weight = np.polynomial.legendre.leggauss(24)
+    back = 0.0
+    for low, high in ((0.0, critical), (critical, 1.0)):
+        mu, w = low + 0.5 * (high - low) * (node + 1.0), 0.5 * (high - low) * weight
+        back = back + (2.0 * np.pi * w * mu * fresnel_from_below(mu, REFRACTIVE_INDEX_SEA)) @ field.radiance(0.0, -mu)
+    return np.asarray(1.0 - back)
+
+
 @pytest.mark.parametrize("water", ["IB", "II", "1C", "3C"])
 def test_the_floor_gets_all_of_the_solved_light(water: JerlovType) -> None:
     settings = CalmDive(**LEVEL_SAND, water=water, depth_m=4.0, floor_m=9.0)
     sun_up = float(refract_to_water(settings.sun_in_air)[1])
     of, observed = Water.jerlov(water), bands(61, named_sensor(SENSOR))
     nm = observed.wavelength_nm
-    sky, sun = (
-        LightField(of.absorption(nm), of.scattering(nm), of.moments(nm, 65), sky=kind)
-        for kind in ("uniform", ("sun", sun_up, 1.0))
-    )
-    plate = Dive(settings, 128, 64)
-    expected = (plate.sky.sky_below * (sky.irradiance(9.0, 1.0) @ observed.lobes)
-                + plate.sky.sun_below * (sun.irradiance(9.0, 1.0) @ observed.lobes))  # fmt: skip
-    # what the sand sends up comes back from the surface, again and again
-    albedo, camera = plate.scene.floor.mean_albedo, plate.scene.water.seen_from(4.0)
-    passed = plate.scene.water.along(np.array([9.0]), np.array([-1.0]), False)[0][0]
-    expected /= 1.0 - albedo * diffuse_reflectance_from_below(REFRACTIVE_INDEX_SEA, -2.0 * np.log(passed))
+    plate, expected = Dive(settings, 128, 64), np.zeros(3)
+    albedo, camera = plate.scene.floor.mean_albedo, plate.water.seen_from(4.0)
+    for channel, of_channel in enumerate(albedo):
+        for kind, below in (("uniform", plate.sky.sky_below), (("sun", sun_up, 1.0), plate.sky.sun_below)):
+            black, grey = (
+                LightField(of.absorption(nm), of.scattering(nm), of.moments(nm, 65), sky=kind,
+                           floor=LambertFloor(9.0, (float(a),)))
+                for a in (0.0, of_channel)
+            )  # fmt: skip
+            # fields are per unit of light below the surface, of which it has sent back more over a grey floor
+            lit = grey.irradiance(9.0, 1.0) * _entered(black) / _entered(grey)
+            expected[channel] += below[channel] * (lit @ observed.lobes)[channel]
     np.testing.assert_allclose(plate.floor_irradiance, expected, rtol=DIVE_FLOOR)
     # without waves the pattern is 1, and the picture holds albedo, irradiance, water and veil
     straight_down = plate.radiance(0.0)[-1].mean(axis=0)

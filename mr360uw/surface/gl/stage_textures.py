@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.gl.context import gl_context, texture_from_array
-from mr360uw.medium.lookup import veil_lookup
-from mr360uw.medium.tabulate import lengths
 from mr360uw.surface.ray_stage import FARTHEST_M, Stage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.water_light import WaterLight
-from mr360uw.types import Floats, MediumTable, View
+from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
     import moderngl
@@ -123,16 +121,12 @@ def _pattern_textures(light: FloorLight) -> tuple[list[Tiled], list[moderngl.Tex
 
 
 def _add_water(found: Inputs, water: WaterLight, name: str, cache: Cache, *, from_camera: bool) -> None:
-    tables = tuple(None if light is None else light.table(from_camera) for light in (water.sky, water.sun))
-    table, *images = cache.get(name, tables, lambda: _water_textures(water, from_camera=from_camera))
-    for kind, texture in zip(("veil", "attenuation"), images, strict=True):
-        found.textures[f"{kind}_{name}"] = texture
+    table = water.table(from_camera)
+    veil, attenuation = cache.get(
+        name, table, lambda: (texture_from_array(table.veil), texture_from_array(table.attenuation))
+    )
+    found.textures[f"veil_{name}"], found.textures[f"attenuation_{name}"] = veil, attenuation
     found.uniforms.update({f"{name}__{k}": getattr(table, k) for k in ("camera_depth_m", "length_m")})
-
-
-def _water_textures(water: WaterLight, *, from_camera: bool) -> tuple[MediumTable, moderngl.Texture, moderngl.Texture]:
-    table, veil = water_tables(water, from_camera=from_camera)
-    return table, texture_from_array(veil), texture_from_array(table.attenuation)
 
 
 def sky_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:
@@ -178,19 +172,3 @@ def light_patterns(light: FloorLight) -> list[Tiled]:
             levels.append(level)
         sums.append(Tiled(levels, tile_m, origin))
     return sums
-
-
-def water_tables(water: WaterLight, *, from_camera: bool) -> tuple[MediumTable, Floats]:
-    """Return the sky's table for rays of the camera, or of the surface, and the veil of sky and sun in its layout."""
-    assert water.sky is not None
-    table = water.sky.table(from_camera)
-    veil = water.sky.below * table.veil
-    if water.sun is not None:
-        of_sun = water.sun.table(from_camera)
-        if of_sun.length_m == table.length_m and of_sun.veil.shape == table.veil.shape:
-            return table, veil + water.sun.below * of_sun.veil
-        up = np.linspace(-1.0, 1.0, len(table.veil))[:, None]
-        s = np.maximum(lengths(table.veil.shape[1], table.length_m), 1e-6 * table.length_m)
-        more = veil_lookup(of_sun, s, up) / -np.expm1(-s / table.length_m)[:, None]
-        veil = veil + water.sun.below * more
-    return table, veil

@@ -28,15 +28,10 @@ STACK = GENERATIONS + 2, 15
 
 
 class Murk(NamedTuple):
-    """The numbers of the water. dims: whether it does. sky, beam: where the tables are of the sky's and of the sun's
-    light, from the surface and from the camera. sky_below, beam_below: the irradiance that each is times.
-    """
+    """The numbers of the water. dims: whether it does. tables: for rays from the surface and from the camera."""
 
     dims: bool
-    sky: tuple[WaterTable, WaterTable]
-    beam: tuple[WaterTable, WaterTable]
-    sky_below: Vector
-    beam_below: Vector
+    tables: tuple[WaterTable, WaterTable]
 
 
 class World(NamedTuple):
@@ -81,14 +76,11 @@ def met(
 @exact
 def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
-    at = 1 if first else 0
-    sky = w.sky[at]
-    light = times(w.sky_below, veil(wv, sky, distance, up))
-    if w.beam_below[0] + w.beam_below[1] + w.beam_below[2] > 0.0:
-        light = add(light, times(w.beam_below, veil(wv, w.beam[at], distance, up)), 1.0)
+    table = w.tables[1 if first else 0]
+    light = veil(wv, table, distance, up)
     if distance == math.inf:
         return (0.0, 0.0, 0.0), light
-    return transmittance(wa, sky, distance, up), light
+    return transmittance(wa, table, distance, up), light
 
 
 @exact

@@ -111,15 +111,12 @@ _DRY = WaterTable(0, 1.0, 1.0)
 
 def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32], Murk]:
     """Return veils (t, U, T, 3) and attenuations (t, D, T, 3) of the tables, and the numbers of the water."""
-    dark = (0.0, 0.0, 0.0)
     if water.sky is None:
         nothing = np.zeros((1, 2, 2, 3), np.float32)
-        return nothing, nothing, Murk(False, (_DRY, _DRY), (_DRY, _DRY), dark, dark)
-    lights = [water.sky, water.sky if water.sun is None else water.sun]
-    tables = [light.table(from_camera) for light in lights for from_camera in (False, True)]
+        return nothing, nothing, Murk(False, (_DRY, _DRY))
+    tables = [water.table(from_camera) for from_camera in (False, True)]
     veils, attenuations = (
         np.stack([getattr(table, name) for table in tables]).astype(np.float32) for name in ("veil", "attenuation")
     )
-    where = [WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables)]
-    sky, beam = (dark if light is None else tuple(light.below.tolist()) for light in (water.sky, water.sun))
-    return veils, attenuations, Murk(True, (where[0], where[1]), (where[2], where[3]), sky, beam)
+    surface, camera = (WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables))
+    return veils, attenuations, Murk(True, (surface, camera))
