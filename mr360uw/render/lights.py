@@ -36,7 +36,7 @@ from mr360uw.ibl.glossy import glossy_levels
 from mr360uw.ibl.lighting import with_sunlight
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below
+from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import SunFound, sun_found
@@ -85,7 +85,7 @@ class LightReader:
 
     def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
         self._underwater, self._camera, self._table = table is not None, camera, table
-        self._share = scene.water.sun_share or CLEAR_SKY_DIRECT
+        self._share = scene.water.sun_share
         self._refractive_index = scene.water.refractive_index
         self._clearness = None if table is None else _clearness(table)
         settings = scene.light
@@ -142,8 +142,9 @@ class LightReader:
         """
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
-        depth, share = self._table.camera_depth_m, self._share
-        direct = beam_below(share, _sine_in_air(sun_up, self._refractive_index))
+        depth, in_air = self._table.camera_depth_m, _sine_in_air(sun_up, self._refractive_index)
+        share = self._share or direct_share(in_air)
+        direct = beam_below(share, in_air)
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
         white = np.maximum(1.0 / ambient_ratio(self._table, 0.0) - share * left, share * left / _MOST_DIRECT)
@@ -213,7 +214,8 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     if medium.mode not in ("table", "plate"):
         return light
     sun_up = None if light.sun is None else max(float(light.sun.direction @ up), MINIMUM_SUN_UP)
-    whole = irradiance_from_level(medium, sun_up, CLEAR_SKY_DIRECT)
+    direct = 0.0 if sun_up is None else direct_share(_sine_in_air(sun_up, medium.refractive_index))
+    whole = irradiance_from_level(medium, sun_up, direct)
     shown = np.maximum(environment_lookup(light.ambient, up), 1e-12)
     beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
     wanted = whole - beam if keep_sun else shown * whole / (shown + beam)

@@ -73,13 +73,15 @@ class LitFloor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterLight:
-    """Water for rays. sky, sun: light of each in the water; none for clear water, and no sun at night. sun_up: y of the
-    sun's direction in the water. floor: None where it is not known or not below the surface. index: of refraction.
+    """Water for rays. below: (3,) irradiance just below a level surface by sky and sun. sky, sun: light of each in the
+    water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. floor: None where
+    it is not below the surface. index: of refraction.
 
     from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light; those of
     the surface stand for the camera's where the camera is above the water.
     """
 
+    below: Array
     sky: LightInWater | None
     sun: LightInWater | None
     sun_up: float
@@ -97,7 +99,8 @@ class WaterLight:
         """
         risen = sun is not None and sun.direction[1] > 0.0
         sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
-        light = cls(None, None, sun_up, index)
+        by_sky, by_sun = dome.irradiance_below(index), sun_below(sun, index)
+        light = cls(by_sky + by_sun, None, None, sun_up, index)
         if water is not None:
             given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
             medium = Medium(
@@ -105,13 +108,11 @@ class WaterLight:
                 refractive_index=index, formation=given.formation, floor_m=floor_m if floor_m > 0.0 else None,
             )  # fmt: skip
             _ = medium.length_m  # that of all tables, so that their nodes are the same
-            of_sky = LightInWater.of(dome.irradiance_below(index), medium)
+            of_sky = LightInWater.of(by_sky, medium)
             beam = medium.under(("sun", sun_up, 1.0)) if risen else None
-            light = replace(
-                light, sky=of_sky, sun=None if beam is None else LightInWater.of(sun_below(sun, index), beam)
-            )
+            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
         if floor_m > 0.0:
-            whole = light._from_above(floor_m, dome, sun)
+            whole = light.down(floor_m)
             sent = albedo / PI * whole
             light = replace(
                 light, floor=LitFloor(floor_m, sent / (1.0 - albedo / PI * light._returned(floor_m, floor_m)))
@@ -130,8 +131,10 @@ class WaterLight:
 
     def down(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth, with what the floor sends up and gets back."""
-        lights = [light.down(depth_m) for light in (self.sky, self.sun) if light is not None]
-        return np.asarray(sum(lights, self.returned(depth_m)))
+        if self.sky is None:
+            return self.below + self.returned(depth_m)
+        of_sun = np.zeros(3) if self.sun is None else self.sun.down(depth_m)
+        return self.sky.down(depth_m) + of_sun + self.returned(depth_m)
 
     def returned(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth by light of the floor that comes back down."""
@@ -146,12 +149,6 @@ class WaterLight:
         table, finite = self.table(from_camera), np.isfinite(distance_m)
         passed = transmittance_lookup(table, np.where(finite, distance_m, 0.0), up)
         return np.where(finite[:, None], passed, 0.0), np.asarray(veil_lookup(table, distance_m, up), np.float64)
-
-    def _from_above(self, depth_m: float, dome: Dome, sun: Sun | None) -> Array:
-        """Return the irradiance (3,) of a floor by light that it has not sent up itself."""
-        if self.sky is None:
-            return np.asarray(dome.irradiance_below(self.index) + sun_below(sun, self.index))
-        return self.down(depth_m)
 
     def _returned(self, depth_m: float, floor_m: float) -> Array:
         """Return what a floor of radiance 1 gets back (3,) at a depth, from the water and from the surface."""

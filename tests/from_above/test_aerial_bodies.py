@@ -62,7 +62,7 @@ def test_a_body_lies_where_snells_law_puts_it(square: dict[str, Any]) -> None:
 
 
 def test_the_shadow_of_a_body_lies_behind_it(square: dict[str, Any]) -> None:
-    """Sun in the plane of the picture, clear water: the floor keeps all light but the sun's, and it lies along the beam."""
+    """Sun in the plane of the picture, clear water: the floor keeps all light but the sun's; it lies along the beam."""
     sun = {"elevation_deg": 60.0, "azimuth_deg": 90.0}
     camera = DOWN | {"fov_deg": 40.0}
     bare, seen = (
