@@ -64,7 +64,8 @@ def ambient_parts(medium: Medium, light: LightAtCamera) -> tuple[Array, Array]:
         skies.append(("floor", None))
         of_glow = _on_normals(medium, *skies[-1], here)[:, 0]
     down, up = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((light.down, -1), (light.up, 0)))
-    amounts[0], floor = _two(_on_normals(medium, *skies[0], here)[:, 0], of_glow, down, up)
+    of_sky = _on_normals(medium, *skies[0], here)[:, 0]
+    amounts[0], floor = two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], down, up)
     if medium.floor_m is not None:
         amounts.append(floor)
     whole, at_camera = (
@@ -74,16 +75,16 @@ def ambient_parts(medium: Medium, light: LightAtCamera) -> tuple[Array, Array]:
     return diffuse_table(whole, at_camera[:, 0], depth, medium.camera_depth_m), floor
 
 
-def _two(sky: Array, glow: Array, down: Array, up: Array) -> tuple[Array, Array]:
-    """Return how much (3,) of a sky's and of a floor's light give level planes the irradiances `down` and `up` (3,).
+def two_lights(sky: Array, glow: Array, first: Array, second: Array) -> tuple[Array, Array]:
+    """Return how much (3,) of a sky's and of a floor's light add up to two measured quantities (3,), neither below 0.
 
-    sky, glow: (N, 3) of normals from below to above. All of the sky where nothing is measured.
+    sky, glow: (2, 3) of both quantities that each light gives. All of the sky where nothing is measured.
     """
-    determinant = sky[-1] * glow[0] - glow[-1] * sky[0]
+    determinant = sky[0] * glow[1] - glow[0] * sky[1]
     solvable = determinant > 0.0
-    x = np.divide(sky[-1] * up - sky[0] * down, determinant, out=np.zeros(3), where=solvable)
-    x = np.clip(x, 0.0, np.divide(up, glow[0], out=np.zeros(3), where=glow[0] > 0.0))
-    q = np.maximum(down - x * glow[-1], 0.0) / np.maximum(sky[-1], _TINY)
+    x = np.divide(sky[0] * second - sky[1] * first, determinant, out=np.zeros(3), where=solvable)
+    x = np.clip(x, 0.0, np.divide(second, glow[1], out=np.zeros(3), where=glow[1] > 0.0))
+    q = np.maximum(first - x * glow[0], 0.0) / np.maximum(sky[0], _TINY)
     return np.where(q + x > 0.0, q, 1.0), x
 
 

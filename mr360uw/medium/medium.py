@@ -272,9 +272,11 @@ class Medium:
         """
         if self.floor_m is None:
             return np.zeros(3)
-        of_sky = gain * (self.model.irradiance(self.camera_depth_m, -1.0) @ self.bands.lobes)
-        of_floor = self.floor_irradiance(self.camera_depth_m, -1.0)
-        return np.asarray(np.clip((upwelling - of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow))
+        of_sky = self.model.irradiance(self.camera_depth_m, -1.0) @ self.bands.lobes
+        of_floor = self.floor_irradiance(self.camera_depth_m, -1.0) - self.glow_level * of_sky
+        return np.asarray(
+            np.clip((upwelling - gain * of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow)
+        )
 
     def floor_irradiance(self, depth_m: float, normal_up: float = 1.0) -> Array:
         """Return the irradiance (3,) by a floor of radiance 1, on planes whose normal has the y `normal_up`."""
@@ -283,9 +285,12 @@ class Medium:
     @functools.cached_property
     def glow_level(self) -> Array:
         """Level light (3,) of a floor of radiance 1 over that of the sky."""
-        level = np.zeros(1)
-        glow = self.under("floor").model.radiance(self.camera_depth_m, level) @ self.floor_lobes
-        return np.asarray(glow / np.maximum(self.level_radiance(level), _TINY))[0]
+        return np.asarray(self.floor_level / np.maximum(self.level_radiance(np.zeros(1))[0], _TINY))
+
+    @property
+    def floor_level(self) -> Array:
+        """Light (3,) along the horizon at the camera by a floor of radiance 1."""
+        return np.asarray(self.under("floor").model.radiance(self.camera_depth_m, np.zeros(1))[0] @ self.floor_lobes)
 
     @property
     def _most_glow(self) -> Array:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environment and sun of a plate's frame by the `[light]` settings of its scene, in the axes of the camera.
 
-Under water, what clipped pixels of the sky lost is restored from the solved field (`restored`):
+Under water, what clipped pixels of the sky or a clipped sun lost is restored from the solved field (`restored`), in each
+channel:
 
-    A' + S' = g E(d)        A' = A + sum over clipped pixels of (f - 1) w L
+    A' + S' = E        A'/A = S'/S = E/(A + S), but A' >= A
 
-A, S: horizontal irradiance at the camera of ambient light and of the sun; g: gain of the veil, which open water at the
-horizon tells without clipping; E: solved irradiance at the camera's depth for g = 1 and the sun's height; L: radiance
-of a pixel of the environment, w: how far it is at display white. One factor f for each channel, 1 or more: what did not
-clip stays.
+A, S: horizontal irradiance at the camera of ambient light and of the sun; E: that which open water at the horizon and
+the light from below tell, neither of which clips (`fit.level_light`). What A lacks is put into clipped pixels, as far
+as there are any, or else into the whole sky; what did not clip stays.
 
 Ground sends back no more light than falls on it (`lit_as_its_ground`): where clipping, tone mapping or a white balance
 took more of the sky than that, it is given back, in each channel:
@@ -215,26 +215,32 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
         return light
     sun_up = None if light.sun is None else max(float(light.sun.direction @ up), MINIMUM_SUN_UP)
     direct = 0.0 if sun_up is None else direct_share(_sine_in_air(sun_up, medium.refractive_index))
-    whole = irradiance_from_level(medium, sun_up, direct)
-    shown = np.maximum(environment_lookup(light.ambient, up), 1e-12)
+    shown, below = (np.maximum(environment_lookup(light.ambient, way), 1e-12) for way in (up, -up))
+    whole = irradiance_from_level(medium, sun_up, direct, below)
     beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
     wanted = whole - beam if keep_sun else shown * whole / (shown + beam)
-    above = directions(*light.residual.shape[1::-1]) @ up > 0.0
-    white = np.clip((light.residual - _FROM) / (_TO - _FROM), 0.0, 1.0) * light.residual * above[..., None]
-    clipped = cosine_filter(1)(white)
-    share = environment_lookup(clipped, up) / shown
-    told = np.clip(share / _LEAST_SHARE - 1.0, 0.0, 1.0)
+    above = (directions(*light.residual.shape[1::-1]) @ up > 0.0)[..., None]
+    white = np.clip((light.residual - _FROM) / (_TO - _FROM), 0.0, 1.0) * light.residual * above
+    of_white = cosine_filter(1)(white)
+    share = environment_lookup(of_white, up) / shown
+    by_share = np.clip(share / _LEAST_SHARE - 1.0, 0.0, 1.0)
+    by_sun = 0.0 if light.sun is None else (1.0 - light.sun.shown) * light.sun.confidence
+    told = np.maximum(by_share, by_sun)
     if not np.any(told > 0.0):
         return light
     growth = told * (np.clip(wanted / shown, 1.0, _MOST) - 1.0)
-    factor = growth / np.maximum(share, _LEAST_SHARE)
+    # what is missing lies in clipped pixels, or else in the whole sky about a clipped sun
+    sky = light.residual * above
+    of_sky = cosine_filter(1)(sky)
+    in_white = growth * by_share / np.maximum(share, _LEAST_SHARE)
+    in_sky = growth * (1.0 - by_share) * shown / np.maximum(environment_lookup(of_sky, up), _LEAST_LIGHT)
     of_sun = np.ones(3)
     if light.sun is not None and not keep_sun:
         left = np.clip((whole - shown * (1.0 + growth)) / np.maximum(beam, 1e-12), 1.0 / _MOST, _MOST)
         of_sun += told.max() * (left - 1.0)
     if not np.any(growth > 0.0) and np.all(of_sun == 1.0):
         return light
-    return _brighter(light, factor * white, factor * clipped, of_sun)
+    return _brighter(light, in_white * white + in_sky * sky, in_white * of_white + in_sky * of_sky, of_sun)
 
 
 def lit_as_its_ground(light: Environment, up: Floats) -> Environment:

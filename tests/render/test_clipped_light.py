@@ -41,10 +41,12 @@ def test_the_horizon_tells_the_irradiance_under_any_sun() -> None:
         true, model = sunlit(share), Medium(Water.jerlov("II"), camera_depth_m=DEPTH_M)
         level = np.zeros(1)
         fitted = model.scaled(true.level_radiance(level)[0] / model.level_radiance(level)[0])
-        found = irradiance_from_level(fitted, 0.95, 0.75)
+        found = irradiance_from_level(fitted, 0.95, 0.75, np.zeros(3))
         np.testing.assert_allclose(found, true.irradiance(DEPTH_M), rtol=LEVEL_LOSS)
         assert np.all(fitted.irradiance(DEPTH_M) < 0.9 * true.irradiance(DEPTH_M))  # a uniform sky would not do
-        np.testing.assert_allclose(irradiance_from_level(true, 0.95, 0.75), true.irradiance(DEPTH_M), rtol=1e-12)
+        np.testing.assert_allclose(
+            irradiance_from_level(true, 0.95, 0.75, np.zeros(3)), true.irradiance(DEPTH_M), rtol=1e-12
+        )
 
 
 @pytest.mark.parametrize("lit", [False, True])

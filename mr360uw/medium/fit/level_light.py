@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance at the camera from the light of open water at the horizon, for the sun's height.
+"""Irradiance at the camera from the light of open water at the horizon, for the sun's height and the floor's light.
 
-    E = g l e_s/l_s
+    l = s l_s + f l_f        u = s u_s + f u_f        E = s e_s + f e_f
 
-g, l: gain and level radiance of a medium, whose product is what the plate shows; e_s, l_s: irradiance and level
-radiance of the same water under a sun of that height. A high sun sends less of its light along the horizon than a
-uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less: a
-beam of 0.6 instead of 0.75 of the light makes 5 %.
+l, u: light that the plate shows along the horizon, and on a level plane that faces down. l_s, u_s, e_s: the same and
+the irradiance of a level plane that faces up, in the same water under a sun of that height over a black floor; l_f,
+u_f, e_f: of a floor of radiance 1. Without a floor E = l e_s/l_s. A high sun sends less of its light along the horizon than
+a uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less:
+a beam of 0.6 instead of 0.75 of the light makes 5 %.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.medium.ambient import two_lights
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
+from mr360uw.medium.transfer import Sky, SurfaceKind
 from mr360uw.medium.water import Water
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -27,37 +31,38 @@ _STEP = 0.01
 _LEVEL = np.zeros(1)
 
 
-def irradiance_from_level(medium: Medium, sun_up: float | None, direct: float) -> Array:
+def irradiance_from_level(medium: Medium, sun_up: float | None, direct: float, upwelling: Floats) -> Array:
     """Return the irradiance (3,) of a level plane at the camera, sun included, in the medium's light times its gain.
 
     sun_up: y of the sun's direction in the water, in (0, 1], or None where it is not known. direct: fraction of the
-    light just below the surface that is its beam. A medium that was solved for a sun, or without a surface, keeps its
-    own. medium: of mode "table".
+    light just below the surface that is its beam. upwelling: (3,) the plate's light on a level plane that faces down,
+    which tells the floor's. A medium that was solved for a sun, or without a surface, keeps its own. medium: of mode
+    "table".
     """
-    depth = medium.camera_depth_m
-    if sun_up is None or medium.sky != "uniform" or medium.surface == "none":
-        return np.maximum(medium.irradiance(depth), 0.0)
-    up = min(max(round(sun_up / _STEP), 1) * _STEP, 1.0)
-    ratio = _ratio(medium.water, medium.sensor, medium.illuminant, medium.refractive_index, up, direct, depth)
-    return np.asarray(medium.gain * medium.level_radiance(_LEVEL)[0] * ratio)
+    sky = medium.sky
+    if sun_up is not None and sky == "uniform" and medium.surface != "none":
+        sky = ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), direct)
+    of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index
+    of_sky, of_floor = _lights(*of_water, sky, medium.camera_depth_m, medium.floor_m)
+    shown = medium.gain * medium.level_radiance(_LEVEL)[0]
+    strength, floor = two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(upwelling, np.float64))
+    return np.asarray(strength * of_sky[2] + floor * of_floor[2])
 
 
 @functools.lru_cache(maxsize=64)
-def _ratio(
-    water: Water, sensor: Sensor, illuminant: str, refractive_index: float, sun_up: float, direct: float, depth_m: float
-) -> Array:
-    """Return e_s/l_s (3,) [sr] at a depth."""
-    under_sun = _under_sun(water, sensor, illuminant, refractive_index, sun_up, direct)
-    whole = under_sun.light.display(under_sun.model.irradiance(depth_m, 1.0))
-    level = under_sun.light.display(under_sun.model.radiance(depth_m, _LEVEL))[0]
-    return np.asarray(whole / np.maximum(level, 1e-300))
-
-
-@functools.lru_cache(maxsize=64)
-def _under_sun(
-    water: Water, sensor: Sensor, illuminant: str, refractive_index: float, sun_up: float, direct: float
-) -> Medium:
-    """Return the water under a sun and a sky. It takes 30 ms to solve."""
-    return Medium(
-        water, sensor, illuminant=illuminant, refractive_index=refractive_index, sky=("sun", sun_up, direct)
+def _lights(
+    water: Water, sensor: Sensor, illuminant: str, surface: SurfaceKind, refractive_index: float, sky: Sky,
+    depth_m: float, floor_m: float | None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the level light and the irradiance of level planes that face down and up (3, 3): of a sky, and of a floor
+    of radiance 1. It takes 30 ms to solve.
+    """
+    medium = Medium(
+        water, sensor, camera_depth_m=depth_m, illuminant=illuminant, surface=surface,
+        refractive_index=refractive_index, sky=sky, floor_m=floor_m,
     )  # fmt: skip
+    level, facing = medium.model.radiance(depth_m, _LEVEL), medium.model.irradiance(depth_m, np.array([-1.0, 1.0]))
+    of_sky = medium.light.display(np.concatenate([level, facing]))
+    if floor_m is None:
+        return of_sky, np.zeros((3, 3))
+    return of_sky, np.stack([medium.floor_level, *(medium.floor_irradiance(depth_m, up) for up in (-1.0, 1.0))])
