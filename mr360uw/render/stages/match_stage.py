@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.patch_water import waters_before
 from mr360uw.types import Floats, Layer
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -66,7 +68,10 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
         soft = f"blur of {look.softness_px:.2f} px" if look.softness_px > 0.0 else "blur: not told by this plate"
         found = (soft,)
     if settings.open_keys:
-        colour, line = patched_colour(settings, shown)
+        waters = None
+        if any(patch.distance_m is not None for patch in settings.patch):
+            waters = partial(waters_before, settings.patch, loaded, shown)
+        colour, line = patched_colour(settings, shown, waters)
         look, found = replace(look, colour=colour), (*found, line)
     return replace(look, found=found)
 

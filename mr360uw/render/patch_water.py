@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Water between the camera and the patches of a plate whose distance is known, as frames are drawn in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mr360uw.color import ColorSpec, decode_signal
+from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
+from mr360uw.composite.grading.patch_solve import PatchWater
+from mr360uw.composite.grading.settings import PatchSettings
+from mr360uw.constants import PI
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
+from mr360uw.medium import Medium
+from mr360uw.medium.fit.level import SECTORS, fit_level
+from mr360uw.medium.fit.profile import upwelling
+from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
+from mr360uw.medium.visibility import CONTRAST_LENGTHS
+from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_map import level_view, plate_map
+from mr360uw.types import Floats, MediumTable
+from mr360uw.video import VideoFrame
+
+_TINY = 1e-12
+_SIDE = 1.0 / 6.0
+"""Part of a turn on either side of a patch whose open water is read: half as much may be filled by a diver, twice as
+much has water in the sun beside water in shade."""
+_LOST = np.exp(-CONTRAST_LENGTHS)
+"""Transmittance at the visibility of a water: black is then a code of 8 bits darker than the brightest open water."""
+_TRIED_M = np.geomspace(0.01, 100.0, 400)
+"""Distances [m] among which the farthest is looked for at which anything is seen."""
+
+
+def waters_before(
+    patches: tuple[PatchSettings, ...], loaded: Loaded, shown: list[VideoFrame], colour: ColourGrade
+) -> list[PatchWater | None]:
+    """Return the water before each patch, in frames whose light is read without a grade's colour; None for none.
+
+    Raises `ParameterError` for a patch above the water, or so far away that the plate shows nothing but water there.
+    """
+    return [_before(k, *of, loaded, colour) for k, of in enumerate(zip(patches, shown, strict=True))]
+
+
+def _before(
+    number: int, patch: PatchSettings, frame: VideoFrame, loaded: Loaded, colour: ColourGrade
+) -> PatchWater | None:
+    now = loaded.at(frame.time_s)
+    if patch.distance_m is None or now.surroundings.medium is None:
+        return None
+    plain, distance_m = frame.graded_by(colour), patch.distance_m
+    rotation = now.surroundings.camera.at(frame.time_s)[1]
+    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, plain, patch)
+    _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
+    passed = transmittance_lookup(medium.unit_table, distance_m, up)
+    passed = passed * ambient_ratio(medium.unit_table, medium.camera_depth_m - distance_m * up)
+    level = medium.gain * medium.level_radiance(np.zeros(1))[0]
+    near, far = (_as_coded(light, frame.spec) for light in (veil_lookup(medium.table, distance_m, up), level))
+    water = PatchWater(_three(passed), _three(near / np.maximum(far, _TINY)), _three(far))
+    if not now.scene.water.fits_gain:
+        return water
+    code = colour.graded(code_of(level, frame.spec), luma_weights_of(frame.spec))
+    return replace(water, code=_three(code))
+
+
+def _as_read(now: Loaded, frame: VideoFrame, patch: PatchSettings) -> Medium:
+    """Return the medium of a frame, its gain that of the open water on the patch's side where the scene gives none."""
+    medium, up = now.surroundings.medium_at(frame.time_s), now.surroundings.camera.at(frame.time_s)[1][1]
+    assert medium is not None
+    if now.scene.water.fits_gain:
+        level = level_matrix(*map(float, roll_pitch(up))) @ patch.direction
+        turn = np.arctan2(level[0], -level[2]) / (2.0 * PI) + 0.5 - (np.arange(SECTORS) + 0.5) / SECTORS
+        beside = np.abs(turn - np.round(turn)) < _SIDE
+        view = level_view(frame.pixels, up)
+        medium = medium.scaled(fit_level(medium, replace(view, radiance=view.radiance[:, beside]))[0])
+    if medium.floor_m is None:
+        return medium
+    return medium.lit_by_floor(medium.floor_seen(medium.gain, upwelling(plate_map(frame.pixels, up))))
+
+
+def _check(where: str, distance_m: float, table: MediumTable, up: float) -> None:
+    """Raise `ParameterError` where a patch is above the water, or where it is lost in it in every channel."""
+    surface_m = table.camera_depth_m / max(up, _TINY)
+    if distance_m >= surface_m:
+        raise ParameterError(
+            f"{where} - is above the water, whose surface is {surface_m:.3g} m away there (got {distance_m:g}) - give "
+            "the distance of something in the water"
+        )
+    seen = transmittance_lookup(table, _TRIED_M, up).max(axis=-1) > _LOST
+    if transmittance_lookup(table, distance_m, up).max() <= _LOST:
+        raise ParameterError(
+            f"{where} - is so far that only water is seen: all else is lost beyond {_TRIED_M[seen].max():.2g} m "
+            f"there (got {distance_m:g}) - mark something nearer, or check the distance and the water"
+        )
+
+
+def _as_coded(light: Floats, spec: ColorSpec) -> Floats:
+    """Return linear Rec.709 light (3,) in the primaries that the patches of a plate are solved in."""
+    return np.asarray(decode_signal(code_of(light, spec), graded_spec(spec)))
+
+
+def _three(values: Floats) -> Three:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
