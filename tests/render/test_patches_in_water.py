@@ -17,6 +17,7 @@ from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import ParameterError
 from mr360uw.medium import WaterSettings
+from mr360uw.preview.live import LivePreview
 from mr360uw.render.first_pass import clip_facts
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene
@@ -130,6 +131,19 @@ def test_patches_near_and_far_are_mixed_and_air_has_no_distance(tmp_path: Path, 
     air = {"type": "none"}
     dry, plain = (look_of(tmp_path, scene_of(tmp_path, whale, of, water=air)).colour for of in (patches, near))
     assert dry == plain
+
+
+def test_a_preview_reads_a_patch_in_the_frame_that_shows_it(tmp_path: Path, whale: Path) -> None:
+    """The second frame shows no patch; the whale is in both."""
+    _, patches = plate(tmp_path / "shown_0.png", BENT, [("black", 2.0)])
+    plate(tmp_path / "shown_1.png", BENT, [])
+    scene = scene_of(tmp_path, whale, patches, draw={"samples": 1, "ambient_occlusion": False})
+    plates = scene.plate.model_copy(update={"path": tmp_path / "shown_%d.png"})
+    with LivePreview("reference") as live:
+        grades = [live.frame(scene.model_copy(update={"plate": plates}), index).plate.grade for index in (0, 1)]
+    for grade in grades:
+        assert isinstance(grade, ColourGrade)
+        np.testing.assert_allclose(grade.black, BENT.black, atol=tol.PATCH_BLACK)
 
 
 @pytest.mark.parametrize(
