@@ -103,7 +103,7 @@ def _split(
     if sun is None:
         return None
     if isinstance(sun, Sun):
-        return replace(without_glare(split_known(plate, sun), plate, glare), sun=sun)
+        return replace(without_glare(split_known(plate, sun), plate, glare).shared(sun.share, plate.coarse), sun=sun)
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
     split = without_glare(split, plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
