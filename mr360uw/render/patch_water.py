@@ -41,18 +41,21 @@ def waters_before(
 
     Raises `ParameterError` for a patch above the water, or so far away that the plate shows nothing but water there.
     """
-    return [_before(k, *of, loaded, colour) for k, of in enumerate(zip(patches, shown, strict=True))]
+    grade = colour if colour.changes else None
+    plain = {id(frame): frame.graded_by(grade) for frame in shown}  # patches of one frame share its light
+    seen = enumerate(zip(patches, shown, strict=True))
+    return [_before(k, patch, plain[id(frame)], loaded, colour) for k, (patch, frame) in seen]
 
 
 def _before(
     number: int, patch: PatchSettings, frame: VideoFrame, loaded: Loaded, colour: ColourGrade
 ) -> PatchWater | None:
+    """Return the water before a patch. frame: without the grade of a colour, which its codes have."""
     now = loaded.at(frame.time_s)
     if patch.distance_m is None or now.surroundings.medium is None:
         return None
-    plain, distance_m = frame.graded_by(colour), patch.distance_m
-    rotation = now.surroundings.camera.at(frame.time_s)[1]
-    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, plain, patch)
+    distance_m, rotation = patch.distance_m, now.surroundings.camera.at(frame.time_s)[1]
+    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame, patch)
     _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
     passed = transmittance_lookup(medium.unit_table, distance_m, up)
     passed = passed * ambient_ratio(medium.unit_table, medium.camera_depth_m - distance_m * up)
