@@ -35,26 +35,27 @@ _TRIED_M = np.geomspace(0.01, 100.0, 400)
 
 
 def waters_before(
-    patches: tuple[PatchSettings, ...], loaded: Loaded, shown: list[VideoFrame], colour: ColourGrade
+    patches: tuple[PatchSettings, ...], loaded: Loaded, shown: list[VideoFrame], colour: ColourGrade, stretch: float
 ) -> list[PatchWater | None]:
     """Return the water before each patch, in frames whose light is read without a grade's colour; None for none.
 
-    Raises `ParameterError` for a patch above the water, or so far away that the plate shows nothing but water there.
+    stretch: factor on their distances. Raises `ParameterError` for a patch above the water, or so far away that the
+    plate shows nothing but water there.
     """
     grade = colour if colour.changes else None
     plain = {id(frame): frame.graded_by(grade) for frame in shown}  # patches of one frame share its light
     seen = enumerate(zip(patches, shown, strict=True))
-    return [_before(k, patch, plain[id(frame)], loaded, colour) for k, (patch, frame) in seen]
+    return [_before(k, patch, plain[id(frame)], loaded, colour, stretch) for k, (patch, frame) in seen]
 
 
 def _before(
-    number: int, patch: PatchSettings, frame: VideoFrame, loaded: Loaded, colour: ColourGrade
+    number: int, patch: PatchSettings, frame: VideoFrame, loaded: Loaded, colour: ColourGrade, stretch: float
 ) -> PatchWater | None:
     """Return the water before a patch. frame: without the grade of a colour, which its codes have."""
     now = loaded.at(frame.time_s)
     if patch.distance_m is None or now.surroundings.medium is None:
         return None
-    distance_m, rotation = patch.distance_m, now.surroundings.camera.at(frame.time_s)[1]
+    distance_m, rotation = stretch * patch.distance_m, now.surroundings.camera.at(frame.time_s)[1]
     up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame, patch)
     _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
     passed = transmittance_lookup(medium.unit_table, distance_m, up)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,9 @@ def test_a_black_and_a_white_patch_in_the_water_give_the_plate_without_its_grade
     light, patches = plate(tmp_path / "plate.png", BENT, [("black", black), ("white", white)])
     look = look_of(tmp_path, scene_of(tmp_path, whale, patches, match={"white": 0.9}))
     assert look.found[0].startswith("2 patches: black 0.0")
+    nearer = re.search(r"; were all a tenth nearer, black would be 0\.0\d+ (0\.\d+) (0\.\d+)", look.found[0])
+    assert nearer is not None
+    assert look.colour.black[1] < float(nearer[1]) < look.colour.black[1] + 2.5 * tol.PATCH_BLACK
     np.testing.assert_allclose(look.colour.black, BENT.black, atol=tol.PATCH_BLACK)
     assert_ungraded(tmp_path, look.colour, light)
     near = [{name: one[name] for name in one if name != "distance_m"} for one in patches]

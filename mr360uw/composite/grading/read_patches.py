@@ -16,10 +16,11 @@ from mr360uw.composite.grading.patch_solve import (
     CODE_ERROR,
     Patch,
     PatchWater,
+    Solved,
     solve_patches,
     solved_in_words,
 )
-from mr360uw.composite.grading.settings import MatchSettings, PatchSettings
+from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, number_words
 from mr360uw.sphere import disc_directions, frame_from_direction
 from mr360uw.types import Floats, Rectangle
 
@@ -28,8 +29,10 @@ PATCH_SAMPLES = 64
 _ROUNDS = 6
 """Most solutions of patches in the water: the light of open water is averaged over pixels without the grade last found,
 and two or three settle it."""
-Waters = Callable[[ColourGrade], Sequence[PatchWater | None]]
-"""The water before each patch, in a plate whose light is read without a grade."""
+_NEARER = 0.9
+"""Factor on the distances of patches for what an error of them does; longer ones may be beyond all sight."""
+Waters = Callable[[ColourGrade, float], Sequence[PatchWater | None]]
+"""The water before each patch, in a plate whose light is read without a grade, their distances times a factor."""
 
 
 class Picture(Protocol):
@@ -56,17 +59,27 @@ def patched_colour(
     waters: None where no water is seen before any of them.
     """
     patches = [read_patch(frame, patch) for frame, patch in zip(shown, settings.patch, strict=True)]
-    start = settings.colour_over(NO_GRADE)
-    read_without = start
-    for _ in range(1 if waters is None else _ROUNDS):
-        if waters is not None:
-            seen = zip(patches, waters(read_without), strict=True)
-            patches = [replace(patch, water=water) for patch, water in seen]
-        solved = solve_patches(patches, start, settings.open_keys, shown[0].spec)
+    start, spec = settings.colour_over(NO_GRADE), shown[0].spec
+    if waters is None:
+        solved = solve_patches(patches, start, settings.open_keys, spec)
+        return solved.colour, solved_in_words(solved, len(patches))
+
+    def through(read_without: ColourGrade, stretch: float) -> Solved:
+        seen = zip(patches, waters(read_without, stretch), strict=True)
+        in_water = [replace(patch, water=water) for patch, water in seen]
+        return solve_patches(in_water, start, settings.open_keys, spec)
+
+    solved, read_without = through(start, 1.0), start
+    for _ in range(_ROUNDS):
         if float(np.abs(solved.colour.numbers - read_without.numbers).max()) < 0.1 * CODE_ERROR:
             break
         read_without = solved.colour
-    return solved.colour, solved_in_words(solved, len(patches))
+        solved = through(read_without, 1.0)
+    line = solved_in_words(solved, len(patches))
+    if solved.told:
+        first, nearer = solved.told[0], through(read_without, _NEARER).colour
+        line += f"; were all a tenth nearer, {first} would be {number_words(getattr(nearer, first))}"
+    return solved.colour, line
 
 
 def read_patch(frame: Picture, patch: PatchSettings) -> Patch:

@@ -76,7 +76,8 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
         found = (soft,)
     if settings.open_keys:
         waters = None
-        if any(patch.distance_m is not None for patch in settings.patch):
+        in_water = loaded.surroundings.medium is not None
+        if in_water and any(patch.distance_m is not None for patch in settings.patch):
             waters = partial(waters_before, settings.patch, loaded, shown)
         colour, line = patched_colour(settings, shown, waters)
         look, found = replace(look, colour=colour), (*found, line)
