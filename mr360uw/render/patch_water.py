@@ -11,11 +11,9 @@ from mr360uw.color import ColorSpec, decode_signal
 from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
 from mr360uw.composite.grading.patch_solve import PatchWater
 from mr360uw.composite.grading.settings import PatchSettings
-from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.level import SECTORS, fit_level
+from mr360uw.medium.fit.level import fit_level
 from mr360uw.medium.fit.profile import upwelling
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.medium.visibility import CONTRAST_LENGTHS
@@ -25,9 +23,6 @@ from mr360uw.types import Floats, MediumTable
 from mr360uw.video import VideoFrame
 
 _TINY = 1e-12
-_SIDE = 1.0 / 6.0
-"""Part of a turn on either side of a patch whose open water is read: half as much may be filled by a diver, twice as
-much has water in the sun beside water in shade."""
 _LOST = np.exp(-CONTRAST_LENGTHS)
 """Transmittance at the visibility of a water: black is then a code of 8 bits darker than the brightest open water."""
 _TRIED_M = np.geomspace(0.01, 100.0, 400)
@@ -56,7 +51,7 @@ def _before(
     if patch.distance_m is None or now.surroundings.medium is None:
         return None
     distance_m, rotation = stretch * patch.distance_m, now.surroundings.camera.at(frame.time_s)[1]
-    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame, patch)
+    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame)
     _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
     passed = transmittance_lookup(medium.unit_table, distance_m, up)
     passed = passed * ambient_ratio(medium.unit_table, medium.camera_depth_m - distance_m * up)
@@ -69,16 +64,12 @@ def _before(
     return replace(water, code=_three(code))
 
 
-def _as_read(now: Loaded, frame: VideoFrame, patch: PatchSettings) -> Medium:
-    """Return the medium of a frame, its gain that of the open water on the patch's side where the scene gives none."""
+def _as_read(now: Loaded, frame: VideoFrame) -> Medium:
+    """Return the medium of a frame, with the gain of its open water where the scene gives none."""
     medium, up = now.surroundings.medium_at(frame.time_s), now.surroundings.camera.at(frame.time_s)[1][1]
     assert medium is not None
     if now.scene.water.fits_gain:
-        level = level_matrix(*map(float, roll_pitch(up))) @ patch.direction
-        turn = np.arctan2(level[0], -level[2]) / (2.0 * PI) + 0.5 - (np.arange(SECTORS) + 0.5) / SECTORS
-        beside = np.abs(turn - np.round(turn)) < _SIDE
-        view = level_view(frame.pixels, up)
-        medium = medium.scaled(fit_level(medium, replace(view, radiance=view.radiance[:, beside]))[0])
+        medium = medium.scaled(fit_level(medium, level_view(frame.pixels, up))[0])
     if medium.floor_m is None:
         return medium
     return medium.lit_by_floor(medium.floor_seen(medium.gain, upwelling(plate_map(frame.pixels, up))))

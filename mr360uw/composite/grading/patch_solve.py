@@ -2,7 +2,7 @@
 """Solves the colour of a grade from patches of known reflectance in its plate.
 
     v = g(E(e r T + f W))    e: light on a white patch at the camera, one number a channel, unknown; r: reflectance
-    W = D(g^-1(w))           w: code of level open water on the patch's side
+    W = D(g^-1(w))           w: code of level open water
 
 Patches stand in one light. T and f are of the water before a patch (`PatchWater`), 1 and 0 close to the camera. n
 patches give 3 n equations for the three of e and the numbers of g (`colour_grade`). The light of the water is not given
@@ -187,7 +187,7 @@ class _Problem:
         return np.asarray(shown - self._code).ravel()
 
     def _light_of_water(self, grade: ColourGrade) -> Floats:
-        """Return the light (patches, 3) of the open water beside the patches, as a grade has its codes read."""
+        """Return the light (patches, 3) of level open water in the patches' frames, as a grade has its codes read."""
         if not np.any(self._shown):
             return self._water
         read = decode_signal(grade.ungraded(self._water_code, self._weights), self._spec)
