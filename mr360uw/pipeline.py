@@ -25,6 +25,7 @@ from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipFacts, measured_range
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.runs.clip_measured import measured_facts
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.forecast import Forecast
@@ -125,8 +126,8 @@ def composite_video(
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
     each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
-    there is a first pass. report: file that the report is written to as JSON. tell: gets a line on the time and the
-    disk space that a long run will take.
+    there is a first pass. report: file that the report is written to as JSON. tell: gets lines
+    on the plate's sun, and one on the time and the disk space that a long run will take.
 
     Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
@@ -149,7 +150,11 @@ def composite_video(
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                doubts = _find_facts(loaded, video, span, work, times, progress, fresh=fresh).notes
+                facts = _find_facts(loaded, video, span, work, times, progress, fresh=fresh)
+                doubts = facts.notes
+                if tell is not None:
+                    for line in scene_sun_lines(loaded, video, facts, span[0]):
+                        tell(line)
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, video, loaded, renderer)

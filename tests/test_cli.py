@@ -25,7 +25,9 @@ from mr360uw.ibl.sun.trackfile import save_track
 from mr360uw.progress import terminal_progress
 from mr360uw.reading.extras import EXTRAS
 from mr360uw.sample import SampleDive
+from mr360uw.video import write_exr
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
+from tests.first_look.plates import air
 from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
@@ -44,12 +46,14 @@ def test_new_writes_a_scene_that_runs(dive: SampleDive, tmp_path: Path, run: Run
     assert (code, err) == (0, "")
     assert str(tmp_path / "my.toml") in out
     text = (tmp_path / "my.toml").read_text()
+    (sun,) = [line.split("; ", 1)[1] for line in out.splitlines() if line.startswith("light ")]
     assert "[water]" in text
     assert "# " in text
     arguments = ("composite", tmp_path / "my.toml", tmp_path / "out.mp4", "--frames", "0:2", "--backend", "reference")
     code, out, err = run(*arguments)
     assert (code, err) == (0, "")
     assert "2 frames" in out
+    assert f"light     first frame: {sun}\n" in out
     code, _, err = run(*arguments)
     assert code == 2
     assert "already there" in err
@@ -70,6 +74,41 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert "caustics     skipped  needs a sun and water" in out
     light = next(line for line in out.splitlines() if line.startswith("light "))  # a small sun, seen through waves
     assert "sun at azimuth" in light or "no sun; best candidate at azimuth" in light
+
+
+def test_commands_tell_the_same_of_the_sun(scene: Path, run: Run) -> None:
+    """Each by the same words; a composite also what its clip has, before its first frame."""
+    dry = ("--set", 'light.sun="detect"', "--backend", "reference")
+    cheap = ("--set", "draw.samples=1", "--set", "draw.ambient_occlusion=false", "--set", "caustics.enabled=false")
+    lines = {}
+    for command in (
+        ("check", scene, *dry), ("composite", scene, "out.mp4", "--explain", *dry), ("analyse", scene),
+        ("composite", scene, scene.parent / "out.mp4", "--frames", "0:1", *dry, *cheap),
+    ):  # fmt: skip
+        code, out, err = run(*command)
+        assert (code, err) == (0, ""), command
+        lines[command] = [line for line in out.splitlines() if line.startswith("light ")]
+    check, explain, analysed, composed = lines.values()
+    assert len(check) == 1
+    assert check[0].startswith("light     first frame: ")
+    assert check == explain
+    assert analysed == composed
+    assert composed[0] == check[0]
+    assert re.fullmatch(r"light     clip: (perhaps a )?sun at azimuth \S+, elevation \S+ degrees.*", composed[1])
+    report = out.index("wrote ")
+    assert out.index("light     clip: ") < report
+
+
+def test_an_analysis_of_a_plate_in_air_knows_no_water(tmp_path: Path, run: Run) -> None:
+    write_exr(tmp_path / "air.exr", air())
+    (tmp_path / "bare.toml").write_text('plate = "air.exr"\n')
+    for source, words in (("air.exr", "where     in air: red is "), ("bare.toml", "note      the plate is in air")):
+        code, out, _ = run("analyse", tmp_path / source)
+        assert code == 0
+        assert words in out
+        page = (tmp_path / source).with_suffix(".html").read_text("utf-8")
+        assert "Water, for a camera" not in page
+        assert "Snell" not in out + page
 
 
 def test_explain_measures_what_skips_save(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +68,7 @@ def composite(
     with terminal_progress(lines=progress_lines) as progress:
         report = composite_video(
             loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
-            progress=progress, tell=partial(typer.echo, err=True), fresh=fresh, workers=worker_count(workers),
+            progress=progress, tell=typer.echo, fresh=fresh, workers=worker_count(workers),
             cluster=dask, mixed=mixed, report=report_file,
         )  # fmt: skip
     typer.echo(str(report))

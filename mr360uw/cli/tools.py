@@ -55,13 +55,27 @@ def analyse(
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
     from mr360uw.first_look.plate_look import look_at_plate
+    from mr360uw.first_look.proposal_words import where_line
     from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
+    from mr360uw.scene.model import load_scene
 
     of_eye: Literal["left", "right"] | None = None if eye is None else eye.value
-    in_air = video.suffix.lower() != ".toml" and not look_at_plate(video, of_eye).medium.underwater
+    in_air = False
+    if video.suffix.lower() != ".toml":
+        medium = look_at_plate(video, of_eye).medium
+        in_air = not medium.underwater
+        typer.echo(where_line(medium))
+    else:
+        scene = load_scene(video)
+        if "water" not in scene.model_fields_set and scene.plate.model_fields_set == {"path"}:
+            in_air = not look_at_plate(scene.plate.path).medium.underwater
+            if in_air:
+                typer.echo('note      the plate is in air, and the scene does not say so: [water] type = "none"')
     with terminal_progress() as progress:
-        written = analyse_video(video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress)
+        written = analyse_video(
+            video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress, tell=typer.echo
+        )
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
 

@@ -15,6 +15,7 @@ from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.proposal import Proposal
 from mr360uw.first_look.sight import Sight
+from mr360uw.first_look.water_or_air import WaterOrAir
 from mr360uw.medium.fit.waterfit import CONFIDENT
 from mr360uw.scene.template import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
@@ -36,13 +37,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         lines[0] += f", from {plate.reading.projection}: it shows that"
     if plate.reading.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
-    guess = "" if plate.medium.confidence >= _SURE else "perhaps "
-    where = f"under water: red is {plate.medium.red_far:.2f} of green or blue in the distance"
-    if chosen.water is None:
-        where = (
-            f"in air: red is {plate.medium.red_far:.2f} of green or blue in the distance; nothing is done about water"
-        )
-    lines.append(f"where     {guess}{where} (confidence {plate.medium.confidence:.2f})")
+    lines.append(where_line(plate.medium))
     if plate.medium.half:
         lines.append(
             "half      half under and half over water: taken as under water, the camera at its surface; no body is "
@@ -60,6 +55,14 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
     )
     return lines + _place_lines(chosen.place)
+
+
+def where_line(medium: WaterOrAir) -> str:
+    """Return whether a plate is under water or in air, and how that is told."""
+    guess = "" if medium.confidence >= _SURE else "perhaps "
+    where, so = ("under water", "") if medium.underwater else ("in air", "; nothing is done about water")
+    red = f"red is {medium.red_far:.2f} of green or blue in the distance"
+    return f"where     {guess}{where}: {red}{so} (confidence {medium.confidence:.2f})"
 
 
 def _floor_line(chosen: Proposal) -> str:

@@ -105,7 +105,8 @@ def _split(
     if isinstance(sun, Sun):
         lost = settings.operator == "closure" and lost_light(plate, sun.direction)
         known = replace(sun, shown=0.0) if lost else sun
-        return replace(without_glare(split_known(plate, sun), plate, glare), sun=known)
+        split = without_glare(split_known(plate, sun), plate, glare).shared(sun.share, plate.coarse)
+        return replace(split, sun=known)
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
     split = without_glare(split, plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Self
 
 from mr360uw.preview.drafts import coarse
@@ -16,6 +17,7 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import Frame, finished, frame_stages
 from mr360uw.render.loaded import Loaded, Loader
+from mr360uw.render.stages.match_stage import look_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame
@@ -51,12 +53,17 @@ class LivePreview:
 
         The sun, the veil's gain and the calm ground are those that `measure` found; without it, they are measured in
         this frame alone: a composite of the clip takes them from all of it, so that its light may differ a little.
+        Patches of known colour are read in the frames that show them.
         There is no motion blur. Raises what `composite_video` raises.
         """
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
             plate, facts = self.plate(scene, index, width), self._facts.of(loaded, self._plates.reader(scene))
+            if facts.look is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
+                places = patch_frames(scene.match, self._plates.reader(scene))
+                shown = [self.plate(scene, place, width) for place in places]
+                facts = replace(facts, look=look_in_frame(loaded, plate, shown, self._reads.cache))
             return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
 
     coarse = staticmethod(coarse)

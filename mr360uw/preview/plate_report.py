@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
+from mr360uw.render.sun_lines import sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import PlateSettings, Scene, files_of, load_scene
@@ -34,12 +36,14 @@ def analyse_video(
     in_air: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
 
     source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
-    source is no scene file. in_air: whether it then is a plate without water. out: the page; the track goes beside it
-    as .sun.json and .sun.csv. Raises `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
+    source is no scene file. in_air: whether it is a plate without water, whatever the scene says. out: the page; the
+    track goes beside it as .sun.json and .sun.csv. tell: gets the lines on the sun that a composite tells. Raises
+    `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.level.horizon import estimate_horizon
     from mr360uw.ibl.report import Snapshot, level_section, light_report
@@ -48,11 +52,9 @@ def analyse_video(
     from mr360uw.medium.spectral.sensor import named_sensor
 
     source = Path(source)
-    if source.suffix == ".toml":
-        scene = load_scene(source)
-    else:
-        water = WaterSettings(type="none") if in_air else WaterSettings()
-        scene = Scene(plate=PlateSettings(path=source, eye=eye), water=water)
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
+    if in_air:
+        scene = scene.model_copy(update={"water": WaterSettings(type="none")})
     page = _page(source, out)
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     check_outputs([page, *tracks], inputs=[source, *files_of(scene)], overwrite=overwrite)
@@ -70,6 +72,9 @@ def analyse_video(
             light = reader.of(frame.pixels, time_s=frame.time_s)
             words = reader.sun_found(frame.pixels, frame.time_s).words
             snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))
+            if tell is not None and index == 0:
+                for line in sun_lines(reader, frame, facts):
+                    tell(line)
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     sections = []
     if scene.water.type != "none":

@@ -14,10 +14,11 @@ from mr360uw.composite import load_object
 from mr360uw.errors import Mr360uwError, SceneError, VideoError
 from mr360uw.output_gate import check_outputs
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import first_pass
+from mr360uw.render.first_pass import ClipFacts, first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.stages.match_stage import clip_colour, clip_look
+from mr360uw.render.stages.match_stage import clip_look
+from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
 from mr360uw.scene.keyed import keyed_in_words
@@ -153,9 +154,6 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
         plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"
         lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m{plays}")
     look = clip_look(loaded, video)
-    if loaded.plan.sun.runs and loaded.scene.light.sun == "detect":
-        frame = next(iter(video.frames(0, 1)))
-        frame = frame.graded_by(clip_colour(loaded, look))
-        lines.append(f"light     first frame: {loaded.surroundings.light.sun_found(frame.pixels, frame.time_s).words}")
+    lines += scene_sun_lines(loaded, video, ClipFacts(look=look))
     lines += [f"look      {line}" for line in (() if look is None else look.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -15,6 +15,7 @@ class Sun:
     direction: (3,) unit, towards the sun. irradiance: (3,) linear RGB on a plane perpendicular to the beam, in plate
     radiance times sr. half_angle_rad: angular radius of the disc. confidence: 0 (a guess) to 1 (given or certain).
     shown: how far strength and colour are those that a plate shows, 1, and not what others tell of a clipped disc, 0.
+    share: fraction of the light of its spot in the plate that it is; the rest stays in the sky.
     """
 
     direction: Floats
@@ -22,6 +23,7 @@ class Sun:
     half_angle_rad: float
     confidence: float
     shown: float = 1.0
+    share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

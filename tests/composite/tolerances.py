@@ -167,6 +167,9 @@ GRADED_LIGHT = 0.02
 """Light of a graded plate of 10 bits against the ungraded one: half a code of 1023 each, over a slope of 0.6."""
 PATCH_BLACK = 0.01
 """Black from patches: a code of 8 bits is 0.004, and saturation that is not known mixes channels that differ by 0.02."""
+PATCH_CODES = 0.02
+"""Codes of a plate of 8 bits without the grade that patches in the water tell: black's error, half a code over the slope
+of the grade, and of red the water's tables, whose light is nearly nothing."""
 PATCH_NUMBER = 0.02
 """Numbers of a curve from exact patches whose untold numbers are at rest: the solver's stop, and black's share."""
 GRADED_RENDER = 0.002

@@ -56,7 +56,7 @@ RETURNS: Returns = {
     "track_suns": (
         lambda _: ibl.track_suns([SUN] * 7),
         lambda _: dict.fromkeys(("raw_direction", "direction", "raw_irradiance", "irradiance"), (7, 3))
-        | dict.fromkeys(("times_s", "half_angle_rad", "raw_confidence", "confidence", "exposure"), (7,)),
+        | dict.fromkeys(("times_s", "half_angle_rad", "raw_confidence", "confidence", "exposure", "share"), (7,)),
     ),
 }  # fmt: skip
 REFUSED: Refused = {

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -101,10 +102,13 @@ def test_files_hold_the_track(tmp_path: Path, rng: np.random.Generator, name: st
     ibl.save_track(track, tmp_path / name)
     back = ibl.load_track(tmp_path / name)
     assert back.cuts == track.cuts
-    for field in ("direction", "raw_direction", "irradiance", "half_angle_rad", "confidence", "times_s", "exposure"):
+    for field in ("direction", "raw_direction", "irradiance", "half_angle_rad", "confidence", "times_s", "share"):
         np.testing.assert_allclose(getattr(back, field), getattr(track, field), atol=1e3 * FLOAT64**0.75)
     with pytest.raises(ParameterError, match="not a name"):
         ibl.save_track(track, tmp_path / "track.txt")
+    earlier = (tmp_path / name).read_text().replace(",share", "").replace('"share"', '"unknown"')
+    (tmp_path / name).write_text(re.sub(r",1\.0\n", "\n", earlier) if name.endswith("csv") else earlier)
+    np.testing.assert_array_equal(ibl.load_track(tmp_path / name).share, 1.0)
     (tmp_path / name).write_text("nonsense")
     with pytest.raises(ParameterError, match=r"sun track|columns"):
         ibl.load_track(tmp_path / name)

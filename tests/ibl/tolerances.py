@@ -85,3 +85,6 @@ darker against the ground."""
 SUN_COLOR = 0.035
 """Sunlight by one wavelength a channel against its spectrum, of luminance 1: the narrow band cannot follow the blue
 that is all but gone at 5 degrees."""
+TRACKED_SHARE = 0.02
+"""Share of a sun's light over a clip of one picture, and the light with it: the spot is measured about its middle in a
+frame, and about the direction of the track in a clip."""

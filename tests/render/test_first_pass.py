@@ -19,7 +19,8 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Sun
-from mr360uw.video import VideoFrame
+from mr360uw.video import VideoFrame, write_exr
+from tests.ibl import tolerances as tol
 from tests.ibl.plates import clipped, sky
 from tests.scenes import scene_with
 from tests.tolerances import FLOAT64
@@ -30,8 +31,6 @@ FRAMES, RATE = 10, 20
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip whose sun goes to and fro by two degrees, as waves make it."""
-    from mr360uw.video import write_exr
-
     folder = tmp_path_factory.mktemp("clip")
     for k in range(FRAMES):
         place = direction_from_angles(0.5 + 0.04 * np.sin(1.9 * k), 1.0 + 0.03 * np.cos(2.3 * k))
@@ -39,9 +38,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def scene_of(folder: Path, **camera: object) -> Scene:
+def scene_of(folder: Path, water: dict[str, object] | None = None, **camera: object) -> Scene:
     plate = {"path": str(folder / "plate_%04d.exr"), "frame_rate": RATE}
-    return scene_with(folder, None, camera={"depth_m": 4.0, **camera}, object=[], plate=plate)
+    return scene_with(folder, None, camera={"depth_m": 4.0, **camera}, object=[], plate=plate, water=water or {})
 
 
 def suns_of(scene: Scene) -> list[Sun]:
@@ -58,6 +57,27 @@ def test_a_standing_camera_has_one_sun_in_every_frame(folder: Path) -> None:
     assert np.degrees(np.arccos(suns[0].direction @ direction_from_angles(0.5, 1.0))) < 1.0
     again = suns_of(scene_of(folder))
     assert all(np.array_equal(a.irradiance, b.irradiance) for a, b in zip(suns, again, strict=True))
+
+
+def test_a_doubtful_sun_has_the_same_share_over_a_clip_as_in_one_frame(tmp_path: Path) -> None:
+    """What is not taken for its beam stays in the sky, in a clip as in a still."""
+    wide = clipped(sky(direction_from_angles(0.5, 1.0), width=256, half_angle_rad=np.radians(12.5)))
+    for k in range(FRAMES):
+        write_exr(tmp_path / f"plate_{k:04d}.exr", wide)
+    scene = scene_of(tmp_path, water={"type": "none"})
+    with open_plate(scene) as video:
+        surroundings = load_surroundings(scene)
+        facts = first_pass(surroundings, video, gain=False)
+        frame = next(iter(video.frames(4, 5)))
+    alone = surroundings.light.of(frame.pixels, time_s=frame.time_s)
+    tracked = surroundings.light.of(frame.pixels, facts.sun_at(4), time_s=frame.time_s)
+    assert alone.sun is not None
+    assert tracked.sun is not None
+    share = surroundings.light.sun_found(frame.pixels, frame.time_s).share
+    assert 0.2 < share < 0.8
+    assert tracked.sun.share == pytest.approx(share, rel=tol.TRACKED_SHARE)
+    for found, expected in ((tracked.irradiance, alone.irradiance), (tracked.ambient, alone.ambient)):
+        np.testing.assert_allclose(found, expected, rtol=tol.TRACKED_SHARE)
 
 
 def test_frames_of_a_range_take_the_sun_of_the_whole_clip(folder: Path) -> None:

@@ -360,6 +360,46 @@ def test_water_is_matched_by_a_click_and_undone(page: Page) -> None:
     assert tab.picture() == before
 
 
+def test_a_click_says_what_is_black_and_how_far_away(page: Page) -> None:
+    """Open water is no black thing: the picture changes, and the patch is where the click was."""
+    tab, before = page.first, page.first.picture()
+    tab.page.get_by_label("What a click in the picture does").select_option("black")
+    distance = tab.page.get_by_label("Distance of what is clicked, in metres")
+    canvas = tab.page.locator(".uw-stage canvas")
+    box = canvas.bounding_box()
+    assert box is not None
+    x, y = round(box["x"] + 0.25 * box["width"]), round(box["y"] + 0.56 * box["height"])
+    for given in ("a lot", "2.5"):
+        distance.fill(given)
+        distance.press("Enter")
+        tab.page.mouse.click(x, y)
+        if given == "a lot":
+            tab.page.get_by_text("distance - is no length (got 'a lot')").wait_for()
+            assert tab.page.locator("button[title='undo: add match.patch']").count() == 0
+    tab.page.locator("button[title='undo: add match.patch']").wait_for()
+    tab.changed(before)
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    (patch,) = load_scene(page.scene).match.patch
+    size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
+    u = 0.5 * WIDTH + (x - box["x"] - 0.5 * box["width"]) / size
+    v = 0.5 * HEIGHT + (y - box["y"] - 0.5 * box["height"]) / size
+    there = np.degrees([(one := placing.point_of_pixel(u, v, WIDTH, HEIGHT)).longitude, one.latitude])
+    # a click is at a whole pixel of the screen
+    np.testing.assert_allclose([patch.azimuth_deg, patch.elevation_deg], there, atol=360.0 / WIDTH / size)
+    (frame,) = re.findall(r"frame (\d+)", tab.page.locator(".uw-time .uw-where").first.inner_text())
+    assert (patch.shows, patch.distance_m, patch.time_s) == ("black", 2.5, round(int(frame) / 24.0, 6))
+    tab.page.get_by_role("button", name="Forget patches").click()
+    tab.page.locator("button[title='undo: reset match.patch']").wait_for()
+    tab.page.get_by_label("What a click in the picture does").select_option("")
+    distance.wait_for(state="hidden")
+    assert tab.picture() == before
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+
+
 def _rgb(text: str) -> np.ndarray:
     """Return the code values of a line like "plate: 1, 2, 3"."""
     return np.array([int(one) for one in re.findall(r"\d+", text)])

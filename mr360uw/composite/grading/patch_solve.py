@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solves the colour of a grade from patches of known reflectance in its plate.
 
-    v = g(E(e r))        e: light on the patches, one number a channel, unknown; r: reflectance, 0 of black
+    v = g(E(e r T + f W))    e: light on a white patch at the camera, one number a channel, unknown; r: reflectance
+    W = D(g^-1(w))           w: code of level open water
 
-Patches stand in one light, close to the camera. n of them give 3 n equations for the three of e and the numbers of g
-(`colour_grade`). The numbers are taken in one by one, the best told first (black, then gamma ...), as long as all of
-those taken in are known to better than `TOLD`; the others keep their value.
+Patches stand in one light. T and f are of the water before a patch (`PatchWater`), 1 and 0 close to the camera. n
+patches give 3 n equations for the three of e and the numbers of g (`colour_grade`). The light of the water is not given
+but read from the plate through the same g: a black patch in the water then tells black by being darker than the water.
+The numbers are taken in one by one, the best told first (black, then gamma ...), as long as all of those taken in are
+known to better than `TOLD`; the others keep their value. Black is one number of all channels where no patch is black,
+or where the water hides it in one of them.
 
 Greys tell no saturation: codes follow nearly a power of light, and in these a saturated grey is one in other light.
 """
@@ -22,6 +26,7 @@ from mr360uw.composite.grading.colour_grade import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
     ColourGrade,
+    Three,
     graded_spec,
     luma_weights_of,
 )
@@ -38,6 +43,7 @@ TOLD = {"black": 0.01, "gamma": 0.08, "contrast": 0.08, "saturation": 0.1, "whit
 """Standard error below which a number counts as told: it moves a code of the middle by about three."""
 DISAGREE_CODES = 4.0
 """Root mean square difference [8-bit codes] from which patches count as contradicting each other."""
+_NOTHING = (0.0, 0.0, 0.0)
 _DARKEST = 0.01
 """Least reflectance, and least light, that the light on patches is first guessed from."""
 _RANGES = {
@@ -47,11 +53,27 @@ _RANGES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
-    """A patch: its mean R'G'B' in the plate, 0 to 1, and what it reflects of each channel."""
+class PatchWater:
+    """The water between a patch and the camera, in the plate's primaries.
 
-    code: tuple[float, float, float]
-    reflectance: tuple[float, float, float]
+    passed: (3,) light of a white patch there, as it arrives, over that of one at the camera. grown: (3,) light that
+    this water adds, over that of level open water. light: (3,) of that. code: (3,) the same as the plate shows it; None
+    where its light is known without the plate.
+    """
+
+    passed: Three
+    grown: Three
+    light: Three
+    code: Three | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A patch: its mean R'G'B' in the plate, 0 to 1, what it reflects of each channel, and the water before it."""
+
+    code: Three
+    reflectance: Three
+    water: PatchWater | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,26 +95,37 @@ def solve_patches(
     """
     if not patches:
         raise ParameterError("patches - none to solve a grade from (got 0) - give one at least")
-    problem = _Problem(patches, start, ColorSpec() if spec is None else graded_spec(spec))
+    own = ColorSpec() if spec is None else graded_spec(spec)
+    blacks = (3, 1) if any(patch.reflectance == _NOTHING for patch in patches) else (1,)
+    problems = [_Problem(patches, start, own, count) for count in blacks]
     names: tuple[str, ...] = ()
-    best, _, rms = problem.solve(names)
+    best, _, rms = problems[0].solve(names)
     for name in (name for name in ORDER if name in open_keys):
-        found, errors, left = problem.solve((*names, name))
-        if all(errors[one] <= TOLD[one] for one in (*names, name)):
-            names, best, rms = (*names, name), found, left
+        for problem in problems:
+            found, errors, left = problem.solve((*names, name))
+            if all(errors[one] <= TOLD[one] for one in (*names, name)):
+                problems, names, best, rms = [problem], (*names, name), found, left
+                break
     return Solved(best, names, rms)
 
 
 class _Problem:
-    """The equations of patches; unknown: the logarithms of the light (3,), where a patch reflects any, and numbers."""
+    """The equations of patches; unknown: the logarithms of the light (3,), where a patch reflects any, and numbers.
 
-    def __init__(self, patches: Sequence[Patch], start: ColourGrade, spec: ColorSpec) -> None:
+    blacks: how many numbers black is, 3 or 1.
+    """
+
+    def __init__(self, patches: Sequence[Patch], start: ColourGrade, spec: ColorSpec, blacks: int) -> None:
         self._code = np.array([patch.code for patch in patches], float)
         self._reflectance = np.array([patch.reflectance for patch in patches], float)
-        self._start, self._spec, self._weights = start, spec, luma_weights_of(spec)
+        self._start, self._spec, self._weights, self._blacks = start, spec, luma_weights_of(spec), blacks
         self._lit = bool(np.any(self._reflectance > 0.0))
-        # one black: of all channels, where the scene has one
-        self._blacks = 1 if not np.any(np.all(self._reflectance == 0.0, axis=1)) else 3
+        waters = [patch.water for patch in patches]
+        self._passed = np.array([(1.0, 1.0, 1.0) if one is None else one.passed for one in waters])
+        self._grown = np.array([_NOTHING if one is None else one.grown for one in waters])
+        self._water = np.array([_NOTHING if one is None else one.light for one in waters])
+        self._water_code = np.array([_NOTHING if one is None or one.code is None else one.code for one in waters])
+        self._shown = np.array([one is not None and one.code is not None for one in waters])
 
     def solve(self, names: tuple[str, ...]) -> tuple[ColourGrade, dict[str, float], float]:
         """Return the grade with some numbers free, their standard errors, and the difference left [8-bit codes]."""
@@ -126,7 +159,8 @@ class _Problem:
         values, ranges = [], []
         if self._lit:
             plain = decode_signal(np.clip(self._start.ungraded(self._code, self._weights), 0.02, 1.0), self._spec)
-            light = np.median(plain / np.maximum(self._reflectance, _DARKEST), axis=0)
+            own = plain - self._grown * self._light_of_water(self._start)
+            light = np.median(own / np.maximum(self._reflectance * self._passed, _DARKEST), axis=0)
             values += list(np.log(np.maximum(light, _DARKEST)))
             ranges += [(-12.0, 6.0)] * 3
         for name in names:
@@ -146,9 +180,18 @@ class _Problem:
         return replace(self._start, **found)  # type: ignore[arg-type]
 
     def _residual(self, unknown: Floats, names: tuple[str, ...]) -> Floats:
-        light = self._reflectance * (np.exp(unknown[:3]) if self._lit else 0.0)
-        shown = self._grade(unknown, names).graded(encode_signal(light, self._spec), self._weights)
+        grade = self._grade(unknown, names)
+        own = self._reflectance * self._passed * (np.exp(unknown[:3]) if self._lit else 0.0)
+        light = own + self._grown * self._light_of_water(grade)
+        shown = grade.graded(encode_signal(light, self._spec), self._weights)
         return np.asarray(shown - self._code).ravel()
+
+    def _light_of_water(self, grade: ColourGrade) -> Floats:
+        """Return the light (patches, 3) of level open water in the patches' frames, as a grade has its codes read."""
+        if not np.any(self._shown):
+            return self._water
+        read = decode_signal(grade.ungraded(self._water_code, self._weights), self._spec)
+        return np.where(self._shown[:, None], read, self._water)
 
 
 def solved_in_words(solved: Solved, patches: int) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from math import radians
 from typing import Annotated, Literal
 
 import numpy as np
@@ -19,6 +20,8 @@ from mr360uw.composite.grading.colour_grade import (
     Three,
 )
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.sphere import direction_from_angles
+from mr360uw.types import Floats
 
 _ONE_LOOK = "a clip has one look"
 LEAST_STEP = 0.2
@@ -28,24 +31,30 @@ _White = Annotated[float, Field(ge=0.4, le=1.6)]
 Black = Literal["auto"] | _Black | tuple[_Black, _Black, _Black]
 White = Literal["auto"] | _White | tuple[_White, _White, _White]
 Reflectance = Annotated[float, Field(gt=0.0, le=1.0)]
+_GREY, _WHITE = 0.18, 0.9
+"""Fractions of light that a grey card reflects, and white paint or paper."""
 COLOUR = ("black", "white", "gamma", "contrast", "saturation")
 """The keys of a grade's colour: numbers, or "auto", which is solved from patches or changes nothing."""
 
 
 class PatchSettings(Parameters):
-    """Something in the plate whose colour is known, less than about a metre from the camera."""
+    """Something in the plate whose colour is known: near the camera, or at a known distance in the water."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     azimuth_deg: float = parameter(..., "side of the panorama on which it is, 0: middle, +: right", unit="deg")
     elevation_deg: float = parameter(..., "height over the panorama's middle row", unit="deg", low=-90.0, high=90.0)
     size_deg: float = parameter(1.0, "diameter of the part that is read", unit="deg", low=0.05, high=20.0)
-    shows: Literal["grey", "colour", "black"] = parameter(
-        "grey", "a grey, which reflects all colours alike; a colour; or black", alias="is"
+    shows: Literal["grey", "colour", "black", "white"] = parameter(
+        "grey", "a grey, which reflects all colours alike; a colour; black; or white, a grey of 0.9", alias="is"
     )
     reflectance: Reflectance | tuple[Reflectance, Reflectance, Reflectance] = parameter(
-        0.18, "fraction of the light that a grey reflects; of a colour, of red, green and blue", unit="1"
+        _GREY, "fraction of the light that a grey or white reflects; of a colour, of red, green and blue", unit="1"
     )
+    distance_m: float | None = parameter(
+        None, "distance, whose water is reckoned with; none: under about a metre, as if without water", unit="m",
+        above=0.0, high=100.0,
+    )  # fmt: skip
     time_s: float = parameter(0.0, "time of the frame that shows it", unit="s", low=0.0, high=1e6)
 
     @model_validator(mode="after")
@@ -59,9 +68,17 @@ class PatchSettings(Parameters):
         return self
 
     @property
+    def direction(self) -> Floats:
+        """Direction (3,) of its middle, in the panorama's own axes."""
+        return direction_from_angles(radians(self.azimuth_deg), radians(self.elevation_deg))
+
+    @property
     def reflected(self) -> Three:
         """Fraction of red, green and blue that it reflects."""
-        return (0.0, 0.0, 0.0) if self.shows == "black" else _three(self.reflectance)
+        if self.shows == "black":
+            return _three(0.0)
+        given = "reflectance" in self.model_fields_set
+        return _three(_WHITE if self.shows == "white" and not given else self.reflectance)
 
 
 class MatchSettings(Parameters):

@@ -53,7 +53,7 @@ class Split:
         """Return the split of a map that leaves all but a share of the sun's light in it."""
         if share == 1.0:
             return self
-        sun = replace(self.sun, irradiance=np.float32(share) * self.sun.irradiance)
+        sun = replace(self.sun, irradiance=np.float32(share) * self.sun.irradiance, share=share)
         return Split(coarse + np.float32(share) * (self.residual - coarse), sun)
 
 

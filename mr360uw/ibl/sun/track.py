@@ -72,7 +72,7 @@ class SunTrack:
     times_s: (N,). raw_direction, direction: (N, 3) unit, in level axes, measured (NaN where none) and smoothed (NaN in
     a shot that never shows the sun). raw_irradiance, irradiance: (N, 3) linear RGB on a plane facing the sun.
     half_angle_rad: (N,). raw_confidence: (N,) of each frame alone. confidence: (N,) of the smoothed sun. exposure: (N,)
-    log-mean luminance. cuts: first frames of the shots after the first.
+    log-mean luminance. share: (N,) of the smoothed sun, see `Sun`. cuts: first frames of the shots after the first.
     """
 
     times_s: Array
@@ -84,6 +84,7 @@ class SunTrack:
     raw_confidence: Array
     confidence: Array
     exposure: Array
+    share: Array
     cuts: tuple[int, ...]
 
     def __len__(self) -> int:
@@ -106,6 +107,7 @@ class SunTrack:
             self.irradiance[k].astype(np.float32),
             float(self.half_angle_rad[k]),
             float(self.confidence[k]),
+            share=float(self.share[k]),
         )
 
     def since(self, first: int) -> SunTrack:
@@ -137,19 +139,20 @@ def track_suns(
     if times.shape != (count,) or not np.all(np.diff(times) > 0.0):
         raise ParameterError(f"times_s - one for every frame, ascending (got shape {times.shape}) - sort the frames")
     direction, irradiance = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-    half_angle, confidence = np.full(count, np.nan), np.zeros(count)
+    half_angle, confidence, share = np.full(count, np.nan), np.zeros(count), np.ones(count)
     for k, frame in enumerate(frames):
         if frame.sun is not None:
             direction[k], irradiance[k] = frame.sun.direction, frame.sun.irradiance
             half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
+            share[k] = frame.sun.share
     weight = confidence * [taken_share(c, minimum_confidence) for c in confidence]
     cuts = () if camera == "tracked" else find_cuts(direction, weight, [f.thumbnail for f in frames])
     smoothed = [
-        _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], weight[a:b], camera)
+        _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], share[a:b], weight[a:b], camera)
         for a, b in zip((0, *cuts), (*cuts, count), strict=True)
     ]
-    smooth_direction, smooth_irradiance, smooth_angle, trust = (
-        np.concatenate([np.asarray(part[k]) for part in smoothed]) for k in range(4)
+    smooth_direction, smooth_irradiance, smooth_angle, smooth_share, trust = (
+        np.concatenate([np.asarray(part[k]) for part in smoothed]) for k in range(5)
     )
     exposure = np.array([f.exposure for f in frames])
     return SunTrack(
@@ -162,23 +165,27 @@ def track_suns(
         confidence,
         trust,
         exposure,
+        smooth_share,
         cuts,
     )
 
 
 def _steady_shot(
-    times: Array, direction: Array, irradiance: Array, half_angle: Array, weight: Array, camera: Camera
+    times: Array, direction: Array, irradiance: Array, half_angle: Array, share: Array, weight: Array, camera: Camera
 ) -> tuple[Array, ...]:
     seen = weight > 0.0
     steady = steady_directions(times, direction, weight, camera)
     log_light = np.log(np.maximum(np.where(seen[:, None], irradiance, 1.0), 1e-9))
     step = float(np.median(np.diff(times))) if len(times) > 1 else WAVE_PERIOD_S
-    light = np.exp(smooth(log_light, weight, strength_of_period(WAVE_PERIOD_S / step)))
+    light, part = (
+        np.exp(smooth(log, weight, strength_of_period(WAVE_PERIOD_S / step)))
+        for log in (log_light, np.log(share)[:, None])
+    )
     angle = np.full(len(weight), np.median(half_angle[seen]) if seen.any() else np.nan)
     frame = np.arange(len(weight))
     gap = np.abs(frame[:, None] - frame[seen]).min(axis=1) if seen.any() else np.full(len(weight), np.inf)
     level = float(np.average(weight[seen], weights=weight[seen])) if seen.any() else 0.0
-    return steady, light, angle, level * np.exp(-gap / _FORGET_FRAMES)
+    return steady, light, angle, np.minimum(part[:, 0], 1.0), level * np.exp(-gap / _FORGET_FRAMES)
 
 
 def find_cuts(direction: Array, weight: Array, thumbnails: Sequence[Floats | None]) -> tuple[int, ...]:

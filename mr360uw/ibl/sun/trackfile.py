@@ -30,7 +30,7 @@ _LIGHT = ("red", "green", "blue")
 COLUMNS = (
     "frame", "shot", "time_s", "azimuth_deg", "elevation_deg", *(f"irradiance_{c}" for c in _LIGHT), "half_angle_deg",
     "confidence", "raw_azimuth_deg", "raw_elevation_deg", *(f"raw_irradiance_{c}" for c in _LIGHT), "raw_confidence",
-    "exposure",
+    "exposure", "share",
 )  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def track_table(track: SunTrack) -> dict[str, list[float | None]]:
     columns = (
         frame, np.searchsorted(np.asarray(track.cuts), frame, side="right"), track.times_s, *_angles(track.direction),
         *track.irradiance.T, np.degrees(track.half_angle_rad), track.confidence, *_angles(track.raw_direction),
-        *track.raw_irradiance.T, track.raw_confidence, track.exposure,
+        *track.raw_irradiance.T, track.raw_confidence, track.exposure, track.share,
     )  # fmt: skip
     return {
         name: [round(float(v), 6) if math.isfinite(v) else None for v in column]
@@ -78,9 +78,10 @@ def load_track(path: str | Path) -> SunTrack:
     try:
         if path.suffix == ".csv":
             rows = list(csv.DictReader(io.StringIO(text)))
-            table = {name: [row[name] for row in rows] for name in COLUMNS}
+            table = {name: [row[name] for row in rows] for name in (rows[0] if rows else COLUMNS)}
         else:
             table = json.loads(text)["columns"]
+        table.setdefault("share", [1.0] * len(table["frame"]))  # earlier files have none
         data = {n: np.array([np.nan if v in (None, "") else float(v) for v in table[n]]) for n in COLUMNS}
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError, csv.Error) as error:
         raise ParameterError(
@@ -103,5 +104,6 @@ def load_track(path: str | Path) -> SunTrack:
         raw_confidence=np.nan_to_num(data["raw_confidence"]),
         confidence=np.nan_to_num(data["confidence"]),
         exposure=data["exposure"],
+        share=np.nan_to_num(data["share"], nan=1.0),
         cuts=tuple(int(k) + 1 for k in np.flatnonzero(np.diff(data["shot"]) > 0)),
     )

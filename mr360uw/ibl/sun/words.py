@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from mr360uw.ibl.plate import Plate
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Sun
+
+_WHOLE = 0.995
+"""Share of a sun's light from which it is all of it in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +46,33 @@ def sun_found(
     disc = find_disc(plate, underwater=underwater)
     if disc is None:
         return SunFound("no sun: nothing stands out")
-    x, y, z = map(float, world_from_camera @ disc.blob.direction)
-    azimuth, elevation = math.degrees(math.atan2(x, -z)), math.degrees(math.atan2(y, math.hypot(x, z)))
+    azimuth, elevation = _angles_deg(world_from_camera @ disc.blob.direction)
     share = taken_share(disc.confidence, minimum_confidence)
-    place = f"azimuth {azimuth:z.1f}, elevation {elevation:z.1f} degrees, confidence {disc.confidence:.2f}"
+    place = f"{_place(azimuth, elevation)}, confidence {disc.confidence:.2f}"
     against = f"; {disc.reason}" if disc.reason else ""
-    if share == 1.0:
-        words = f"sun at {place}"
-    elif share > 0.0:
-        words = f"perhaps a sun at {place}: {100.0 * share:.0f} % of its light is used{against}"
+    if share > 0.0:
+        words = _shared(place, share) + (against if share < 1.0 else "")
     else:
         where = " inside Snell's window" if underwater else ""
         words = f"no sun{where}; best candidate at {place}{against}"
     return SunFound(words, share, (azimuth, elevation))
+
+
+def tracked_in_words(sun: Sun | None) -> str:
+    """Return a line on the sun of a clip's track, in the world's axes; None: of a shot without one."""
+    return "no sun in this shot" if sun is None else _shared(_place(*_angles_deg(sun.direction)), sun.share)
+
+
+def _shared(place: str, share: float) -> str:
+    if share > _WHOLE:
+        return f"sun at {place}"
+    return f"perhaps a sun at {place}: {100.0 * share:.0f} % of its light is used"
+
+
+def _place(azimuth_deg: float, elevation_deg: float) -> str:
+    return f"azimuth {azimuth_deg:z.1f}, elevation {elevation_deg:z.1f} degrees"
+
+
+def _angles_deg(direction: Floats) -> tuple[float, float]:
+    x, y, z = map(float, direction)
+    return math.degrees(math.atan2(x, -z)), math.degrees(math.atan2(y, math.hypot(x, z)))

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
-from mr360uw.constants import PI
-from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.fit.profile import row_up, upwelling
 from mr360uw.medium.fit.sphere_fill import filled
 from mr360uw.medium.medium import Medium
 from mr360uw.types import Floats
@@ -99,8 +98,7 @@ def open_water(medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: f
     shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
     small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
     up = row_up(ROWS)
-    of_row = np.maximum(-up, 0.0) * np.sqrt(1.0 - up**2) * (2.0 * PI * PI / (ROWS * COLUMNS))
-    model = medium.far_light(up, visible_gain(medium, gain), np.einsum("r,rck->k", of_row, small))
+    model = medium.far_light(up, visible_gain(medium, gain), upwelling(small))
     light = visible_gain(medium, gain) * model
     dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real
 from mr360uw.types import Floats
@@ -26,6 +27,13 @@ LEVEL_RAD = np.radians(12.0)
 def row_up(rows: int) -> Array:
     """Return the y of the direction of each row of an equirectangular map, (rows,), top row first."""
     return np.sin(np.pi * (0.5 - (np.arange(rows) + 0.5) / rows))
+
+
+def upwelling(light: Floats) -> Array:
+    """Return the irradiance (3,) of a level plane that faces down, in a levelled map (H, W, 3) of light."""
+    up = row_up(len(light))
+    of_row = np.maximum(-up, 0.0) * np.sqrt(1.0 - up**2) * (2.0 * PI * PI / light[..., 0].size)
+    return np.asarray(np.einsum("r,rck->k", of_row, light))
 
 
 def check_map(radiance_map: Floats) -> Array:

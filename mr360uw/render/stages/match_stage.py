@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,8 +17,10 @@ from mr360uw.cache import Cache
 from mr360uw.color import code_range, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.patch_water import waters_before
 from mr360uw.types import Floats, Layer
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -36,6 +39,16 @@ def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
     count = video.intact_frames or video.frame_count or 1
     places = [video.entry_before(int(index)) for index in np.linspace(0, count - 1, FRAMES)]
     seen = list(_intact(video, places))
+    shown = patch_frames(settings, video)
+    at = {frame.index: frame for frame in _intact(video, shown)}
+    if not seen or not all(index in at for index in shown):
+        return None
+    return look_of(loaded, seen, [at[index] for index in shown])
+
+
+def patch_frames(settings: MatchSettings, video: VideoReader) -> list[int]:
+    """Return the numbers of the frames of a clip that show the patches; raise `VideoError` for one after its end."""
+    count = video.intact_frames or video.frame_count or 1
     rate = float(video.frame_rate) if video.frame_rate else 0.0
     for k, patch in enumerate(settings.patch):
         if video.frame_count and patch.time_s * rate > video.frame_count:
@@ -43,11 +56,7 @@ def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
                 f"match.patch[{k}].time_s - is after the plate's end, {video.frame_count / rate:.2f} s (got "
                 f"{patch.time_s:g}) - give the time of a frame that shows the patch"
             )
-    shown = [min(round(patch.time_s * rate), count - 1) for patch in settings.patch]
-    at = {frame.index: frame for frame in _intact(video, shown)}
-    if not seen or not all(index in at for index in shown):
-        return None
-    return look_of(loaded, seen, [at[index] for index in shown])
+    return [min(round(patch.time_s * rate), count - 1) for patch in settings.patch]
 
 
 def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -> PlateGrade:
@@ -66,7 +75,11 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
         soft = f"blur of {look.softness_px:.2f} px" if look.softness_px > 0.0 else "blur: not told by this plate"
         found = (soft,)
     if settings.open_keys:
-        colour, line = patched_colour(settings, shown)
+        waters = None
+        in_water = loaded.surroundings.medium is not None
+        if in_water and any(patch.distance_m is not None for patch in settings.patch):
+            waters = partial(waters_before, settings.patch, loaded, shown)
+        colour, line = patched_colour(settings, shown, waters)
         look, found = replace(look, colour=colour), (*found, line)
     return replace(look, found=found)
 
@@ -93,13 +106,22 @@ def ungraded(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: C
     return kept.get("ungraded", (plate, colour), lambda: plate.graded_by(colour)) if colour.changes else plate
 
 
+def look_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], kept: Cache) -> PlateGrade:
+    """Return the look of a plate as one frame has it, and its patches. shown: for each patch the frame that shows it.
+
+    kept: holds the look that was measured last.
+    """
+    settings = loaded.scene.match
+    key = plate, *shown, loaded.surroundings, settings.reading, settings.softness == "auto"
+    return kept.get("look", key, lambda: look_of(loaded, [plate], shown))
+
+
 def _frame_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> PlateGrade:
     settings = loaded.scene.match
     if look is None:
         look = PlateGrade()
         if settings.measures:
-            key = plate, loaded.surroundings, settings.reading, settings.softness == "auto"
-            look = kept.get("look", key, lambda: look_of(loaded, [plate], [plate for _ in settings.patch]))
+            look = look_in_frame(loaded, plate, [plate for _ in settings.patch], kept)
     return look.of_scene(settings, loaded.width, loaded.scene.plate.scale)
 
 

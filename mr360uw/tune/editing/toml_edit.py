@@ -81,6 +81,7 @@ def without(text: str, key: Key, default: str | None = None) -> str:
 
 def with_entry(text: str, key: Key, table: dict[str, Any]) -> str:
     """Return the text with a table added to the end of the list of tables at a key."""
+    text = _with_table(text, key[:-1])
     opened = _with_table(text, key, repeated=True)
     if opened != text:  # a list that was commented out
         for name, value in table.items():

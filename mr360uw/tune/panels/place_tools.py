@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Placing by clicks and drags in the picture: objects, the sun, the height of the sea floor."""
+"""Clicks and drags in the picture: places of objects and the sun, the sea floor, water, patches of known colour."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.marks import Marker
 from mr360uw.tune.panels.floor_tool import FloorTool
+from mr360uw.tune.panels.patch_tool import PATCH_TOOLS, PatchTool
 from mr360uw.tune.panels.stage import Stage
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
@@ -30,6 +31,7 @@ _TOOLS = {
     "sun": "Click: the sun is here",
     "floor": "Click: points on the floor",
     "water": "Click: match open water",
+    **PATCH_TOOLS,
 }
 _WORDS = {
     "position_m": ("azimuth_deg", "elevation_deg", "distance_m", "stand_on"),
@@ -61,6 +63,7 @@ class PlaceTools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
             self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
             self._floor = FloorTool(session, failed, self._mark)
+            self._patch = PatchTool(session)
         self._viewer.on_pick(self._picked)
         self._viewer.on_drag(self._dragged)
         self._viewer.on_select(self._selected)
@@ -106,6 +109,7 @@ class PlaceTools:
             Marker(f"floor.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
             for k, p in enumerate(self._floor.clicks)
         ]
+        marks += self._patch.marks() if self._tool in PATCH_TOOLS else []
         self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
         self._viewer.select(f"object.{self._number}")
         self._face.enable(bool(here is not None and here.bodies))
@@ -113,6 +117,7 @@ class PlaceTools:
     def _choose(self, tool: str) -> None:
         self._tool = tool
         self._choice.choose(tool)
+        self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
 
     async def _picked(self, pick: Pick) -> None:
@@ -122,6 +127,9 @@ class PlaceTools:
         try:
             if self._tool == "water":
                 self._match_water(point)
+                return
+            if self._tool in PATCH_TOOLS:
+                self._patch.add(point, self._tool)
                 return
             here = await self._ask()
             if self._tool == "floor":
