@@ -26,6 +26,8 @@ from mr360uw.video.exr import write_exr
 
 KINDS = {"float": "exr", "8 bit": "png"}
 """Plates: linear floats without a limit, and sRGB codes that end at 1, as a camera has them."""
+_EXPOSURE = {"exr": 1.0, "png": 0.5}
+"""Of these plates: a camera takes a mean of a quarter of white, and clips the sun alone."""
 FINER = 4
 """Columns of the plate for one of the truth's: the sun's disc is two pixels wide."""
 
@@ -37,7 +39,7 @@ def write_files(scene: Scene, sky: Sky, folder: Path, width: int) -> None:
 
     plate = scene.plate(sky, width)
     write_exr(folder / "plate.exr", plate)
-    codes = np.round(255.0 * encode(np.clip(plate, 0.0, 1.0), "srgb")).astype(np.uint8)
+    codes = np.round(255.0 * encode(np.clip(_EXPOSURE["png"] * plate, 0.0, 1.0), "srgb")).astype(np.uint8)
     cv2.imwrite(str(folder / "plate.png"), codes[..., ::-1])
     for k, body in enumerate(scene.bodies):
         points, normals = (a.reshape(-1, 3) for a in (body.mesh.positions, body.mesh.normals))
@@ -79,16 +81,18 @@ def _told(sky: Sky, kind: str) -> dict[str, Any]:
     if kind == "8 bit":
         around = directions(512, 256)[:128]
         received = around[..., 1] * row_solid_angle(512, 256)[:128, None]
-        of_sky = np.tensordot(received, np.minimum(sky.radiance(around), 1.0), 2)
+        of_sky = np.tensordot(received, sky.radiance(around), 2)
         told["direct_to_diffuse"] = float(luminance(sky.sun.irradiance) * y / luminance(of_sky))
     return told
 
 
 def composited(folder: Path, data: dict[str, Any], backend: str, width: int) -> Floats:
-    """Return the composite (H, W, 3) of tables of a scene file, as it is written, reduced to a number of columns."""
+    """Return the composite (H, W, 3) of tables of a scene file, as it is written, reduced to a number of columns and
+    of an exposure of 1.
+    """
     scene = scene_from_dict(data, folder)
     out = folder / f"out{Path(scene.plate.path).suffix}"
     composite_video(scene, out, backend=backend, overwrite=True, fresh=True)
     with open_plate(scene_from_dict({**data, "plate": out.name}, folder)) as video:
         (frame,) = video.frames(0, 1)
-    return reduce_map(frame.image_linear, width, width // 2)
+    return reduce_map(frame.image_linear, width, width // 2) / _EXPOSURE[out.suffix[1:]]
