@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.path_traced import Truth  # noqa: E402
 from benchmarks.peers.path_traced import truth as traced  # noqa: E402
-from benchmarks.peers.scene_files import FINER, KINDS, composited, tables, write_files  # noqa: E402
+from benchmarks.peers.scene_files import FINER, KINDS, WHITE, composited, tables, write_files  # noqa: E402
 from benchmarks.peers.scenes import (  # noqa: E402
     FLOOR_ALBEDO,
     FLOOR_Y_M,
@@ -156,8 +156,8 @@ def defaults(*names: str, folder: str | None = None) -> None:
 
     found: the program finds the sun; told: it is told where the sun is and, for 8 bit, its share of the light. Means
     are over the inner pixels of each body, over the umbra and over the penumbra on the floor, in each channel: the
-    worst of them is shown. pixels: relative RMSE of the metal's pixels, see `truth`. folder: for pictures, truth and
-    composites side by side.
+    worst of them is shown. Highlights that 8 bits cannot show are left out. pixels: relative RMSE of the metal's
+    pixels, see `truth`. folder: for pictures, truth and composites side by side.
     """
     print(
         f"{'scene':9} {'sky':8} {'plate':6} {'renderer':9} {'light':6}"
@@ -166,10 +166,12 @@ def defaults(*names: str, folder: str | None = None) -> None:
     for scene in (SCENES[name] for name in names or SCENES):
         for sky in SKIES.values():
             found = traced(scene, sky)
-            where = _parts(scene, found)
+            parts = _parts(scene, found)
             with TemporaryDirectory() as files:
                 write_files(scene, sky, Path(files), FINER * WIDTH)
                 for kind, backend, light in itertools.product(KINDS, ("reference", "gl"), ("found", "told")):
+                    shown = found.mean.max(axis=-1) < WHITE[kind]
+                    where = {name: [one & shown for one in some] for name, some in parts.items()}
                     data = tables(scene, sky, kind, told=light == "told")
                     image = composited(Path(files), data, backend, WIDTH)
                     cells = "".join(_worst(image, found.mean, where.get(region, [])) for region in MEANS)

@@ -28,6 +28,8 @@ KINDS = {"float": "exr", "8 bit": "png"}
 """Plates: linear floats without a limit, and sRGB codes that end at 1, as a camera has them."""
 _EXPOSURE = {"exr": 1.0, "png": 0.5}
 """Of these plates: a camera takes a mean of a quarter of white, and clips the sun alone."""
+WHITE = {"float": np.inf, "8 bit": 0.8 / _EXPOSURE["png"]}
+"""Radiance that they can show, as a mean over some pixels."""
 FINER = 4
 """Columns of the plate for one of the truth's: the sun's disc is two pixels wide."""
 

@@ -21,7 +21,16 @@ from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearP
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.closure import close
-from mr360uw.ibl.sun.detect import find_disc, is_disc, lost_light, split_disc, split_given, split_known
+from mr360uw.ibl.sun.detect import (
+    find_disc,
+    is_disc,
+    lost_light,
+    shows_disc,
+    split_disc,
+    split_given,
+    split_known,
+    spot_towards,
+)
 from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.glare import without_glare
@@ -107,7 +116,7 @@ def _split(
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
     split = without_glare(split, plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
-    return close(split, plate, ratio) if lost else split
+    return close(split, plate, ratio, disc=shows_disc(spot_towards(plate, split.sun.direction))) if lost else split
 
 
 def _detected(
@@ -120,7 +129,7 @@ def _detected(
     split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
     if settings.operator == "closure":
         if lost_light(plate, disc.blob.direction, disc.blob):
-            split = close(split, plate, ratio)
+            split = close(split, plate, ratio, disc=shows_disc(disc.blob))
         else:  # what is no sharp disc has light of the sky in it, and of the glitter only a part
             split = replace(split, sun=replace(split.sun, shown=float(is_disc(disc.blob))))
     return split.shared(share, plate.coarse)
