@@ -2,11 +2,11 @@
 """Bodies on the ground against truth from outside: occlusion, light between bodies and ground, contact, shadows on a
 plate's own caustics, cost.
 
-    python benchmarks/grounded.py [truth [SCENE ...] | contact | furnace | caustics [WATER ...] |
+    python benchmarks/grounded.py [truth [SCENE ...] | defaults [SCENE ...] | contact | furnace | caustics [WATER ...] |
                                    speed [CHECKOUT] | pictures FOLDER]
 
-`truth` and `pictures` need Mitsuba 3 (`pip install 'mr360uw[peers]'`; see peers/path_traced.py) and render for some
-minutes at the first time. `speed` with another checkout of the project measures both, in turns.
+`truth`, `defaults` and `pictures` need Mitsuba 3 (`pip install 'mr360uw[peers]'`; see peers/path_traced.py) and render
+for some minutes at the first time. `speed` with another checkout of the project measures both, in turns.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -30,6 +31,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.path_traced import Truth  # noqa: E402
 from benchmarks.peers.path_traced import truth as traced  # noqa: E402
+from benchmarks.peers.scene_files import FINER, KINDS, WHITE, composited, tables, write_files  # noqa: E402
 from benchmarks.peers.scenes import (  # noqa: E402
     FLOOR_ALBEDO,
     FLOOR_Y_M,
@@ -37,6 +39,7 @@ from benchmarks.peers.scenes import (  # noqa: E402
     SKIES,
     WIDTH,
     Scene,
+    Sky,
     crate,
     diffuse,
     lights,
@@ -136,7 +139,8 @@ def truth(*names: str) -> None:
     seconds = 0.0
     for scene in (SCENES[name] for name in names or SCENES):
         for sky in SKIES.values():
-            found, plate, light = traced(scene, sky), sky.plate(), lights(sky)
+            found, plate = traced(scene, sky), scene.plate(sky)
+            light = lights(sky, scene.paving_m)
             seconds += float(found.seconds)
             images = [over(plate, render(scene.shot(light[k]))) for render in both.values() for k in ("known", "plate")]
             for region, where in regions(scene, found, plate).items():
@@ -147,6 +151,80 @@ def truth(*names: str) -> None:
     print(f"the path tracer took {seconds:.0f} s of processor time for these pictures")
 
 
+def defaults(*names: str, folder: str | None = None) -> None:
+    """Composites of files by the program's defaults against the path tracer: largest relative error of a mean.
+
+    found: the program finds the sun; told: it is told where the sun is and, for 8 bit, its share of the light. Means
+    are over the inner pixels of each body, over the umbra and over the penumbra on the floor, in each channel: the
+    worst of them is shown. Highlights that 8 bits cannot show are left out. pixels: relative RMSE of the metal's
+    pixels, see `truth`. folder: for pictures, truth and composites side by side.
+    """
+    print(
+        f"{'scene':9} {'sky':8} {'plate':6} {'renderer':9} {'light':6}"
+        + "".join(f"{r:>10}" for r in (*MEANS, "pixels"))
+    )
+    for scene in (SCENES[name] for name in names or SCENES):
+        for sky in SKIES.values():
+            found = traced(scene, sky)
+            parts = _parts(scene, found)
+            with TemporaryDirectory() as files:
+                write_files(scene, sky, Path(files), FINER * WIDTH)
+                for kind, backend, light in itertools.product(KINDS, ("reference", "gl"), ("found", "told")):
+                    shown = found.mean.max(axis=-1) < WHITE[kind]
+                    where = {name: [one & shown for one in some] for name, some in parts.items()}
+                    data = tables(scene, sky, kind, told=light == "told")
+                    image = composited(Path(files), data, backend, WIDTH)
+                    cells = "".join(_worst(image, found.mean, where.get(region, [])) for region in MEANS)
+                    cells += _rms(image, found, where.get("metal", []))
+                    print(f"{scene.name:9} {sky.name:8} {kind:6} {backend:9} {light:6}{cells}", flush=True)
+                    if folder is not None and backend == "reference":
+                        _show(Path(folder) / f"{scene.name}-{sky.name}-{kind[0]}-{light}.png", found, image, sky)
+    print("target:" + " " * 35 + "".join(f"{limit:10.2f}" for limit in (*MEANS.values(), _METAL)))
+
+
+MEANS = {"objects": 0.05, "metal": 0.06, "umbra": 0.08, "penumbra": 0.08}
+"""Largest relative error of a mean in each channel."""
+_METAL = 0.06
+"""Largest relative RMSE of metal."""
+_FEWEST = 20
+"""Pixels below which a part has no mean to speak of."""
+
+
+def _parts(scene: Scene, found: Truth) -> dict[str, list[np.ndarray]]:
+    """Return the parts (H, W) of a picture whose means are compared, by their kind."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for body, shape in zip(scene.bodies, found.shape, strict=True):
+        kind = "metal" if body.mesh.materials[0].metallic == 1.0 else "objects"
+        parts.setdefault(kind, []).append(found.valid & (shape > WHOLE))
+    floor = found.valid & (found.floor > WHOLE)
+    parts["umbra"] = [floor & (found.sunlit < DARK)]
+    parts["penumbra"] = [floor & (found.sunlit >= DARK) & (found.sunlit < 1.0 - DARK)]
+    return {kind: [one for one in some if one.sum() >= _FEWEST] for kind, some in parts.items()}
+
+
+def _worst(image: Floats, true: Floats, parts: list[np.ndarray]) -> str:
+    """Return the relative error that is largest of the means of parts of an image, with its sign."""
+    errors = [image[one].mean(axis=0) / true[one].mean(axis=0) - 1.0 for one in parts]
+    return f"{max(np.ravel(errors), key=abs):+10.3f}" if errors else f"{'-':>10}"
+
+
+def _rms(image: Floats, found: Truth, parts: list[np.ndarray]) -> str:
+    """Return the relative RMSE of an image over all pixels of parts."""
+    return f"{errors(image, found, np.any(parts, axis=0))[0]:10.3f}" if parts else f"{'-':>10}"
+
+
+def _show(path: Path, found: Truth, image: Floats, sky: Sky) -> None:
+    """Write truth, a composite, and five times their difference about grey, side by side."""
+    import cv2
+
+    rows, columns = (np.flatnonzero(found.valid.any(axis=k)) for k in (1, 0))
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    shown = [codes(one[window] * (0.4 / sky.floor_radiance.mean())) for one in (np.nan_to_num(found.mean), image)]
+    shown.append(127.5 + 5.0 * np.where(found.valid[window][..., None], shown[1] - shown[0], 0.0))
+    sheet = np.concatenate([np.repeat(np.repeat(one, 4, 0), 4, 1) for one in shown], axis=1)
+    cv2.imwrite(str(path), np.clip(sheet, 0, 255).astype(np.uint8)[..., ::-1])
+
+
 def pictures(folder: str) -> None:
     """Write truth, reference, gl, and the errors of the two times five about grey, of every scene, side by side."""
     import cv2
@@ -154,10 +232,10 @@ def pictures(folder: str) -> None:
     both = renderers()
     for scene in SCENES.values():
         for sky in SKIES.values():
-            found, plate = traced(scene, sky), sky.plate()
+            found, plate = traced(scene, sky), scene.plate(sky)
             rows, columns = (np.flatnonzero(found.valid.any(axis=k)) for k in (1, 0))
             window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-            light = lights(sky)["known"]
+            light = lights(sky, scene.paving_m)["known"]
             images = [np.nan_to_num(found.mean), *(over(plate, render(scene.shot(light))) for render in both.values())]
             shown = [codes(image[window] * (0.4 / sky.floor_radiance.mean())) for image in images]
             valid = found.valid[window][..., None]
@@ -364,7 +442,9 @@ def speed(checkout: str | None = None) -> None:
         print(f"{kind:7} {here:9.1f} {other}")
 
 
-SECTIONS: dict[str, Callable[..., None]] = {f.__name__: f for f in (truth, contact, furnace, caustics, speed, pictures)}
+SECTIONS: dict[str, Callable[..., None]] = {
+    f.__name__: f for f in (truth, defaults, contact, furnace, caustics, speed, pictures)
+}
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["measure"]:
@@ -372,9 +452,9 @@ if __name__ == "__main__":
     elif sys.argv[1:]:
         SECTIONS[sys.argv[1]](*sys.argv[2:])
     else:
-        for section in (truth, contact, furnace, caustics, speed):
+        for section in (truth, defaults, contact, furnace, caustics, speed):
             print(f"\n{section.__name__}: {section.__doc__}")
-            if section is truth and importlib.util.find_spec("mitsuba") is None:
+            if section in (truth, defaults) and importlib.util.find_spec("mitsuba") is None:
                 print("left out: mitsuba is not installed (pip install 'mr360uw[peers]')")
                 continue
             section()

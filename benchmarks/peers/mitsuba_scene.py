@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, Scene, Sky
+from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, PAVING_CONTRAST, Scene, Sky
 from mr360uw.composite import PlacedObject
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
@@ -90,6 +90,15 @@ def _sun(mi: Any, sky: Sky) -> dict[str, Any]:
     }
 
 
+def _floor(mi: Any, paving_m: float) -> dict[str, Any]:
+    """Return the floor's albedo. Its middle, u = v = 1/2, is a corner of four slabs; u goes along x, v along -z."""
+    if paving_m == 0.0:
+        return _rgb(FLOOR_ALBEDO)
+    first, second = (_rgb(FLOOR_ALBEDO * (1.0 + way * PAVING_CONTRAST)) for way in (1.0, -1.0))
+    cells = mi.ScalarTransform3f().scale(_FLOOR_HALF_M / paving_m)  # one cell of the texture is two slabs wide
+    return {"type": "checkerboard", "color0": first, "color1": second, "to_uv": cells}
+
+
 def build(
     mi: Any,
     scene: Scene,
@@ -111,7 +120,7 @@ def build(
         "floor": {
             "type": "rectangle",
             "to_world": transform().translate([0.0, FLOOR_Y_M, 0.0]).rotate([1, 0, 0], -90).scale(_FLOOR_HALF_M),
-            "bsdf": {"type": "diffuse", "reflectance": _rgb(FLOOR_ALBEDO)},
+            "bsdf": {"type": "diffuse", "reflectance": _floor(mi, scene.paving_m)},
         },
         "sensor": {
             "type": "perspective", "fov": scene.fov_deg, "film": film, "sampler": {"type": "independent"},

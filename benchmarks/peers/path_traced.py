@@ -12,9 +12,10 @@ different seeds: their difference is the noise. They are kept in the folder `tru
 from __future__ import annotations
 
 import hashlib
+import itertools
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,18 @@ def _digest(scene: Scene, sky: Sky) -> str:
             state.update(np.ascontiguousarray(array).tobytes())
         state.update(repr(body.mesh.materials).encode())
     state.update(sky.plate(64).tobytes())
-    numbers = (scene.look_at, scene.fov_deg, WIDTH, WINDOW, PATHS, _DEPTH, FLOOR_Y_M, FLOOR_ALBEDO.tolist(), sky.sun)
+    numbers = (
+        scene.look_at,
+        scene.fov_deg,
+        WIDTH,
+        WINDOW,
+        PATHS,
+        _DEPTH,
+        FLOOR_Y_M,
+        FLOOR_ALBEDO.tolist(),
+        sky.sun,
+        scene.paving_m,
+    )
     state.update(repr(numbers).encode())
     return state.hexdigest()[:12]
 
@@ -149,7 +161,8 @@ def _render(scene: Scene, sky: Sky) -> Truth:
     sunlit = np.ones_like(covered["floor"])
     if sky.sun is not None:
         beam = FLOOR_ALBEDO / np.pi * sky.sun.irradiance * sky.sun.direction[1]
-        direct = picture(build(mi, scene, sky, ambient=False), {"type": "path", "max_depth": 2}, 1, 4)
+        even = replace(scene, paving_m=0.0)
+        direct = picture(build(mi, even, sky, ambient=False), {"type": "path", "max_depth": 2}, 1, 4)
         sunlit = window.means(direct / beam).mean(axis=-1)
     return Truth(
         halves=halves,
@@ -165,13 +178,14 @@ def _render(scene: Scene, sky: Sky) -> Truth:
 def check() -> None:
     """Print how far the path-traced picture without bodies is from the plate, which is known in closed form."""
     mi = mitsuba()
-    scene = SCENES["balls"]
-    for sky in SKIES.values():
+    for scene, sky in itertools.product((SCENES["balls"], SCENES["paved"]), SKIES.values()):
         bare = build(mi, scene, sky, bodies=False)
         window = window_of(mi, bare.sensors()[0])
         drawn = np.asarray(mi.render(bare, integrator=mi.load_dict(path_integrator()), spp=1, seed=5), np.float64)
-        error = (window.means(drawn.reshape(-1, 3)) / sky.plate() - 1.0)[window.valid]
-        print(f"plate, {sky.name:8} mean error {error.mean():+.5f}, RMSE {np.sqrt(np.mean(error**2)):.5f}")
+        error = (window.means(drawn.reshape(-1, 3)) / scene.plate(sky) - 1.0)[window.valid]
+        print(
+            f"plate, {scene.name}, {sky.name:8} mean error {error.mean():+.5f}, RMSE {np.sqrt(np.mean(error**2)):.5f}"
+        )
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from mr360uw.composite import PlacedObject, Receiver, Shot
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.mesh.part import Part
+from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.reduce import reduce_map
@@ -29,12 +30,13 @@ from tests.composite.scenes import placed, sphere
 
 FLOOR_Y_M = -1.2
 FLOOR_ALBEDO = np.array([0.42, 0.40, 0.37])
+PAVING_CONTRAST = 0.5
 WIDTH = 384
 """Columns of the pictures: a pixel is 0.94 degrees, a ball of 0.3 m at 2.5 m is 15 pixels wide."""
 _SPHERE_ROWS = 40
 """Triangles are 4.5 degrees of a ball: the truth is of the same triangles and normals."""
 _FINE = 8
-"""Directions across a pixel of the plate that its mean is taken over."""
+"""Directions across a pixel of such a plate that its mean is taken over; fewer in a wider plate."""
 _DISC_POINTS = 4096
 
 
@@ -56,14 +58,28 @@ class Sky:
             irradiance = irradiance + self.sun.irradiance * self.sun.direction[1]
         return FLOOR_ALBEDO / np.pi * irradiance
 
-    def plate(self, width: int = WIDTH, *, sun: bool = True) -> Floats:
-        """Return the plate (H, W, 3), means over its pixels, of unlimited range; on request without the sun's disc."""
-        around = directions(_FINE * width, _FINE * width // 2)
+    def plate(self, width: int = WIDTH, *, sun: bool = True, paving_m: float = 0.0) -> Floats:
+        """Return the plate (H, W, 3), means over its pixels, of unlimited range; on request without the sun's disc.
+
+        paving_m: side of the floor's slabs, see `paving`.
+        """
+        fine = max(_FINE * WIDTH // width, 2)
+        around = directions(fine * width, fine * width // 2)
         light = np.where(around[..., 1:2] > 0.0, self.radiance(around), self.floor_radiance)
+        if paving_m > 0.0:
+            below = around[len(around) // 2 :]
+            point = FLOOR_Y_M * below / below[..., 1:2]
+            light[len(around) // 2 :] *= paving(point[..., 0], point[..., 2], paving_m)[..., None]
         image = reduce_map(light.astype(np.float32), width, width // 2)
         if sun and self.sun is not None:
             image = image + disc(self.sun, width)
         return image.astype(np.float32)
+
+
+def paving(x_m: Floats, z_m: Floats, side_m: float) -> Floats:
+    """Return the albedo of a floor of dark and light slabs over its mean, at places of any shape; dark at x, z > 0."""
+    dark = (np.floor(x_m / side_m) + np.floor(z_m / side_m)) % 2.0 == 0.0
+    return np.where(dark, 1.0 - PAVING_CONTRAST, 1.0 + PAVING_CONTRAST)
 
 
 def disc(sun: Sun, width: int) -> Floats:
@@ -85,7 +101,9 @@ def _overcast(direction: Floats) -> Floats:
     return np.array([0.90, 0.95, 1.0]) * (1.0 + 2.0 * np.maximum(direction[..., 1:2], 0.0)) / 3.0
 
 
-_SUN = Sun(direction_from_angles(np.radians(-60.0), np.radians(45.0)), np.array([5.0, 4.6, 3.9]), np.radians(0.5), 1.0)
+_SUN = Sun(
+    direction_from_angles(np.radians(-60.0), np.radians(45.0)), np.array([5.0, 4.6, 3.9]), SUN_HALF_ANGLE_RAD, 1.0
+)
 
 
 def _clear(direction: Floats) -> Floats:
@@ -107,6 +125,7 @@ class Scene:
     """Bodies on the floor. look_at: (3,) the middle of the part of the frame that is compared, fov_deg wide.
 
     inside: lowest and highest corner (2, 3) of a hollow whose surfaces are compared by themselves; None without.
+    paving_m: side of the floor's slabs, dark and light in turns; 0: the floor is even.
     """
 
     name: str
@@ -114,6 +133,11 @@ class Scene:
     look_at: tuple[float, float, float] = (0.1, -1.0, -2.4)
     fov_deg: float = 70.0
     inside: Floats | None = None
+    paving_m: float = 0.0
+
+    def plate(self, sky: Sky, width: int = WIDTH, *, sun: bool = True) -> Floats:
+        """Return the plate (H, W, 3) of the scene under a sky."""
+        return sky.plate(width, sun=sun, paving_m=self.paving_m)
 
     def shot(self, light: Environment, width: int = WIDTH) -> Shot:
         """Return the shot of the scene in a light and, as a light of its own, the light's sun."""
@@ -122,13 +146,13 @@ class Scene:
         return Shot(view, self.bodies, light, lights, receiver=receiver)
 
 
-def lights(sky: Sky) -> dict[str, Environment]:
+def lights(sky: Sky, paving_m: float = 0.0) -> dict[str, Environment]:
     """Return the light exactly as it is drawn ("known"), and as it is measured in the plate ("plate")."""
     roughness = ibl.LightSettings().glossy_roughness
-    coarse = reduce_map(sky.plate(sun=False), COARSE_COLUMNS, COARSE_ROWS)
+    coarse = reduce_map(sky.plate(sun=False, paving_m=paving_m), COARSE_COLUMNS, COARSE_ROWS)
     return {
         "known": assemble(coarse, sky.sun, roughness),
-        "plate": ibl.environment(sky.plate(), expansion="none", glossy=True),
+        "plate": ibl.environment(sky.plate(paving_m=paving_m), expansion="none", glossy=True),
     }
 
 
@@ -194,7 +218,7 @@ def _triangles(quads: object) -> np.ndarray:
 
 
 GREY, RED, WOOD = diffuse((0.5, 0.5, 0.5)), diffuse((0.75, 0.08, 0.06)), diffuse((0.60, 0.42, 0.25))
-GOLD = Material(base_color=(0.95, 0.72, 0.40, 1.0), metallic=1.0, roughness=0.35)
+GOLD = Material(base_color=(0.95, 0.72, 0.40, 1.0), metallic=1.0, roughness=0.3)
 
 
 _CRATE = np.array([0.9, 0.4, 0.7])
@@ -234,5 +258,10 @@ SCENES = {
             ),
         ),
         Scene("metal", (ball(0.35, -0.35, -2.1, GOLD), ball(0.30, 0.35, -2.1, diffuse((0.7, 0.7, 0.7))))),
+        Scene(
+            "paved",
+            (ball(0.35, -0.5, -2.2, GOLD), ball(0.30, 0.35, -2.1, diffuse((0.7, 0.7, 0.7)), gap=0.1)),
+            paving_m=1.0,
+        ),
     )
 }

@@ -17,11 +17,20 @@ from mr360uw.ibl.glossy import glossy_levels
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.plate import COARSE_SCALE, LinearPlate, Plate
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.ibl.sun.closure import close
-from mr360uw.ibl.sun.detect import find_disc, is_disc, lost_light, split_disc, split_given, split_known
+from mr360uw.ibl.sun.detect import (
+    find_disc,
+    is_disc,
+    lost_light,
+    shows_disc,
+    split_disc,
+    split_given,
+    split_known,
+    spot_towards,
+)
 from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.glare import without_glare
@@ -110,7 +119,7 @@ def _split(
     split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
     split = without_glare(split, plate, glare)
     lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
-    return close(split, plate, ratio) if lost else split
+    return close(split, plate, ratio, disc=shows_disc(spot_towards(plate, split.sun.direction))) if lost else split
 
 
 def _detected(
@@ -123,7 +132,7 @@ def _detected(
     split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
     if settings.operator == "closure":
         if lost_light(plate, disc.blob.direction, disc.blob):
-            split = close(split, plate, ratio)
+            split = close(split, plate, ratio, disc=shows_disc(disc.blob))
         else:  # what is no sharp disc has light of the sky in it, and of the glitter only a part
             split = replace(split, sun=replace(split.sun, shown=float(is_disc(disc.blob))))
     return split.shared(share, plate.coarse)
@@ -142,6 +151,7 @@ def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ())
         ambient=ambient,
         glossy=glossy_levels(coarse, roughness),
         glossy_roughness=np.asarray(roughness, np.float32),
+        detail=coarse,
     )
 
 
@@ -157,14 +167,11 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
 
     share: 0 at `before`, 1 at `after`. sun: of the instant, in the axes of the maps.
     """
-    residual, ambient, glossy = (
-        ((1.0 - share) * a + share * b).astype(np.float32)
-        for a, b in (
-            (before.residual, after.residual),
-            (before.ambient, after.ambient),
-            (before.glossy, after.glossy),
-        )
-    )
+
+    def mixed(a: Floats, b: Floats) -> Floats:
+        return ((1.0 - share) * a + share * b).astype(np.float32)
+
+    residual, ambient = mixed(before.residual, after.residual), mixed(before.ambient, after.ambient)
     radiance, irradiance = with_sunlight(residual, ambient, sun)
     return replace(
         before,
@@ -173,7 +180,8 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
         sun=sun,
         residual=residual,
         ambient=ambient,
-        glossy=glossy,
+        glossy=mixed(before.glossy, after.glossy),
+        detail=None if before.detail is None or after.detail is None else mixed(before.detail, after.detail),
     )
 
 
@@ -194,6 +202,9 @@ def turned(light: Environment, world_from_camera: Floats) -> Environment:
     if np.array_equal(world_from_camera, np.eye(3)):
         return light
     seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
+    detail = light.detail
+    if detail is not None:
+        detail = environment_lookup(detail, directions(COARSE_COLUMNS, COARSE_ROWS) @ world_from_camera)
     radiance, residual, ambient = (
         environment_lookup(map_, seen).astype(np.float32) for map_ in (light.radiance, light.residual, light.ambient)
     )
@@ -207,4 +218,5 @@ def turned(light: Environment, world_from_camera: Floats) -> Environment:
         residual=residual,
         ambient=ambient,
         glossy=glossy if len(glossy) else light.glossy,
+        detail=None if detail is None else detail.astype(np.float32),
     )

@@ -59,7 +59,8 @@ class Environment:
     radiance: of the expanded plate. irradiance: cosine integral of `radiance` over the hemisphere about each
     pixel's direction. sun: None where there is none. residual: `radiance` without the sun. ambient: cosine integral
     of `residual`, what surfaces receive besides the sun's beam. glossy: `residual` filtered by GGX lobes, (L, 32, 64,
-    3), at the roughnesses `glossy_roughness` (L,), ascending; L = 0 where nothing needs them.
+    3), at the roughnesses `glossy_roughness` (L,), ascending; L = 0 where nothing needs them. detail: (128, 256, 3)
+    what `residual` is the mean of, but for light of the sky that was restored later; None where it is not known.
     """
 
     radiance: Floats
@@ -69,3 +70,4 @@ class Environment:
     ambient: Floats
     glossy: Floats
     glossy_roughness: Floats
+    detail: Floats | None = None

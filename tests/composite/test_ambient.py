@@ -18,6 +18,7 @@ from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.on_ground.ground_kernel import gather
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
+from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.mesh.part import Part
@@ -25,10 +26,16 @@ from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.gl.context import gl_available
+from mr360uw.ibl import LightSettings
 from mr360uw.ibl.cosine import irradiance
+from mr360uw.ibl.lighting import assemble
+from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
+from mr360uw.ibl.reduce import reduce_map
 from mr360uw.rays import RayScene
-from mr360uw.sphere import yaw_matrix
-from mr360uw.types import Floats, Layer
+from mr360uw.sphere import directions as pixel_directions
+from mr360uw.sphere import unit, yaw_matrix
+from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.form_factors import box_form_factor, polygon_form_factor
 from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
@@ -332,11 +339,72 @@ def _nearest_knot(light: AmbientLight, normal: Floats) -> np.ndarray:
     return knots[shares > 0.5]
 
 
+def _bright_patch(foot: Floats, side_m: float) -> Environment:
+    """Return the light at the origin over ground at the height of `foot` (3,): a grey sky, and ground that is ten times
+    darker but for a disc of radius side_m about it, which is as bright as the sky.
+    """
+    d = pixel_directions(1024, 512)
+    with np.errstate(divide="ignore"):
+        reach = foot[1] / np.minimum(d[..., 1], 0.0)
+    off = np.hypot(reach * d[..., 0] - foot[0], reach * d[..., 2] - foot[2])
+    light = np.where((d[..., 1] > 0.0) | (off < side_m), 1.0, 0.1)
+    coarse = reduce_map(np.repeat(light[..., None], 3, axis=-1), COARSE_COLUMNS, COARSE_ROWS)
+    return assemble(coarse.astype(np.float32), None, LightSettings().glossy_roughness)
+
+
+_FOOT, _ABOVE = np.array([0.6, -1.2, -1.6]), np.array([0.0, 0.3, 0.0])
+_SMALL_M, _PATCH_M = 0.05, 0.3
+
+
+def test_a_body_is_lit_by_the_ground_below_it_and_not_by_that_below_the_camera() -> None:
+    """A ball over the middle of a bright disc of the ground: E = pi (0.1 + 0.9 R^2/(R^2 + h^2)) at its underside."""
+    ball = placed(sphere(24, replace(WHITE, base_color=(0.0, 0.0, 0.0, 1.0)), _SMALL_M), tuple(_FOOT + _ABOVE))
+    scene = shot(ball, environment=_bright_patch(_FOOT, _PATCH_M), receiver=Receiver(plane_y=_FOOT[1]), sun=None)
+    light, down = solved(scene), np.array([0.0, -1.0, 0.0])
+    known = light.values[0]
+    assert known is not None
+    found = known[_nearest_knot(light, down), 1] * environment_lookup(scene.environment.ambient, down)[1]
+    want = np.pi * (0.1 + 0.9 * _PATCH_M**2 / (_PATCH_M**2 + (_ABOVE[1] - _SMALL_M) ** 2))
+    np.testing.assert_allclose(found, want, rtol=tol.LIT_BY_A_PATCH)
+
+
+def test_metal_reflects_the_ground_below_it_and_not_that_below_the_camera() -> None:
+    """The same ball of metal: lobes against integrals over the places that rays meet."""
+    metal = Material(base_color=(1.0, 1.0, 1.0, 1.0), metallic=1.0, roughness=0.3)
+    ball = placed(sphere(24, metal, _SMALL_M), tuple(_FOOT + _ABOVE))
+    scene = shot(ball, environment=_bright_patch(_FOOT, _PATCH_M), receiver=Receiver(plane_y=_FOOT[1]), sun=None)
+    light = solved(scene)
+    known, lattice = light.values[0], light.layout.bodies[0].transfer.lattice
+    assert known is not None
+    place, normal = (lattice.from_sites @ a for a in (ball.to_world(lattice.position), lattice.normal))
+    view, d = unit(-place), pixel_directions(256, 128).reshape(-1, 3)
+    found, want = [], []
+    for knot in np.flatnonzero((np.sum(normal * view, axis=-1) > 0.3) & (normal[:, 1] < -0.2))[::5]:
+        n_dot_v = normal[[knot]] @ view[knot]
+        axis = lobe_axis(normal[[knot]], view[[knot]], n_dot_v, np.array([metal.roughness]))
+        whole = glossy_lookup(scene.environment.glossy, scene.environment.glossy_roughness, axis, [metal.roughness])
+        found.append(whole[0, 1] * known[knot, 5] + known[knot, 9])
+        n_dot_l, n_dot_h = np.maximum(d @ normal[knot], 0.0), unit(d + view[knot]) @ normal[knot]
+        alpha = np.full(len(d), metal.roughness**2)
+        weight = ggx_distribution(n_dot_h, alpha) * smith_visibility(np.repeat(n_dot_v, len(d)), n_dot_l, alpha)
+        weight *= n_dot_l * np.sqrt(1.0 - d[:, 1] ** 2)
+        with np.errstate(divide="ignore"):
+            reach = (_FOOT[1] - place[knot, 1]) / np.minimum(d[:, 1], 0.0)
+        met = place[knot, [0, 2]] + reach[:, None] * d[:, [0, 2]] - _FOOT[[0, 2]]
+        seen = np.where((d[:, 1] > 0.0) | (np.hypot(*met.T) < _PATCH_M), 1.0, 0.1)
+        want.append(weight @ seen / weight.sum())
+    assert np.max(want) > 0.9
+    assert np.sqrt(np.mean(np.subtract(found, want) ** 2)) < tol.REFLECTED_PATCH
+
+
 def test_turning_everything_changes_nothing() -> None:
     scene = shot(placed(crate(WHITE), (0.2, -1.0, -2.0), (10, 0, 0)), placed(sphere(16, WHITE), (1.2, -0.5, -1.8)),
                  receiver=Receiver(plane_y=-1.0), sun=None)  # fmt: skip
     quarter = np.eye(4)
     quarter[:3, :3] = yaw_matrix(np.pi / 2)
+    above = pixel_directions(64, 32)[..., 1:2] > 0.0  # the ground is as bright in all places
+    even = replace(scene.environment, residual=np.where(above, scene.environment.residual, 0.1))
+    scene = replace(scene, environment=even)
     turned = replace(
         scene,
         objects=tuple(replace(o, world_from_object=quarter @ o.world_from_object) for o in scene.objects),

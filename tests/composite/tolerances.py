@@ -62,6 +62,11 @@ BALLS = 0.025
 """512 directions of which a ball's edge cuts some, and sites a twelfth of a ball apart."""
 TURNED = 0.01
 """A quarter turn of all: directions stay with the body, the environment's blocks of 2 x 2 pixels turn by whole ones."""
+LIT_BY_A_PATCH = 0.06
+"""Light of a disc of the ground: its edge is as wide as a node, a seventh of its radius, and the ball itself takes 2.8 %
+of the light on it. What the camera sees straight below it is a sixth of it."""
+REFLECTED_PATCH = 0.06
+"""Root mean square error of a reflection of that disc, of contrast .9: the same edge, and lobes as wide as 9 degrees."""
 SWIMMING_BY = 2e-4
 """Steps of a ball's mean light while another fades from view in thirty steps: whole, it takes .0015 of it."""
 ONE_STEP = 0.016

@@ -10,9 +10,10 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.color import luminance
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import sunlight
+from mr360uw.ibl.sun.closure import clear_ratio, sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.evidence import shown_ratio
 from mr360uw.ibl.sun.judge import Disc
@@ -20,15 +21,15 @@ from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.medium import Sensor
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from tests.ibl.plates import clipped
-from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, RATIO_EXPOSURE, SUN_COLOR
+from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, RATIO_EXPOSURE, RATIO_OF_DISC, SUN_COLOR
 
 PLACE = direction_from_angles(0.6, 0.9)
 GLOW = direction_from_angles(0.6, np.radians(6.0))
 
 
-def day(glow: float, ground: float, *, exposure: float = 0.03) -> np.ndarray:
+def day(glow: float, ground: float, *, exposure: float = 0.03, columns: int = 1024) -> np.ndarray:
     """Return a clipped sky of radiance 1 with a sun and a glow that falls with the angle, over ground."""
-    d = directions(1024, 512)
+    d = directions(columns, columns // 2)
     away = np.degrees(np.arccos(np.clip(d @ PLACE, -1.0, 1.0)))
     sky = 1.0 + 4.0 * glow / np.maximum(away, 1.0) + 4e4 * (away < 0.27)
     scene = np.where(d[..., 1] > 0.0, sky, ground)[..., None] * np.array([0.95, 1.0, 1.05])
@@ -37,7 +38,7 @@ def day(glow: float, ground: float, *, exposure: float = 0.03) -> np.ndarray:
 
 def ratio_of(plate: np.ndarray) -> float:
     seen = LinearPlate.of(plate)
-    return shown_ratio(seen, PLACE, sky_irradiance(seen.coarse))
+    return shown_ratio(seen, PLACE, sky_irradiance(seen.coarse), None)
 
 
 def test_the_ratio_grows_with_glow_and_sunlit_ground() -> None:
@@ -61,6 +62,22 @@ def test_a_strong_sun_is_given_more_light_than_a_veiled_one() -> None:
     assert strong is not None
     assert veiled is not None
     assert luminance(strong.irradiance) > 4.0 * luminance(veiled.irradiance)
+
+
+@pytest.mark.parametrize("ratio", [1.5, 3.0, 5.0])
+def test_a_sun_whose_disc_alone_is_clipped_shines_through_clear_air(ratio: float) -> None:
+    """Ground of albedo 0.3 under an even sky and a sun of a ratio of direct to diffuse light, without any glow."""
+    light = ibl.environment(day(0.0, 0.3 * (1.0 + ratio), exposure=0.3, columns=2048))
+    assert light.sun is not None
+    sky = luminance(environment_lookup(light.ambient, [0.0, 1.0, 0.0]))
+    found = luminance(light.sun.irradiance) * PLACE[1] / sky
+    assert found == pytest.approx(np.sqrt(ratio * clear_ratio(PLACE[1])), rel=RATIO_OF_DISC)
+
+
+def test_the_ratio_of_clear_air_rises_with_the_sun() -> None:
+    ratios = [clear_ratio(np.sin(np.radians(e))) for e in (3.0, 10.0, 25.0, 45.0, 90.0)]
+    assert ratios == sorted(ratios)
+    assert ratios[3] == pytest.approx(3.0)
 
 
 def test_where_nothing_was_lost_nothing_is_added() -> None:

@@ -16,7 +16,7 @@ from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, funct
 UP = np.array([0.0, 1.0, 0.0])
 SUN = Sun(UP, np.ones(3), 0.01, 1.0)
 MAP = (32, 64, 3)
-LIGHT = dict.fromkeys(("radiance", "irradiance", "residual", "ambient"), MAP)
+LIGHT = dict.fromkeys(("radiance", "irradiance", "residual", "ambient"), MAP) | {"detail": (128, 256, 3)}
 
 
 def plate(height: int = 64, width: int = 128, channels: int = 3) -> np.ndarray:

@@ -12,8 +12,9 @@ import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.ibl.level.upward import frame_sines, upward
-from mr360uw.ibl.lighting import turned
+from mr360uw.ibl.lighting import assemble, light_between, turned
 from mr360uw.ibl.plate import remap
+from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.render.plate_map import plate_map
 from mr360uw.render.surroundings import load_surroundings
@@ -70,6 +71,13 @@ def test_a_tilted_dive_has_the_light_of_a_level_one(dive: np.ndarray, operator: 
     assert angle_deg(got.sun.direction, level.sun.direction) < SUN_CLIPPED_DEG
     assert off(got, level) < TILT_LIGHT
     assert off(ignored, level) > 2.0 * TILT_LIGHT  # the sun lies outside of the window that a level camera would have
+
+
+def test_detail_is_turned_and_interpolated_as_the_map_is_that_is_its_mean() -> None:
+    one, other = (assemble((1.0 + k * directions(256, 128)).astype(np.float32), None) for k in (0.1, 0.5))
+    for light in (turned(one, TILT), light_between(one, other, 0.25, None)):
+        assert light.detail is not None
+        np.testing.assert_allclose(reduce_map(light.detail, 64, 32), light.residual, atol=TILT_LIGHT)
 
 
 @pytest.mark.usefixtures("gl")

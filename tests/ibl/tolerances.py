@@ -82,6 +82,9 @@ GLITTER_DEG = 0.3
 RATIO_EXPOSURE = 1.5
 """Ratio of direct to diffuse light told from one sky exposed ten times as long: half a stop, as what clips leaves the sky
 darker against the ground."""
+RATIO_OF_DISC = 0.1
+"""The ratio of a sun whose disc alone is clipped: the ground's brightest tenth and the sky about the disc are means over
+pixels of 1.4 degrees. By the glow, which there is none of, it was four times too small."""
 SUN_COLOR = 0.035
 """Sunlight by one wavelength a channel against its spectrum, of luminance 1: the narrow band cannot follow the blue
 that is all but gone at 5 degrees."""

@@ -76,7 +76,7 @@ class Outlook:
 
     lost: (r, COUNT) float32, irradiance that each direction's radiance does not add. sites: (r, all lookouts) sparse,
     what each lookout of the layout adds instead; way: the direction of each of its entries. ground: (r, nodes) float32,
-    how the nodes below add.
+    what the nodes below add instead.
     """
 
     lost: NDArray[np.float32]
@@ -195,4 +195,5 @@ def _resolve(
             lost[s, k] = cosine[s, k] - left
             if node[s, k] >= 0:
                 ground[s, node[s, k]] += left
+                lost[s, k] = cosine[s, k]
         begin[s + 1] = used

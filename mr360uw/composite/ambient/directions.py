@@ -8,6 +8,7 @@ import functools
 import numpy as np
 
 from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
 
 COUNT = 512
@@ -15,6 +16,8 @@ COUNT = 512
 8-bit code value; twice as many double the set-up time."""
 SOLID_ANGLE = 4.0 * np.pi / COUNT
 """Solid angle [sr] that each direction stands for."""
+_BESIDE_SKY = 0.1
+"""Sine of the depression below which no pixel of `blurred` holds light of a sky above a level horizon."""
 
 
 @functools.cache
@@ -33,6 +36,18 @@ def blurred(environment: Environment) -> Floats:
     return map_[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
 
 
-def radiance_towards(map_: Floats, rotation: Floats) -> Floats:
-    """Return the radiance (COUNT, 3) of a map (H, W, 3) in a body's directions; rotation: its axes to the world's."""
-    return np.asarray(environment_lookup(map_, directions() @ rotation.T))
+def radiance_towards(map_: Floats, direction: Floats) -> Floats:
+    """Return the radiance (n, 3) of a map (H, W, 3) in directions (n, 3) of the world."""
+    return np.asarray(environment_lookup(map_, direction), np.float32)
+
+
+def seen_by_camera(away: Floats, direction: Floats) -> Floats:
+    """Return unit directions (n, 3) in which a camera sees the places of level ground that others see.
+
+    away: (n, 3) of the places from the camera; direction: (n, 3) in which the others see them, down. Of ground far off,
+    which the camera sees beside its sky in one pixel of the environment, that nearer by is taken.
+    """
+    from_camera, down = unit(away), unit(direction)[:, 1:2]
+    highest = np.minimum(from_camera[:, 1:2], np.maximum(down, -_BESIDE_SKY))
+    level = from_camera[:, [0, 2]] * np.sqrt((1.0 - highest**2) / np.maximum(1.0 - from_camera[:, 1:2] ** 2, 1e-12))
+    return np.stack([level[:, 0], highest[:, 0], level[:, 1]], axis=-1)

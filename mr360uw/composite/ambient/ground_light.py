@@ -1,29 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relative change of the light on the ground at the nodes below bodies, and the radiance that they send for it.
+"""Relative change of the light on the ground at the nodes below bodies, and the radiance that they send.
 
     r - 1 = -(F (W Q - D B) + S v)/(E + S)
 
 with W, Q, D and B those of coarse_nodes.py, F the interpolation from coarse nodes, E the ambient irradiance, S the
-sun's and v the fraction of it that bodies block.
+sun's and v the fraction of it that bodies block. A node sends r G, and G is as bright from all sides:
+
+    G = w P + (1 - w) L        w = T^20
+
+with P what the camera sees in its place, T the transmittance of the water before it, and L the environment in the
+direction of who looks at it. Under water the camera sees more haze than ground there: no water is the limit of thin
+water, and half of G is P at a loss of 3.5 %.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.directions import seen_by_camera
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, from_coarse
 from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
-from mr360uw.ibl.lookup import environment_lookup, lookup_matrix
+from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats
 
 _UP = np.array([[0.0, 1.0, 0.0]])
+_THIN_POWER = 20.0
 
 
 class GroundLight:
@@ -38,43 +45,50 @@ class GroundLight:
         self._empty = np.zeros((0, 3), np.float32)
         if not self._numbers:
             return
-        self._coarse, residual = layout.coarse_nodes(cache), shot.environment.residual
+        self._coarse, light = layout.coarse_nodes(cache), shot.environment
+        map_ = light.residual if light.detail is None else light.detail
         sky = level_table(table[..., :3], up=True).reshape(-1, 3).astype(np.float32)
         self._lost = self._coarse.weights @ sky
         beam, shaded = (np.concatenate(a) for a in zip(*(sunlight.at_nodes(k) for k in self._numbers), strict=True))
         whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
         self._whole, self._shade = whole + beam, beam * shaded[:, None]
-        behind = cache.get("ambient behind", (layout, residual.shape), lambda: self._behind(residual.shape))
-        self._sky = behind @ residual.reshape(-1, 3)
+        nodes = np.concatenate([layout.nodes[k] for k in self._numbers])
+        behind = np.concatenate([layout.nodes[k] - layout.bodies[k].center for k in self._numbers])
+        self._plain = ground_radiance(shot, map_, nodes, behind)
 
-    def _behind(self, shape: tuple[int, ...]) -> Any:
-        """Return the lookup in maps of a shape of the directions from bodies to their nodes."""
-        layout = self._layout
-        away = np.concatenate([layout.nodes[k] - layout.bodies[k].center for k in self._numbers])
-        return lookup_matrix(shape, away)
+    def _taken(self, sent: NDArray[np.float32]) -> Floats:
+        """Return 1 - r (all nodes, 3), at most 1. sent: (all lookouts, 3) radiance that they send."""
+        down = np.concatenate([self._layout.sent_down(k, sent) for k in self._numbers])
+        lost = (self._lost - self._coarse.sent @ down).reshape(-1, COARSE_NODES**2, 3)
+        return np.minimum(((from_coarse() @ lost).reshape(-1, 3) + self._shade) / self._whole, 1.0)
 
-    def change(self, sent: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        """Return the relative change (NODES^2, 3) of the light at the nodes of each body, from -1 on; none of bodies
-        that do not see the ground.
+    def radiance(self, sent: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
+        """Return the radiance (NODES^2, 3) that the nodes of each body send, none of bodies that do not see the ground.
 
-        sent: (all lookouts, 3) radiance that they send.
+        sent: (all lookouts, 3) radiance that they send; None: as the ground is without bodies.
         """
         if not self._numbers:
             return [self._empty] * len(self._layout.bodies)
-        down = np.concatenate([self._layout.sent_down(k, sent) for k in self._numbers])
-        lost = (self._lost - self._coarse.sent @ down).reshape(-1, COARSE_NODES**2, 3)
-        taken = ((from_coarse() @ lost).reshape(-1, 3) + self._shade) / self._whole
-        return self._of_bodies(-np.minimum(taken, 1.0).astype(np.float32))
-
-    def added(self, change: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
-        """Return the radiance (NODES^2, 3) that the nodes of each body send beyond what they would without bodies."""
-        if not self._numbers:
-            return change
-        of_nodes = np.concatenate([change[k] for k in self._numbers])
-        return self._of_bodies((self._sky * of_nodes).astype(np.float32))
+        left = 1.0 if sent is None else 1.0 - self._taken(sent)
+        return self._of_bodies((self._plain * left).astype(np.float32))
 
     def _of_bodies(self, values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         found, step = [self._empty] * len(self._layout.bodies), NODES**2
         for number, k in enumerate(self._numbers):
             found[k] = values[number * step : (number + 1) * step]
         return found
+
+
+def ground_radiance(shot: Shot, map_: Floats, place: Floats, towards: Floats) -> Floats:
+    """Return the radiance G (n, 3) of places (n, 3) of level ground without bodies, see the module's text.
+
+    map_: (H, W, 3) of the environment. towards: (n, 3) directions in which the places are looked at, down.
+    """
+    away = place - shot.view.position
+    way = seen_by_camera(away, towards)
+    shown = environment_lookup(map_, way)
+    if shot.medium is None:
+        return shown
+    through = transmittance_lookup(shot.medium, np.linalg.norm(away, axis=-1), way[:, 1])
+    behind = environment_lookup(map_, towards)
+    return np.asarray(behind + through**_THIN_POWER * (shown - behind))

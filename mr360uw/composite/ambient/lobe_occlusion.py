@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Occlusion of glossy reflection: other bodies and shaded ground within the lobe of a site towards the camera.
 
-    kept = 1 - (sum_b p w_k L_k - sum_g p w_k L_k c_g)/sum_k w_k L_k        instead = sum_b p w_k B_b/sum_k w_k
+    kept = 1 - sum_m p w_k L_k/sum_k w_k L_k        instead = sum_m p w_k B_m/sum_k w_k
     w    = D(n.h) V(n.v, n.l) n.l
 
-with k the directions of `directions.py`, b those that meet a lookout, g those that meet a node of the ground, p the
-part of the direction that they fill, L the environment, B the radiance that lookouts send, c the relative change of the
-light on the ground, D and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected
-light: white bodies in white light stay white, and nothing changes where nothing is met.
+with k the directions of `directions.py`, m those that meet a lookout, a node of the ground or ground farther off, p the
+part of the direction that they fill, L the environment at the camera, B the radiance that lookouts and ground send, D
+and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected light: white bodies in
+white light stay white, and nothing changes where nothing is met.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_view import Body, Met, Outlook
-from mr360uw.composite.ambient.directions import directions
+from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.jit import fast
 from mr360uw.types import Floats
 
@@ -40,8 +40,11 @@ def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray
         (others, look.way, look.sites.indices + 1, look.sites.data / cosine[others, look.way])
     ]
     if node is not None:
-        site, way = np.nonzero((node >= 0) & (cosine > look.lost))
-        parts.append((site, way, -node[site, way] - 1, 1.0 - look.lost[site, way] / cosine[site, way]))
+        site, way = np.nonzero((node >= 0) & (cosine > 0.0))
+        taken = np.bincount(others * COUNT + look.way, look.sites.data, cosine.size).reshape(cosine.shape)
+        left = 1.0 - taken[site, way] / cosine[site, way]
+        some = left > 0.0
+        parts.append((site[some], way[some], -node[site, way][some] - 1, left[some]))
     if body.own.lost is not None:
         own = body.transfer.own
         parts.append((own.site, own.direction, body.transfer.lookouts.of[own.hit] + begin + 1, np.ones(len(own.hit))))
@@ -51,12 +54,14 @@ def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray
     return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
 
 
-def reflected_among(body: Body, met: Met, camera: Floats, radiance: Floats, sent: Floats, change: Floats) -> Floats:
+def reflected_among(
+    body: Body, met: Met, camera: Floats, radiance: Floats, around: Floats, sent: Floats, ground: Floats
+) -> Floats:
     """Return (S, 6) for the sites of a body: the ratio of the environment's glossy light that is kept, and the radiance
     that is seen instead.
 
-    camera: (3,) place in the world. radiance: (COUNT, 3) of the environment in the body's directions. sent: (all
-    lookouts, 3) radiance of what is met. change: (NODES^2, 3) of the light at the body's nodes, from -1 on.
+    camera: (3,) place in the world. radiance, around: (COUNT, 3) of the environment in the body's directions, as the
+    camera and as the body sees it. sent: (all lookouts, 3) radiance of what is met; ground: (NODES^2, 3) of the nodes.
     """
     lattice = body.transfer.lattice
     towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation
@@ -66,9 +71,10 @@ def reflected_among(body: Body, met: Met, camera: Floats, radiance: Floats, sent
     out[:, :3] = 1.0
     normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
     towards, alpha = towards.astype(np.float32), alpha.astype(np.float32)
-    light = np.ascontiguousarray(radiance.T, np.float32)
+    light, at_body = (np.ascontiguousarray(a.T, np.float32) for a in (radiance, around))
     _reflect(
-        normal, towards, alpha, ways, light, met.begin, met.direction, met.target, met.part, sent, change, out
+        normal, towards, alpha, ways, light, at_body, np.flatnonzero(np.any(light != at_body, axis=0)),
+        met.begin, met.direction, met.target, met.part, sent, ground, out,
     )  # fmt: skip
     return out
 
@@ -97,29 +103,32 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
 
 @fast
 def _reflect(
-    normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any,
-    first: Any, direction: Any, target: Any, part: Any, sent: Any, change: Any, out: Any,
+    normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any, around: Any, moved: Any,
+    first: Any, direction: Any, target: Any, part: Any, sent: Any, ground: Any, out: Any,
 ) -> None:  # fmt: skip
-    weight = np.empty(d.shape[1], np.float32)
+    weight, far = np.empty(d.shape[1], np.float32), np.zeros(d.shape[1], np.bool_)
+    far[moved] = True
     for s in range(len(normal)):
-        if first[s] == first[s + 1]:
+        if first[s] == first[s + 1] and len(moved) == 0:
             continue
         _weigh(normal[s], towards[s], alpha[s], d, weight)
-        whole, red, green, blue = np.float32(1e-12), np.float32(1e-12), np.float32(1e-12), np.float32(1e-12)
+        whole = np.float32(1e-12)
         for k in range(len(weight)):
             whole += weight[k]
-            red += weight[k] * radiance[0, k]
-            green += weight[k] * radiance[1, k]
-            blue += weight[k] * radiance[2, k]
-        for p in range(first[s], first[s + 1]):
-            k, number = direction[p], target[p]
-            for c in range(3):
-                total = red if c == 0 else green if c == 1 else blue
-                lost = part[p] * weight[k] * radiance[c, k] / total
-                if number > 0:
-                    out[s, c] -= lost
-                    out[s, 3 + c] += part[p] * weight[k] * sent[number - 1, c] / whole
-                else:
-                    out[s, c] += lost * change[-number - 1, c]
         for c in range(3):
-            out[s, c] = max(out[s, c], 0.0)
+            seen, lost, instead = np.float32(1e-12), np.float32(0.0), np.float32(0.0)
+            for k in range(len(weight)):
+                seen += weight[k] * radiance[c, k]
+            for k in moved:
+                lost += weight[k] * radiance[c, k]
+                instead += weight[k] * around[c, k]
+            for p in range(first[s], first[s + 1]):
+                k, number = direction[p], target[p]
+                filled = part[p] * weight[k]
+                if far[k]:
+                    instead -= filled * around[c, k]
+                else:
+                    lost += filled * radiance[c, k]
+                instead += filled * (sent[number - 1, c] if number > 0 else ground[-number - 1, c])
+            out[s, c] = max(np.float32(1.0) - lost / seen, np.float32(0.0))
+            out[s, 3 + c] = max(instead, np.float32(0.0)) / whole

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ambient light of a shot with everything that bodies keep off and send back, solved on their sites for every frame.
 
-    E_i = sum_k c_ik V_ik L_k + sum_j c_ij B_j + sum_g c_ig L_g (r_g - 1)        B_j = rho_j (E_j + S_j)/pi + e_j
+    E_i = sum_k c_ik V_ik A_k + sum_j c_ij B_j + sum_g c_ig G_g        B_j = rho_j (E_j + S_j)/pi + e_j
 
-with i, j sites, c the solid angle times cosine of a direction, V its visibility, L the environment, g the nodes of the
-ground, r the ratio of light on them, rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from
+with i, j sites, c the solid angle times cosine of a direction, V its visibility, A the environment as the body sees it:
+the ground is at a distance and so not where the camera sees it. g are the nodes of the ground nearby, G what they send,
+rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from
 E as if each site lay in a hollow of uniform light: that of a furnace stays what it is in every step, also in a closed
 white box.
 """
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import Body, Outlook
-from mr360uw.composite.ambient.directions import blurred, radiance_towards
-from mr360uw.composite.ambient.ground_light import GroundLight
+from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
+from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
 from mr360uw.composite.ambient.knot_values import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.on_ground.ground_view import NODES
@@ -51,44 +52,65 @@ class Solver:
         self._shot, self._layout, self._cache = shot, layout, cache
         self._sunlight = Sunlight(shot, layout, cache)
         map_, bodies = blurred(shot.environment), layout.bodies
-        towards = {body.rotation.tobytes(): body.rotation for body in bodies}
-        light = {key: radiance_towards(map_, rotation).astype(np.float32) for key, rotation in towards.items()}
+        towards = {body.rotation.tobytes(): directions() @ body.rotation.T for body in bodies}
+        light = {key: radiance_towards(map_, way) for key, way in towards.items()}
         self._radiance = [light[body.rotation.tobytes()] for body in bodies]
+        self._around = [
+            self._at_body(body, towards[body.rotation.tobytes()], of)
+            for body, of in zip(bodies, self._radiance, strict=True)
+        ]
         materials = [self._material(body) for body in bodies]
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
         self._sun = np.concatenate([self._sunlight.at_lookouts(k) for k in range(len(bodies))])
         self._table = _NO_TABLE if shot.receiver is None else light_table(shot.environment)
 
+    def _at_body(self, body: Body, direction: Floats, radiance: Floats) -> Floats:
+        """Return the radiance (COUNT, 3) of the environment as a body sees it, from its middle: where it looks at level
+        ground, that of the place. Without ground that of the camera, `radiance`. direction: (COUNT, 3).
+        """
+        if body.ground is None or not body.on_ground:
+            return radiance
+        above_m = body.ground.height_m * body.placed.scale
+        if above_m <= 0.0 or self._shot.view.position[1] <= body.center[1] - above_m:
+            return radiance
+        down = np.flatnonzero(direction[:, 1] < 0.0)
+        place = body.center - above_m * direction[down] / direction[down, 1:2]
+        around = radiance.copy()
+        around[down] = ground_radiance(self._shot, self._shot.environment.residual, place, direction[down])
+        return around
+
     def solve(self) -> AmbientLight:
         """Return the light after the last step; the ground's shade is found from the first."""
-        layout, radiance = self._layout, self._radiance
+        layout, around = self._layout, self._around
         bodies, views = layout.bodies, layout.views
-        plain = [body.own.plain @ of for body, of in zip(bodies, radiance, strict=True)]
+        plain = [body.own.plain @ of for body, of in zip(bodies, self._radiance, strict=True)]
+        at_body = [
+            of_camera if of is radiance else body.own.plain @ of
+            for of_camera, body, of, radiance in zip(plain, bodies, around, self._radiance, strict=True)
+        ]
         direct = np.concatenate([
             (known if body.own.lost is None else body.own.direct @ of) - view.lookouts.lost @ of
-            for known, body, view, of in zip(plain, bodies, views, radiance, strict=True)
+            for known, body, view, of in zip(at_body, bodies, views, around, strict=True)
         ])  # fmt: skip
-        irradiance = np.concatenate(plain) * self._first_guess()
-        shade = np.zeros_like(direct)
+        irradiance = np.concatenate(at_body) * self._first_guess()
         sent = self._sent(irradiance)
         ground = GroundLight(self._shot, layout, self._table, self._sunlight, self._cache)
         steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) else 0
         for step in range(steps):
-            if step == 1:
-                added = ground.added(ground.change(sent))
-                shade = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, added, strict=True)])
-            before, irradiance = irradiance, direct + product(layout.sites, sent) + shade
+            if step < 2:
+                nodes = ground.radiance(sent if step else None)
+                below = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, nodes, strict=True)])
+            before, irradiance = irradiance, direct + product(layout.sites, sent) + below
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
         values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
         if self._shot.draw.ambient_occlusion:
-            change = ground.change(sent)
-            added = ground.added(change)
+            nodes = ground.radiance(sent)
             everywhere = self._everywhere()
             values = tuple(
-                self._values(k, (plain[k], *everywhere[k]), sent, change[k], added[k]) for k in range(len(bodies))
+                self._values(k, (plain[k], at_body[k], *everywhere[k]), sent, nodes[k]) for k in range(len(bodies))
             )
         down = tuple(layout.sent_down(k, sent).reshape(NODES, NODES, 3) for k in layout.ground_bodies)
         return AmbientLight(layout, values, self._table, down, self._shot.environment.ambient)
@@ -118,43 +140,48 @@ class Solver:
 
     def _everywhere(self) -> list[tuple[Floats, ...]]:
         """Return for each body that takes light of its own the irradiance (S, 3) of all its sites were nothing in the
-        way, and what the body itself keeps off; nothing of others.
+        way, by the environment at the camera and at the body, and what the body itself keeps off; nothing of others.
         """
         needs = [
-            (k, matrix)
+            (k, matrix, light[k])
             for k, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True))
             if body.own.lost is not None and not view.nothing(body)
-            for matrix in (body.transfer.cosine, body.own.lost)
+            for matrix, light in (
+                (body.transfer.cosine, self._radiance),
+                (body.transfer.cosine, self._around),
+                (body.own.lost, self._around),
+            )
         ]
-        products = _products([matrix for _, matrix in needs], [self._radiance[k] for k, _ in needs])
+        products = _products([matrix for _, matrix, _ in needs], [light for _, _, light in needs])
         found: list[tuple[Floats, ...]] = [()] * len(self._layout.bodies)
-        for (k, _), of_matrix in zip(needs, products, strict=True):
+        for (k, _, _), of_matrix in zip(needs, products, strict=True):
             found[k] = (*found[k], of_matrix)
         return found
 
     def _values(
-        self, number: int, own_light: tuple[Floats, ...], sent: Floats, change: Floats, added: Floats
+        self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
         """Return the values of a body's knots (knot_values.py), None where nothing is in its way. own_light: (C, 3)
-        irradiance of its lookouts were nothing in the way, then `_everywhere`. sent: radiance of all lookouts; change,
-        added: of the nodes.
+        irradiance of its lookouts were nothing in the way, by the environment at the camera and at the body, then
+        `_everywhere`. sent, nodes: radiance of all lookouts, and of the nodes.
         """
-        body, view, light = self._layout.bodies[number], self._layout.views[number], self._radiance[number]
+        body, view = self._layout.bodies[number], self._layout.views[number]
+        light, around = self._radiance[number], self._around[number]
         if view.nothing(body):
             return None
         transfer, own = body.transfer, body.own
-        others = [self._from_others(look, light, sent, added) for look in (view.lookouts, view.near)]
+        others = [self._from_others(look, around, sent, nodes) for look in (view.lookouts, view.near)]
         if own.lost is None:
-            near = transfer.cosine[view.near_site] @ light
-            both = view.spread(
-                body, *(np.append(a, b, axis=1) for a, b in zip(others, (own_light[0], near), strict=True))
+            near = transfer.cosine[view.near_site] @ np.append(light, around, axis=1)
+            at_lookouts = np.concatenate([*own_light, others[0]], axis=1)
+            plain, at_body, of_others = np.split(
+                view.spread(body, at_lookouts, np.append(near, others[1], axis=1)), 3, axis=1
             )
-            plain = both[:, 3:]
-            irradiance = plain + both[:, :3]
+            irradiance = at_body + of_others
         else:
-            (at_lookouts, plain, lost), first = own_light, self._layout.first[number]
-            inside = product(own.sites, sent[first : first + len(at_lookouts)])
-            irradiance = plain - lost + inside + view.spread(body, *others)
+            (_, _, plain, at_body, lost), first = own_light, self._layout.first
+            inside = product(own.sites, sent[first[number] : first[number + 1]])
+            irradiance = at_body - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
         ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
         from_sites = transfer.lattice.from_sites
@@ -162,28 +189,32 @@ class Solver:
         values = np.zeros((from_sites.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
         values[:, :3] = product(from_sites, ratio)
         if met is not None:
-            mirrored = product(from_sites, reflected_among(body, met, self._shot.view.position, light, sent, change))
+            camera = self._shot.view.position
+            mirrored = product(from_sites, reflected_among(body, met, camera, light, around, sent, nodes))
             values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
         return values
 
     @staticmethod
-    def _from_others(look: Outlook, light: Floats, sent: Floats, added: Floats) -> Floats:
-        """Return at r sites (r, 3) how other bodies and the ground change the irradiance. light: (COUNT, 3) radiance;
+    def _from_others(look: Outlook, around: Floats, sent: Floats, nodes: Floats) -> Floats:
+        """Return at r sites (r, 3) how other bodies and the ground change the irradiance. around: (COUNT, 3) radiance;
         the others are those of `_values`.
         """
-        return np.asarray(product(look.sites, sent) + look.ground @ added - look.lost @ light)
+        return np.asarray(product(look.sites, sent) + look.ground @ nodes - look.lost @ around)
 
 
 def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
-    """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once."""
-    sharing: dict[int, list[int]] = {}
-    for number, matrix in enumerate(matrices):
-        sharing.setdefault(id(matrix), []).append(number)
-    found: dict[int, NDArray[np.float32]] = {}
-    for numbers in sharing.values():
-        product = _product(matrices[numbers[0]], np.concatenate([light[k] for k in numbers], axis=1))
-        found |= {k: product[:, 3 * place : 3 * place + 3] for place, k in enumerate(numbers)}
-    return [found[k] for k in range(len(matrices))]
+    """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once, and
+    light that several share is multiplied once.
+    """
+    sharing: dict[int, dict[int, Floats]] = {}
+    for matrix, of in zip(matrices, light, strict=True):
+        sharing.setdefault(id(matrix), {})[id(of)] = of
+    found: dict[tuple[int, int], NDArray[np.float32]] = {}
+    for matrix in {id(matrix): matrix for matrix in matrices}.values():
+        shared = sharing[id(matrix)]
+        product = _product(matrix, np.concatenate(list(shared.values()), axis=1))
+        found |= {(id(matrix), of): product[:, 3 * place : 3 * place + 3] for place, of in enumerate(shared)}
+    return [found[id(matrix), id(of)] for matrix, of in zip(matrices, light, strict=True)]
 
 
 def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:

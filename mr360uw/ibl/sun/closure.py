@@ -30,19 +30,23 @@ spectrum over the CIE 1931 observer for elevations of 5 to 90 degrees, to 0.03. 
 primaries (0.61, 0.55, 0.465) redden a sun at 8 degrees by half as much."""
 _HAZE, _HAZE_POWER = 0.05, 1.3
 """Optical depth of haze at 1 um, and the power of the wavelength by which it falls."""
+_CLEAR_RATIO = 3.0
+"""Direct over diffuse horizontal irradiance for a sun half-way up in clear air: a diffuse part of a quarter."""
 BALANCED_SINE = math.sin(math.radians(45.0))
 """Sine of the elevation of the sun that a camera's white balance makes white."""
 
 
-def close(split: Split, plate: Plate, ratio: float | None) -> Split:
+def close(split: Split, plate: Plate, ratio: float | None, *, disc: bool) -> Split:
     """Return the split of a clipped plate with the light of its sun solved.
 
-    ratio: direct over diffuse horizontal irradiance at the camera; None: as the plate speaks for it.
+    ratio: direct over diffuse horizontal irradiance at the camera; None: as the plate speaks for it. disc: whether
+    hardly more than the sun's own disc is clipped.
     """
     sky = np.asarray(sky_irradiance(split.residual, plate.up), np.float64)
     grey = float(luminance(sky))
     sine = max(float(elevation_sine(split.sun.direction, plate.up)), _LOWEST_SINE)
-    here = shown_ratio(plate, split.sun.direction, sky) if ratio is None else ratio
+    clear = clear_ratio(sine) if disc else None
+    here = shown_ratio(plate, split.sun.direction, sky, clear) if ratio is None else ratio
     wanted = here * grey / sine
     irradiance = np.asarray(sunlight(sine) * wanted, np.float32)
     return Split(split.residual, replace(split.sun, irradiance=irradiance, shown=0.0))
@@ -52,6 +56,18 @@ def sunlight(sine: float) -> Floats:
     """Return the colour (3,) of the sun at a sine of its elevation, of luminance 1; white at 45 degrees."""
     colour = np.exp(-clear_air_depth() * (air_mass(sine) - air_mass(BALANCED_SINE)))
     return np.asarray(colour / luminance(colour))
+
+
+def clear_ratio(sine: float) -> float:
+    """Return the direct over diffuse horizontal irradiance under clear air at a sine of the sun's elevation: as what
+    the air lets through over what it scatters.
+    """
+
+    def odds(s: float) -> float:
+        passed = float(luminance(np.exp(-clear_air_depth() * air_mass(s))))
+        return passed / (1.0 - passed)
+
+    return _CLEAR_RATIO * odds(sine) / odds(BALANCED_SINE)
 
 
 def clear_air_depth() -> Floats:

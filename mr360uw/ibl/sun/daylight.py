@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.color import luminance
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, REFRACTIVE_INDEX_SEA
-from mr360uw.ibl.sun.closure import BALANCED_SINE, air_mass, clear_air_depth, sunlight
+from mr360uw.ibl.sun.closure import BALANCED_SINE, clear_ratio, sunlight
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.types import Floats
 
@@ -38,9 +37,7 @@ def direct_share(sine: float) -> float:
     of the beam; at 45 degrees the fraction is `CLEAR_SKY_DIRECT`.
     """
 
-    def odds(s: float) -> float:
-        passed = float(luminance(np.exp(-clear_air_depth() * air_mass(s))))
-        return passed / (1.0 - passed) * float(fresnel_transmittance(s, REFRACTIVE_INDEX_SEA))
-
-    ratio = CLEAR_SKY_DIRECT / (1.0 - CLEAR_SKY_DIRECT) * odds(sine) / odds(BALANCED_SINE)
+    enters = fresnel_transmittance(np.array([sine, BALANCED_SINE]), REFRACTIVE_INDEX_SEA)
+    whole = CLEAR_SKY_DIRECT / (1.0 - CLEAR_SKY_DIRECT) * float(enters[0] / enters[1])
+    ratio = whole * clear_ratio(sine) / clear_ratio(BALANCED_SINE)
     return ratio / (1.0 + ratio)

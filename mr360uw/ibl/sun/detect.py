@@ -160,6 +160,11 @@ def shown_half_angle(plate: Plate, blob: Blob | None, underwater: bool) -> float
     return half_angle(underwater, plate.refractive_index)
 
 
+def shows_disc(blob: Blob | None) -> bool:
+    """Return whether what is clipped about a sun is hardly more than its disc: neither cloud nor glare."""
+    return blob is not None and blob.radius_rad <= _WIDE_RAD
+
+
 def split_known(plate: Plate, sun: Sun) -> Split:
     """Return the plate's expanded map split into this sun and the rest without the light of its spot."""
     blob = spot_towards(plate, sun.direction)

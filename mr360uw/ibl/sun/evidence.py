@@ -8,7 +8,8 @@
 The clearer the air, the more of its light a sun sends straight and the steeper the glow that is left; G is 4 or less
 under a cloud or at dusk, without any beam. Where more is clipped than 4 degrees, the glow further out is followed
 inwards as the inverse of the angle. The brightest tenth of the ground is sunlit and of albedo 0.3, or lit by the sky
-alone. Neither is exact; only where both speak for a sun there is much of one.
+alone. Neither is exact; only where both speak for a sun there is much of one. Where hardly more than the sun's
+disc is clipped, it shines through clear air, whose ratio then stands for that of the glow.
 """
 
 from __future__ import annotations
@@ -40,16 +41,17 @@ UNKNOWN_RATIO = 1.0
 """The ratio where a plate shows neither: between haze (0.2) and a clear sky (5)."""
 
 
-def shown_ratio(plate: Plate, direction: Floats, sky: Floats) -> float:
+def shown_ratio(plate: Plate, direction: Floats, sky: Floats, clear: float | None) -> float:
     """Return the direct over diffuse horizontal irradiance that a clipped plate speaks for.
 
-    direction: (3,) of the sun. sky: (3,) horizontal irradiance without it.
+    direction: (3,) of the sun. sky: (3,) horizontal irradiance without it. clear: the ratio in clear air where the
+    plate shows the sun's disc, None where it does not.
     """
     value = luminance(plate.coarse)
     sine = plate_sines(plate)
     known = [
         float(np.clip(ratio, _LEAST, _MOST))
-        for ratio in (_by_glow(plate, value, sine, direction), ground_ratio(plate, sky))
+        for ratio in (_by_glow(plate, value, sine, direction) if clear is None else clear, ground_ratio(plate, sky))
         if ratio is not None
     ]
     return float(np.exp(np.mean(np.log(known)))) if known else UNKNOWN_RATIO

@@ -151,8 +151,9 @@ def _view(
     down = np.zeros((0, len(transfer.lookouts.site)), np.float32)
     if ground is not None:
         down = kept("ambient down", (shape, body.ground_key), functools.partial(ground.mean_sent, transfer))
-    lost = body.own.plain - body.own.direct + outlooks[0].lost
-    openness = 1.0 - lost.sum(axis=1, keepdims=True) / transfer.whole[transfer.lookouts.site, None]
+    lost = (body.own.plain - body.own.direct + outlooks[0].lost).sum(axis=1, keepdims=True)
+    lost -= outlooks[0].ground.sum(axis=1, keepdims=True)
+    openness = 1.0 - lost / transfer.whole[transfer.lookouts.site, None]
     near = sides[1]
     met = met_by(body, outlooks[1], near.cosine, node, look.begin) if transfer.mesh.glossy else None
     return BodyView(outlooks[0], outlooks[1], near.site, part[near.site, None].astype(np.float32), down, openness, met)
