@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel, reflect, refract_clamped
 from mr360uw.surface import SurfacePicture
 from mr360uw.surface.intersection import sigma_at
@@ -47,6 +48,9 @@ def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directio
     cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
     through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
     _, veil = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
+    around = stage.water.from_surface_around
+    if around is not None:
+        veil = veil * environment_lookup(around, bent)
     return FloorSeen(mask, place, footprint, through[:, None] * veil)
 
 

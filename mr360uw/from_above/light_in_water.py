@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import PI
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.lookup import path_attenuation, veil_lookup
 from mr360uw.medium.tabulate import STEP, lengths
@@ -45,7 +46,7 @@ def joined_table(water: WaterLight) -> MediumTable:
             for values in (sun.from_surface.beam, sun.from_surface.unscattered)
         )
         table = replace(table, beam=beam.astype(np.float32), unscattered=straight.astype(np.float32))
-    return replace(table, veil=veil.astype(np.float32))
+    return replace(table, veil=veil.astype(np.float32), plate_ratio=water.from_surface_around)
 
 
 def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
@@ -59,6 +60,9 @@ def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
     flat = np.minimum(up, -1e-3).ravel()
     passed, veil = sea.water.along(floor_depth_m / -flat, flat, from_camera=False)
     floor = sea.floor.mean_albedo / PI * _mean_light(sea, floor_depth_m)
+    around = sea.water.from_surface_around
+    if around is not None:
+        veil = veil * environment_lookup(around, towards.reshape(-1, 3))
     below = (passed * floor + veil).reshape(towards.shape)
     window = up > np.sqrt(1.0 - 1.0 / sea.refractive_index**2)
     air = refract_to_air(np.where(window[..., None], towards, [0.0, 1.0, 0.0]), sea.refractive_index)

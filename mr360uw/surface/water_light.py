@@ -17,16 +17,19 @@ from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.around_sun import around_sun, placed
 from mr360uw.medium.depths import MediumAtDepths
+from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sun_below
-from mr360uw.types import CausticStack, MediumTable, Sun
+from mr360uw.types import CausticStack, Floats, MediumTable, Sun
 
 Array = NDArray[np.float64]
 
+_FAR_M, _TINY = 1e6, 1e-300
 _SKY_MAP, _SKY_GRID = 64, 128
 """Pixels and cells of the patterns of the sky's patches, which are wide discs."""
 _EVEN_TILES = 2.0
@@ -68,12 +71,16 @@ class LightInWater:
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterLight:
     """Water for rays. sky, sun: light of each in the water; none for clear water, and no sun at night. sun_up: y of the
-    sun's direction in the water.
+    sun's direction in the water. from_surface_around, from_camera_around: (H, W, 3) maps by which the veil of both
+    together varies about the sun, for rays that start there; None without a sun.
     """
 
     sky: LightInWater | None
     sun: LightInWater | None
     sun_up: float
+    from_surface_around: Floats | None = None
+    from_camera_around: Floats | None = None
+    _towards_sun: Array | None = None
 
     @classmethod
     def of(cls, water: Water | Medium | None, dome: Dome, sun: Sun | None, index: float) -> WaterLight:
@@ -81,7 +88,8 @@ class WaterLight:
         not read.
         """
         risen = sun is not None and sun.direction[1] > 0.0
-        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
+        towards_sun = refract_to_water(sun.direction, index) if sun is not None and risen else None
+        sun_up = 1.0 if towards_sun is None else float(towards_sun[1])
         if water is None:
             return cls(None, None, sun_up)
         given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
@@ -97,16 +105,32 @@ class WaterLight:
             )  # fmt: skip
         of_sky = LightInWater.of(dome.irradiance_below(index), sky)
         of_sun = None if beam is None else LightInWater.of(sun_below(sun, index), beam)
-        return cls(of_sky, of_sun, sun_up)
+        found = cls(of_sky, of_sun, sun_up, _towards_sun=towards_sun)
+        return replace(found, from_surface_around=found._around(JUST_BELOW_M, from_camera=False))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
         """Return the water for a camera at a depth [m], > 0."""
         sky, sun = (None if light is None else light.seen_from(camera_depth_m) for light in (self.sky, self.sun))
-        return WaterLight(sky, sun, self.sun_up)
+        water = replace(self, sky=sky, sun=sun)
+        return replace(water, from_camera_around=water._around(camera_depth_m, from_camera=True))
+
+    def _around(self, depth_m: float, *, from_camera: bool) -> Floats | None:
+        """Return the map by which the veil of sky and sun varies about the sun for rays from a depth."""
+        if self.sky is None or self.sun is None or self._towards_sun is None:
+            return None
+        ratio = around_sun(self.sun.medium.at_depth(depth_m))
+        if ratio is None:
+            return None
+        sky, sun = (
+            light.below * veil_lookup(light.table(from_camera), _FAR_M, row_up(len(ratio)))
+            for light in (self.sky, self.sun)
+        )
+        share = (sun / np.maximum(sky + sun, _TINY))[:, None]
+        return (1.0 + share * (placed(ratio, self._towards_sun) - 1.0)).astype(np.float32)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
-        directions. Distances may be infinite.
+        directions. Distances may be infinite. The veil is a mean over the azimuth, see `from_camera_around`.
         """
         shape = (len(distance_m), 3)
         if self.sky is None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
-from mr360uw.gl.context import gl_context, texture_from_array
+from mr360uw.cache import Cache, Same
+from mr360uw.gl.context import gl_context, texture_array_from_array, texture_from_array
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.tabulate import lengths
 from mr360uw.surface.ray_stage import FARTHEST_M, Stage
@@ -68,6 +68,7 @@ def stage_inputs(stage: Stage, view: View, cache: Cache) -> Inputs:
         found.defines["WATER"] = 1
         for name, from_camera in (("from_camera", True), ("from_surface", False)):
             _add_water(found, stage.water, name, cache, from_camera=from_camera)
+        _add_around_sun(found, stage.water, cache)
     return found
 
 
@@ -128,6 +129,17 @@ def _add_water(found: Inputs, water: WaterLight, name: str, cache: Cache, *, fro
     for kind, texture in zip(("veil", "attenuation"), images, strict=True):
         found.textures[f"{kind}_{name}"] = texture
     found.uniforms.update({f"{name}__{k}": getattr(table, k) for k in ("camera_depth_m", "length_m")})
+
+
+def _add_around_sun(found: Inputs, water: WaterLight, cache: Cache) -> None:
+    surface, camera = water.from_surface_around, water.from_camera_around
+    if surface is None:
+        return
+    found.defines["AROUND_SUN"] = 1
+    maps = surface, surface if camera is None else camera
+    found.textures["around"] = cache.get(
+        "around", (Same(surface), Same(camera)), lambda: texture_array_from_array(np.stack(maps))
+    )
 
 
 def _water_textures(water: WaterLight, *, from_camera: bool) -> tuple[MediumTable, moderngl.Texture, moderngl.Texture]:

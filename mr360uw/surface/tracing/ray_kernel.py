@@ -21,7 +21,7 @@ from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectan
 from mr360uw.surface.tracing.relief import Relief, relief_distance
 from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted
 from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
-from mr360uw.surface.tracing.table_reads import WaterTable, add, sky_radiance, times, transmittance, veil
+from mr360uw.surface.tracing.table_reads import WaterTable, add, panorama, sky_radiance, times, transmittance, veil
 
 STACK = GENERATIONS + 2, 15
 """Rows and columns of the stack."""
@@ -29,7 +29,9 @@ STACK = GENERATIONS + 2, 15
 
 class Murk(NamedTuple):
     """The numbers of the water. dims: whether it does. sky, beam: where the tables are of the sky's and of the sun's
-    light, from the surface and from the camera. sky_below, beam_below: the irradiance that each is times.
+    light, from the surface and from the camera. sky_below, beam_below: the irradiance that each is times. around: first
+    texels, from the surface and from the camera, width and height of the maps that their veil is times, in the dome's
+    array; no width: none.
     """
 
     dims: bool
@@ -37,6 +39,7 @@ class Murk(NamedTuple):
     beam: tuple[WaterTable, WaterTable]
     sky_below: Vector
     beam_below: Vector
+    around: tuple[int, int, int, int]
 
 
 class World(NamedTuple):
@@ -79,13 +82,17 @@ def met(
 
 
 @exact
-def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
+def through_water(
+    d: Any, wv: Any, wa: Any, w: Murk, distance: float, v: Vector, first: bool
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
-    at = 1 if first else 0
+    at, up = 1 if first else 0, v[1]
     sky = w.sky[at]
     light = times(w.sky_below, veil(wv, sky, distance, up))
     if w.beam_below[0] + w.beam_below[1] + w.beam_below[2] > 0.0:
         light = add(light, times(w.beam_below, veil(wv, w.beam[at], distance, up)), 1.0)
+    if w.around[2] > 0:
+        light = times(light, panorama(d, w.around[1] if first else w.around[0], w.around[2], w.around[3], v))
     if distance == math.inf:
         return (0.0, 0.0, 0.0), light
     return transmittance(wa, sky, distance, up), light
@@ -113,8 +120,8 @@ def followed(
     """Return the radiance of the ray in the first row of the stack times its weight.
 
     c to steepest: of `first_hit`. lost: (L, 3) of `SampledSea.lost_slope`; r: slopes of ripples; f to e: of
-    `floor_radiance`; d, dn: texels and table of the dome; wv, wa: the water's veils and attenuations. start: what the
-    ray meets first, if that is known.
+    `floor_radiance`; d, dn: texels of the dome and of the maps about the sun, and table of the dome; wv, wa: the
+    water's veils and attenuations. start: what the ray meets first, if that is known.
     """
     waiting, light = 1, (0.0, 0.0, 0.0)
     while waiting > 0:
@@ -129,7 +136,7 @@ def followed(
         )  # fmt: skip
         distance = min(hit.distance, floor)
         if in_water and w.murk.dims:
-            passed, scattered = through_water(wv, wa, w.murk, distance, v[1], generation == 0)
+            passed, scattered = through_water(d, wv, wa, w.murk, distance, v, generation == 0)
             light = add(light, times(weight, scattered), 1.0)
             weight = times(weight, passed)
         if hit.distance < math.inf:

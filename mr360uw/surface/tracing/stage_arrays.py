@@ -33,8 +33,15 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
     ground, floor = _ground(stage)
     disc, half_angle = disc_of(stage.sun)
     veils, attenuations, murk = _water(stage.water)
-    dome = packed([level[None] for level in stage.dome.levels])
-    arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, *dome, veils, attenuations)
+    texels, levels = packed([level[None] for level in stage.dome.levels])
+    maps = [
+        around for around in (stage.water.from_surface_around, stage.water.from_camera_around) if around is not None
+    ]
+    if maps:
+        first, size = len(texels), maps[0].shape[0] * maps[0].shape[1]
+        murk = murk._replace(around=(first, first + size * (len(maps) - 1), maps[0].shape[1], maps[0].shape[0]))
+        texels = np.concatenate([texels, *(around.reshape(-1, 3) for around in maps)])
+    arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, texels, levels, veils, attenuations)
     index, samples = stage.refractive_index, stage.samples
     world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
@@ -114,7 +121,7 @@ def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32],
     dark = (0.0, 0.0, 0.0)
     if water.sky is None:
         nothing = np.zeros((1, 2, 2, 3), np.float32)
-        return nothing, nothing, Murk(False, (_DRY, _DRY), (_DRY, _DRY), dark, dark)
+        return nothing, nothing, Murk(False, (_DRY, _DRY), (_DRY, _DRY), dark, dark, (0, 0, 0, 0))
     lights = [water.sky, water.sky if water.sun is None else water.sun]
     tables = [light.table(from_camera) for light in lights for from_camera in (False, True)]
     veils, attenuations = (
@@ -122,4 +129,4 @@ def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32],
     )
     where = [WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables)]
     sky, beam = (dark if light is None else tuple(light.below.tolist()) for light in (water.sky, water.sun))
-    return veils, attenuations, Murk(True, (where[0], where[1]), (where[2], where[3]), sky, beam)
+    return veils, attenuations, Murk(True, (where[0], where[1]), (where[2], where[3]), sky, beam, (0, 0, 0, 0))
