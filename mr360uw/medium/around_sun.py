@@ -88,7 +88,7 @@ def placed(ratio: Array, sun: Floats) -> Array:
     return np.maximum(splines(np.arccos(np.clip(cosine, -1.0, 1.0))), 0.0)
 
 
-def over_typical(around: Array) -> Array:
-    """Return a map R over what is typical of it at the horizon, from where a gain is fitted to a plate."""
+def typical_level(around: Array) -> Array:
+    """Return what is typical (3,) of a map R at the horizon, from where a gain is fitted to a plate (`fit_level`)."""
     level = around[ROWS // 2 - 1 : ROWS // 2 + 1].mean(axis=0)
-    return around / np.maximum(typical(level, np.ones(COLUMNS)), _TINY)
+    return typical(level, np.ones(COLUMNS))

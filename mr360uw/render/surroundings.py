@@ -11,7 +11,7 @@ import numpy as np
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.daylight import CLEAR_SKY_DIRECT
 from mr360uw.medium import Medium
-from mr360uw.medium.around_sun import around_sun, over_typical, placed
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.fit.open_water import OpenWater, open_water
 from mr360uw.medium.settings import WaterSettings
@@ -77,7 +77,7 @@ class Surroundings:
         if ratio is None or sun is None:
             return None
         around = placed(ratio, self.camera.at(time_s)[1] @ sun.direction)
-        return (over_typical(around) if fitted else around).astype(np.float32)
+        return (around / typical_level(around) if fitted else around).astype(np.float32)
 
 
 def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: WaterBetween | None = None) -> Surroundings:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.around_sun import around_sun, over_typical, placed
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.fit.open_water import COLUMNS, ROWS, OpenWater
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.sphere import directions
@@ -61,7 +61,8 @@ def test_a_plate_stands_where_it_shows_water_and_the_sun_decides_what_it_hides(s
     """The light of the plate varies about the sun as the solved one: with R what it hides is found again."""
     ratio = around_sun(lit())
     assert ratio is not None
-    around = over_typical(placed(ratio, np.array([0.5, 0.8, 0.0])))
+    around = placed(ratio, np.array([0.5, 0.8, 0.0]))
+    around = around / typical_level(around)
     weight = np.zeros((ROWS, COLUMNS))
     columns = {"all": COLUMNS, "half": COLUMNS // 2, "none": 0}[seen]
     weight[(np.abs(row_up(ROWS)) < 0.3)[:, None] & (np.arange(COLUMNS) < columns)] = 1.0

@@ -4,9 +4,9 @@
     E = g l e_s/l_s
 
 g, l: gain and level radiance of a medium, whose product is what the plate shows; e_s, l_s: irradiance and level
-radiance of the same water under a sun of that height. A high sun sends less of its light along the horizon than a
-uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less: a
-beam of 0.6 instead of 0.75 of the light makes 5 %.
+radiance of the same water under a sun of that height, typical of all azimuths as the gain is. A high sun sends less of
+its light along the horizon than a uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun
+is beside the sky matters less: a beam of 0.6 instead of 0.75 of the light makes 5 %.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import Water
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 _STEP = 0.01
 """Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of E."""
+_COARSE = 0.05
+"""The same for what is typical of the azimuths: 0.5 % of E."""
 _LEVEL = np.zeros(1)
 
 
@@ -50,6 +53,10 @@ def _ratio(
     under_sun = _under_sun(water, sensor, illuminant, refractive_index, sun_up, direct)
     whole = under_sun.light.display(under_sun.model.irradiance(depth_m, 1.0))
     level = under_sun.light.display(under_sun.model.radiance(depth_m, _LEVEL))[0]
+    coarse = min(max(round(sun_up / _COARSE), 1) * _COARSE, 1.0)
+    lit = _under_sun(water, sensor, illuminant, refractive_index, coarse, direct).at_depth(depth_m)
+    if (around := around_sun(lit)) is not None:
+        level = level * typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
     return np.asarray(whole / np.maximum(level, 1e-300))
 
 
