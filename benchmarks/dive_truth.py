@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: NPY002 - numba has the legacy generator alone
-"""Bodies near a bright floor against path tracing: python benchmarks/dive_truth.py trace|field|compare [name ...]
+"""Bodies near a bright floor against path tracing: python benchmarks/dive_truth.py trace|compare [name ...]
+and light under a sun or over a floor without bodies: field|around
 
+around: traces radiance by its azimuth from the sun into tests/data/around_sun.csv (20 minutes).
 field: traces radiance and irradiance over a floor, without bodies, into tests/data/floor_field.csv (four minutes).
 trace: renders the dives of tests/lit_dives.py by path tracing into tests/data/lit_dives.npz (20 s of a core a dive).
 compare: lays a ball and a box into their plates by both renderers and prints means over regions over the truth.
@@ -43,6 +45,11 @@ def phase_table(phase: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     f = 2.0 * np.pi * value * np.sin(angle)
     total = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(angle))])
     return angle, value / total[-1], total / total[-1]
+
+
+def turned_share(phase: Any) -> float:
+    """Return the fraction of the scattering that `phase_table` holds: the rest turns by so little that none is seen."""
+    return float(phase_function(phase, np.pi) / phase_table(phase)[1][-1])
 
 
 @numba.njit(inline="always")
@@ -252,15 +259,15 @@ def traced(dive: LitDive, seed: int) -> dict[str, np.ndarray]:
 
 
 @numba.njit
-def _light(up, cosine, paths, seed, water, floor, place, sun, table, ball, box):
+def _light(up, azimuth, cosine, paths, seed, water, floor, place, sun, table, ball, box):
     """Return the mean radiance from directions of a height, or the mean over the cosine about a normal of that height,
-    and the standard error. The sun's own beam is not in it.
+    and the standard error. The sun's own beam is not in it. azimuth: of the directions from the sun's [rad]; nan: all.
     """
     np.random.seed(seed)
     o, d, total, square = np.zeros(3), np.zeros(3), 0.0, 0.0
     for _ in range(paths):
         o[:] = 0.0
-        turn = 2.0 * np.pi * np.random.random()
+        turn = 2.0 * np.pi * np.random.random() if np.isnan(azimuth) else azimuth
         across = np.sqrt(1.0 - up * up)
         d[0], d[1], d[2] = across * np.cos(turn), up, across * np.sin(turn)
         if cosine:
@@ -313,7 +320,7 @@ def field() -> None:
             for kind, ups in (("irradiance", (1.0, 0.0, -1.0)), ("radiance", (-1.0, -0.4, 0.1, 0.5))):
                 for one in ups:
                     seed += 1
-                    mean, noise = _light(one, kind == "irradiance", FIELD_PATHS, seed, *of)
+                    mean, noise = _light(one, np.nan, kind == "irradiance", FIELD_PATHS, seed, *of)
                     found.append((kind, one, mean * (np.pi if kind == "irradiance" else 1.0), noise / mean))
             diffuse = found[0][2]
             whole = diffuse + share * np.exp(-(a + b) * depth / up)
@@ -324,6 +331,43 @@ def field() -> None:
                 rows.append((*case, round(depth, 3), kind, one, f"{(value + of_beam) / whole:.6g}", f"{both:.1e}"))
             print(*rows[-1], flush=True)
     with (DATA.parent / "floor_field.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([keys, *rows])
+
+
+SUNS = (
+    # absorption, scattering, phase, albedo, floor_m, sun_up, refractive_index, depth_m
+    (0.05, 0.10, "hg 0.924", 0.0, 40.0, 0.85, 1.0, 3.0),
+    (0.05, 0.30, "hg 0.924", 0.5, 6.0, 0.75, 1.34, 2.0),
+    (0.20, 0.40, "hg 0.7", 0.8, 2.0, 0.95, 1.0, 0.5),
+    (0.05, 0.10, "petzold", 0.3, 8.0, 0.90, 1.34, 3.0),
+    (0.10, 0.30, "petzold", 0.0, 30.0, 0.70, 1.0, 3.0),
+)
+VIEWS = ((0.0, 0.0), (0.0, 24.0), (0.0, 90.0), (0.0, 180.0), (-0.5, 24.0), (-0.5, 120.0), (-0.9, 180.0), (0.4, 60.0))
+"""Height of a direction, and its azimuth from the sun [deg]."""
+AROUND_PATHS = 12_000_000
+
+
+def around() -> None:
+    """Trace radiances under a sun alone by their azimuth from it, over the downwelling irradiance in the same place."""
+    keys = ["absorption", "scattering", "phase", "albedo", "floor_m", "sun_up", "refractive_index", "depth_m", "up"]
+    keys += ["azimuth_deg", "value", "noise"]
+    rows = []
+    for number, case in enumerate(SUNS):
+        a, b, phase, albedo, floor_m, up, n, depth = case
+        sun = np.array([np.sqrt(1.0 - up * up), up, 0.0, 1.0 / up])
+        table = phase_table("petzold") if phase == "petzold" else phase_table("isotropic")
+        g, turned = (2.0, b * turned_share(phase)) if phase == "petzold" else (float(phase.split()[1]), b)
+        c = a + turned
+        water, place = np.array([c, turned / c, g, n]), np.array([depth, depth - floor_m, 0.0])
+        of = water, albedo, place, sun, table, np.zeros(5), np.ones(9)
+        mean, error = _light(1.0, np.nan, True, AROUND_PATHS, 100 * number, *of)
+        down = np.pi * mean + np.exp(-c * depth / up)
+        for k, (height, azimuth) in enumerate(VIEWS):
+            value, noise = _light(height, np.radians(azimuth), False, AROUND_PATHS, 100 * number + k + 1, *of)
+            both = np.hypot(noise / value, np.pi * error / down)
+            rows.append((*case, height, azimuth, f"{value / down:.6g}", f"{both:.1e}"))
+            print(*rows[-1], flush=True)
+    with (DATA.parent / "around_sun.csv").open("w", newline="") as file:
         csv.writer(file).writerows([keys, *rows])
 
 
@@ -354,7 +398,7 @@ def compare(names: list[str]) -> None:
 
 if __name__ == "__main__":
     command, *names = sys.argv[1:]
-    if command == "field":
-        field()
+    if command in ("field", "around"):
+        {"field": field, "around": around}[command]()
     else:
         {"trace": trace, "compare": compare}[command](names)

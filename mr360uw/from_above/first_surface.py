@@ -47,6 +47,7 @@ def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directio
     cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
     through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
     _, veil = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
+    veil = np.asarray(veil * stage.water.about_sun(bent))
     return FloorSeen(mask, place, footprint, through[:, None] * veil)
 
 

@@ -90,15 +90,20 @@ class Medium:
     @functools.cached_property
     def model(self) -> SpectralModel:
         """The model at the bands' wavelengths, solved at first use."""
-        floor = None if self.floor_m is None else LambertFloor(self.floor_m, (0.0,))
-        water = self.surface, self.sky, self.refractive_index, floor
         if self.formation is not None:
             return self.formation
         if self.mode in _FORMATIONS:
             bands = self._spectral_bands()
-            solved = BandLight(spectral_model(self.water, bands.wavelength_nm, "table", *water), bands)
+            solved = BandLight(self.model_at(bands.wavelength_nm, "table"), bands)
             return fitted_formation(solved, self.camera_depth_m, one_attenuation=self.mode == "koschmieder")
-        return spectral_model(self.water, self.bands.wavelength_nm, _SPECTRAL[self.mode], *water)
+        return self.model_at(self.bands.wavelength_nm, _SPECTRAL[self.mode])
+
+    def model_at(self, wavelength_nm: ArrayLike, mode: SpectralMode) -> SpectralModel:
+        """Return the model of the same light at any wavelengths [nm]."""
+        floor = None if self.floor_m is None else LambertFloor(self.floor_m, (0.0,))
+        return spectral_model(
+            self.water, wavelength_nm, mode, self.surface, self.sky, self.refractive_index, floor
+        )  # fmt: skip
 
     @functools.cached_property
     def light(self) -> BandLight:

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
+from mr360uw.medium.phase import Mixture
 from mr360uw.medium.ray_field import RayField
-from mr360uw.medium.transfer import BEAM_ORDERS, LambertFloor, LightField, Sky, SurfaceKind
+from mr360uw.medium.transfer import AZIMUTH_ORDERS, LambertFloor, LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
 
@@ -113,12 +114,36 @@ class FieldModel:
     Objects are dimmed by absorption and wide-angle scattering only. The in-scatter is the rest of the ray's radiance:
     radiance(camera) = inscatter + exp(-extinction S) radiance(end). Inside Snell's window that difference would
     subtract the bright window behind the object; there the in-scatter is that of wide angles alone (`wide`). The two
-    are blended over the last degrees below the window's edge. inputs: all that decides it.
+    are blended over the last degrees below the window's edge. part: the scattering by wide angles. inputs: all that
+    decides it.
     """
 
     field: LightField
     wide: RayField
+    part: Mixture
     inputs: tuple[object, ...] = ()
+
+    @classmethod
+    def of(cls, field: LightField, part: Mixture, inputs: tuple[object, ...] = ()) -> FieldModel:
+        """Return the model of a field of which a part of the scattering is by wide angles."""
+        return cls(field, field.scattered_by(part), part, inputs)
+
+    def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> FieldModel:
+        """Return the same seen at an azimuth from the sun's, see `LightField.at_azimuth`."""
+        return FieldModel.of(self.field.at_azimuth(azimuth_rad, only), self.part)
+
+    def around_sun(self, depth_m: float, up: Array, azimuth_rad: Array) -> Array:
+        """Return `inscatter` (r, a, n) of endless rays in directions of y (r,), at azimuths (a,) from the sun's."""
+
+        def gained(azimuth_rad: float, only: int | Literal["beam"]) -> Array:
+            seen = self.at_azimuth(azimuth_rad, only)
+            return seen._mixed(seen._complement, seen.wide.inscatter, ray_in_water(np.inf, depth_m, up), depth, up)
+
+        depth = np.full(up.shape, depth_m)
+        whole = np.stack([gained(azimuth, "beam") for azimuth in azimuth_rad], axis=1)
+        for order in range(AZIMUTH_ORDERS + 1):
+            whole += np.cos(order * azimuth_rad)[:, None] * gained(0.0, order)[:, None]
+        return np.maximum(whole, 0.0)
 
     @property
     def extinction(self) -> Array:
@@ -140,7 +165,8 @@ class FieldModel:
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
         )
-        return self._mixed(self._complement, self.wide.inscatter, s, y, mu)
+        # towards a sun without Snell's window its glow is brighter at the ray's end
+        return np.maximum(self._mixed(self._complement, self.wide.inscatter, s, y, mu), 0.0)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) of water and sky along the same rays."""
@@ -163,7 +189,7 @@ class FieldModel:
             mu, deeper = mu[below], (s - above)[below][:, None]
             gained = own.scattered(own.floor_m, mu) - (own.extinction - slower) * own.floor
             result[below] += lost[below] * gained * -np.expm1(-slower * deeper) / slower
-        return np.maximum(result, 0.0)  # towards a sun without Snell's window its glow is brighter at the ray's end
+        return result
 
     def _mixed(self, whole: Callable[..., Array], wide: Callable[..., Array], *ray: Array) -> Array:
         """Return `whole` below Snell's window and `wide` inside it, blended; `ray` ends in the view direction's y."""
@@ -229,9 +255,9 @@ def _field_model(
     floor: LambertFloor | None,
 ) -> FieldModel:
     w = np.array(wavelength_nm)
-    streams, orders = (_STREAMS_UNDER_SUN, BEAM_ORDERS) if isinstance(sky, tuple) else (_STREAMS, 2 * _STREAMS)
-    phase = water.moments(w, orders + 1)
-    wide = water.moments(w, orders, wide_angle=True)
-    inputs = water.absorption(w), water.scattering(w), phase, surface, sky, refractive_index, streams, floor
-    field = LightField(*inputs)
-    return FieldModel(field, field.scattered_by(wide), (*inputs, w, wide))
+    streams = _STREAMS_UNDER_SUN if isinstance(sky, tuple) else _STREAMS
+    whole, wide = water.phases(w), water.phases(w, wide_angle=True)
+    a, b = water.absorption(w), water.scattering(w)
+    field = LightField(a, b, whole, surface, sky, refractive_index, streams, floor)
+    of_phase = whole.particles, whole.molecular, whole.moments(2 * streams)
+    return FieldModel.of(field, wide, (a, b, *of_phase, surface, sky, refractive_index, streams, floor, w))

@@ -63,15 +63,17 @@ class Modes:
 class Ordinates:
     """Coupling of n wavelengths' light at nodes mu (i,) with weights (i,).
 
-    extinction: (n,) [1/m]. moments: (n, l) Legendre moments of the scattering times 2 l + 1 [1/m].
+    extinction: (n,) [1/m]. moments: (n, l) Legendre moments of the scattering times 2 l + 1 [1/m]. order: m of light
+    that varies as cos(m azimuth).
     """
 
-    def __init__(self, mu: Array, weight: Array, extinction: Array, moments: Array) -> None:
+    def __init__(self, mu: Array, weight: Array, extinction: Array, moments: Array, order: int = 0) -> None:
         self._mu, self._weight, self._extinction, self._moments = mu, weight, extinction, moments
         self._scale = np.sqrt(weight / mu)
         self._spread = 0.5 / np.sqrt(mu * weight)
-        self.legendre = legendre_polynomials(mu, moments.shape[1])
-        self.parity = (-1.0) ** np.arange(moments.shape[1])
+        self._order = order
+        self.legendre = legendre_polynomials(mu, moments.shape[1], order)
+        self.parity = (-1.0) ** (np.arange(moments.shape[1]) + order)
         self._p, self._q = self._coupling(self.parity < 0), self._coupling(self.parity > 0)
 
     def _coupling(self, kept: NDArray[np.bool_]) -> Array:
@@ -89,10 +91,11 @@ class Ordinates:
         spread = self._spread[:, None]
         return Modes(rate, np.zeros(len(self._mu)), spread * (total + net), spread * (total - net))
 
-    def driven(self, sun_mu: float, beam: float) -> Modes:
-        """Return the one mode that a beam drives. beam: its irradiance, across it, just below the surface."""
-        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1])
-        source = beam / (2.0 * PI) * self._scale[:, None] * self.legendre * (self._moments * at_sun)[:, None]
+    def driven(self, sun_mu: float, beam: Array) -> Modes:
+        """Return the one mode that a beam drives. beam: (n,) its irradiance, across it, just below the surface."""
+        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1], self._order)
+        across = (beam / (PI if self._order else 2.0 * PI))[:, None, None]  # cosines have half the square of 1
+        source = across * self._scale[:, None] * self.legendre * (self._moments * at_sun)[:, None]
         even, odd = (source[..., kept].sum(-1) for kept in (self.parity > 0, self.parity < 0))
         rate = self._extinction / sun_mu * (1.0 + 1e-9)  # beside a rate of the water's own
         size = len(self._mu)

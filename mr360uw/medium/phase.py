@@ -11,6 +11,7 @@ Mobley et al. 1993; Zhang et al. 2009 for molecules.
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -222,6 +223,39 @@ def _level_of_peak(phase: Phase) -> tuple[Array, float]:
         cut = 2.0 * PI * np.sum(weight * np.maximum(p - level, 0.0))
         low, high = (middle, high) if cut < share else (low, middle)
     return p, level
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mixture:
+    """Phase functions of particles and molecules together, at n wavelengths.
+
+    particles: their phase function. molecular: (n,) fraction of the scattering that is by molecules. wide: the
+    particles' without its forward peak, see `wide_angle_moments`.
+    """
+
+    particles: Phase
+    molecular: Array
+    wide: bool = False
+
+    def moments(self, count: int) -> Array:
+        """Return Legendre moments (n, count)."""
+        of = wide_angle_moments if self.wide else phase_moments
+        molecules, particles = self.shares
+        return np.asarray(molecules[:, None] * of("water", count) + particles[:, None] * of(self.particles, count))
+
+    @property
+    def shares(self) -> Array:
+        """Fractions (2, n) of the scattering that are by molecules and by particles."""
+        return np.stack([self.molecular, 1.0 - self.molecular])
+
+    def parts(self, cosine: Array) -> Array:
+        """Return the phase functions (..., 2) [1/sr] of molecules and particles, each of integral 1 with its peak."""
+        theta = np.arccos(np.clip(cosine, -1.0, 1.0))
+        if self.wide:
+            particles = wide_angle_function(self.particles, theta)
+        else:
+            particles = phase_function(self.particles, theta) / _integral(self.particles)
+        return np.stack([phase_function("water", theta), particles], axis=-1)
 
 
 def mean_cosine(phase: Phase) -> float:

@@ -7,12 +7,13 @@ the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.constants import PI
 from mr360uw.medium.closed_form import check_ray, path_modes, ray_in_water
 from mr360uw.optics import fresnel_from_below
 
@@ -25,23 +26,69 @@ _SHARED = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OfBeam:
+    """Light that a beam of the sun scatters directly into rays, with its exact angle.
+
+    kinds: function of the cosine of the angle to the sun (...,) that gives the phase functions (..., k) of k kinds of
+    scatterers. amount: (k, n) [1/m] what each scatters of the beam. sun_mu: y of the direction to the sun.
+    """
+
+    kinds: Callable[[Array], Array]
+    amount: Array
+    sun_mu: float
+
+    def into(self, mu: Array, azimuth_rad: float | None) -> Array:
+        """Return the light [1/(m sr)] (..., n) into directions mu at an azimuth from the sun's; None: the mean over it.
+
+        By less than `LEAST_TURN_RAD` nothing turns.
+        """
+        across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - self.sun_mu**2, 0.0))
+
+        def turned(azimuth: ArrayLike) -> Array:
+            cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(*mu.shape, *_ones(azimuth))
+            return self.kinds(np.clip(cosine, -1.0, np.cos(LEAST_TURN_RAD)))
+
+        if azimuth_rad is not None:
+            return np.asarray(turned(azimuth_rad) @ self.amount)
+        x, weight = np.polynomial.legendre.leggauss(_AZIMUTHS)
+        x, weight = 0.5 * (x + 1.0), 0.5 * weight
+        # nodes are dense about the sun
+        return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)
+
+
+def _ones(azimuth: ArrayLike) -> tuple[int, ...]:
+    return (1,) * np.ndim(azimuth)
+
+
+LEAST_TURN_RAD = 0.01
+"""Least angle that light of the sun's beam turns by: what turns by less counts as turning by so much."""
+_AZIMUTHS = 128
+"""Directions about the sun that a mean is taken over."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RayField:
     """Light of n wavelengths in j modes, and its scattering into rays.
 
     extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. origin_m: (j,) depth at which modes have their amounts.
-    source: (n, l, j) [1/(m sr)] Legendre coefficients over mu of the light scattered into a ray, there. sky: (n,)
-    radiance of the sky as it would be just below the surface without reflection. index: refractive index of the water.
-    floor_m, floor: depth and radiance (n,) of a Lambert floor; infinity: none.
+    source: [1/(m sr)] the light scattered into a ray, there: of orders m of cos(m azimuth), whose modes follow one
+    another, the coefficients (n, l, j of it) of the associated Legendre functions of mu. sky: (n,) radiance of the sky
+    as it would be just below the surface without reflection. index: refractive index of the water. floor_m, floor:
+    depth and radiance (n,) of a Lambert floor; infinity: none.
+    of_beam: the light that the sun's beam, the last mode of all, scatters directly into a ray; None: no beam.
+    azimuth_rad: of the rays, from the sun's; None: the mean over it.
     """
 
     extinction: Array
     rate: Array
     origin_m: Array
-    source: Array
+    source: Mapping[int, Array]
     sky: Array
     index: float
     floor_m: float
     floor: Array
+    of_beam: OfBeam | None = None
+    azimuth_rad: float | None = None
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
@@ -112,7 +159,15 @@ class RayField:
 
     def _source_modes(self, mu: Array) -> Array:
         """Return the source (..., n, j) of every mode in directions mu, where it has its amount."""
-        return np.asarray(np.tensordot(legendre_polynomials(mu, self.source.shape[1]), self.source, axes=(-1, 1)))
+        azimuth = 0.0 if self.azimuth_rad is None else self.azimuth_rad
+        modes = [
+            np.cos(order * azimuth)
+            * np.tensordot(legendre_polynomials(mu, source.shape[1], order), source, axes=(-1, 1))
+            for order, source in self.source.items()
+        ]
+        if self.of_beam is not None:
+            modes[-1][..., -1] += self.of_beam.into(mu, self.azimuth_rad)
+        return np.concatenate(modes, axis=-1)
 
 
 def _bundles(start: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
@@ -133,10 +188,20 @@ def _bundles(start: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArra
         yield part, start[part]
 
 
-def legendre_polynomials(x: Array, count: int) -> Array:
-    """Return P_0 ... (..., count) at x (...,)."""
-    p = np.polynomial.legendre.legvander(np.asarray(x, np.float64), count - 1)
-    return np.asarray(p, np.float64).reshape(*np.shape(x), count)
+def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:
+    """Return P_0 ... (..., count) at x (...,); of an order m > 0 the associated functions, 0 at the degrees below m,
+    times sqrt((l - m)!/(l + m)!), by the recurrence that is stable upwards in the degree l.
+    """
+    x = np.asarray(x, np.float64)
+    if order == 0:
+        return np.asarray(np.polynomial.legendre.legvander(x, count - 1), np.float64).reshape(*x.shape, count)
+    p = np.zeros((*x.shape, count + 1))
+    odd = 2.0 * np.arange(order) + 1.0
+    p[..., order] = np.sqrt(np.prod(odd / (odd + 1.0))) * np.maximum(1.0 - x * x, 0.0) ** (0.5 * order)
+    for degree in range(order + 1, count):
+        least, last = (np.sqrt(float(n * n - order * order)) for n in (degree, degree - 1))
+        p[..., degree] = ((2.0 * degree - 1.0) * x * p[..., degree - 1] - last * p[..., degree - 2]) / least
+    return p[..., :count]
 
 
 def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The light field of homogeneous water between a flat surface and a Lambert floor, by discrete ordinates.
 
-Plane-parallel radiative transfer, azimuthal mean, per unit downwelling irradiance just below the surface. For the
+Plane-parallel radiative transfer, per unit downwelling irradiance just below the surface. For the
 radiance at the nodes mu_i of a quadrature on (0, 1), downwelling I+ and upwelling I-, the sum and the difference obey
 
     (I+ + I-)' = -P (I+ - I-)        (I+ - I-)' = -Q (I+ + I-)
@@ -12,12 +12,15 @@ exp(-k (D - y)) with I+ and I- exchanged, which fades upwards from a floor at th
 Surface and floor fix the amounts. The forward peak of the phase function is taken as unscattered (delta-M, Wiscombe
 1977). Between the nodes the radiance is the integral of the modes' own source function, so every quantity is a sum of
 exponentials and every path integral the stable closed form of `closed_form.path_integral`. A beam of the sun is one
-more mode, of rate c'/mu_sun; what it scatters directly into a ray is found with many more orders of the phase function
-than streams resolve (TMS, Nakajima & Tanaka 1988).
+more mode, of rate c'/mu_sun; what it scatters directly into a ray follows the phase function itself, with its exact
+angle, not what streams resolve of it (TMS, Nakajima & Tanaka 1988). About the sun the rest of the light is a sum of
+orders cos(m azimuth), each solved alike with associated Legendre functions; no order above 0 meets the floor, and means
+over the azimuth need order 0 alone.
 """
 
 from __future__ import annotations
 
+import copy
 import functools
 from dataclasses import dataclass
 from typing import Literal
@@ -25,12 +28,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.constants import INV_4PI, PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Phase, phase_moments
-from mr360uw.medium.ray_field import RayField, cosine_kernel, legendre_polynomials
+from mr360uw.medium.phase import Mixture, Phase
+from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import common_shape, exactly, numbers
 
@@ -40,9 +43,8 @@ SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
-BEAM_ORDERS = 256
-"""Legendre orders of the light that the sun's beam scatters directly into a ray: what turns by less than 0.01 rad
-counts as unscattered. Twice as many resolve half of that angle."""
+AZIMUTH_ORDERS = 10
+"""Orders of cos(m azimuth) of light under a sun that has been scattered more than once."""
 
 
 Sky = Literal["uniform", "floor"] | tuple[Literal["sun"], float, float]
@@ -65,21 +67,40 @@ class LambertFloor:
             raise ParameterError(f"floor - albedo must lie in [0, 1] (got {self.albedo!r:.60}) - correct it")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Component:
+    """Light that varies as cos(m azimuth). moments: (n, l, j) its associated Legendre moments of every mode."""
+
+    modes: Modes
+    moments: Array
+
+    @property
+    def of_beam(self) -> _Component:
+        """The mode of the sun's beam without any light."""
+        m = self.modes
+        last = Modes(m.rate[:, -1:], m.origin_m[-1:], 0.0 * m.down[..., -1:], 0.0 * m.up[..., -1:])
+        return _Component(last, 0.0 * self.moments[..., -1:])
+
+    def over(self, divisor: Array) -> _Component:
+        """Return it divided by (n,)."""
+        return _Component(self.modes.times(1.0 / divisor[:, None]), self.moments / divisor[:, None, None])
+
+
 class LightField:
     """The light in water for n sets of coefficients, solved once; see the module's docstring.
 
-    absorption (> 0), scattering: (n,) or scalar [1/m]. phase: one for all, see `phase.Phase`, or Legendre moments (m,)
-    or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of refractive index.
-    refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions per hemisphere.
-    floor: None for deep water; below it the light stays what it is there. All results are per unit downwelling
-    irradiance just below the surface. Raises `ParameterError`.
+    absorption (> 0), scattering: (n,) or scalar [1/m]. phase: one for all, see `phase.Phase`, or that of each, or
+    Legendre moments (m,) or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of
+    refractive index. refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions
+    per hemisphere. floor: None for deep water; below it the light stays what it is there. All results are per unit
+    downwelling irradiance just below the surface. Raises `ParameterError`.
     """
 
     def __init__(
         self,
         absorption: ArrayLike,
         scattering: ArrayLike,
-        phase: Phase | Array = "petzold",
+        phase: Phase | Mixture | Array = "petzold",
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
@@ -110,11 +131,14 @@ class LightField:
                 f"floor - needs one albedo, or one for each of {len(self.absorption)} wavelengths "
                 f"(got {len(floor.albedo)}) - give as many"
             )
-        moments, orders = _moments(phase, len(self.absorption), 2 * streams + 1), 2 * streams
+        if not isinstance(phase, np.ndarray | Mixture):
+            phase = Mixture(phase, np.zeros(len(self.absorption)))
+        orders = 2 * streams
+        moments = _moments(phase, len(self.absorption), orders + 1)
         peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
         self._peak = peak
-        self._of_beam = moments[:, :-1] - moments[:, -1:]
+        self._phase = phase if isinstance(phase, Mixture) else _Series(moments)
         self._floor_m = np.inf if floor is None else floor.depth_m
         self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
         self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
@@ -125,31 +149,46 @@ class LightField:
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
         mu, w = self._mu, self._weight
-        order = np.arange(self._chi.shape[1])
-        scattering = self.scattering * (1.0 - self._peak)
-        water = Ordinates(mu, w, self._faded, (2 * order + 1) * self._chi * scattering[:, None])
         reflectance = fresnel_from_below(mu, self.refractive_index)
         passed = 2.0 * PI * np.sum(w * mu * (1.0 - reflectance))
-        of_sky, beam = 1.0 - sun_share - self._shining, sun_share / sun_mu
-        from_above = np.broadcast_to(of_sky * (1.0 - reflectance) / passed, (len(scattering), len(mu)))
-        modes = self._bounded(water.free(), water.driven(sun_mu, beam), reflectance, from_above, sun_share)
-        incident = np.ones(len(scattering))
+        of_sky, beam = 1.0 - sun_share - self._shining, np.full(len(self.absorption), sun_share / sun_mu)
+        self._sun_mu = sun_mu
+        self._azimuth_rad: float | None = None
+        self._only: int | Literal["beam"] | None = None
+        self._even = self._component(0, beam, of_sky * (1.0 - reflectance) / passed)
+        incident = np.ones(len(beam))
         if not self._shining:
-            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes.at(0.0)[0]) + sun_share
-        self._rate, self._origin = modes.rate, modes.origin_m
-        self._down, self._up = (light / incident[:, None, None] for light in (modes.down, modes.up))
-        self._beam, self._sun_mu = beam / incident, sun_mu
+            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, self._even.modes.at(0.0)[0]) + sun_share
+        self._even = self._even.over(incident)
+        self._beam = beam / incident
         self._sky = of_sky / passed / incident
-        of_order = w[:, None] * water.legendre
-        self._moments = np.einsum("il,nij->nlj", of_order, self._down)
-        self._moments += water.parity[:, None] * np.einsum("il,nij->nlj", of_order, self._up)
 
-    def _bounded(self, free: Modes, of_sun: Modes, reflectance: Array, from_above: Array, level_beam: float) -> Modes:
+    def _component(self, order: int, beam: Array, from_above: Array) -> _Component:
+        """Return the light that varies as cos(order azimuth).
+
+        beam: (n,) irradiance across the sun's beam just below the surface. from_above: (i,) radiance that enters.
+        """
+        mu, w = self._mu, self._weight
+        scattering = (2 * np.arange(self._chi.shape[1]) + 1) * self._chi * (self._faded - self.absorption)[:, None]
+        water = Ordinates(mu, w, self._faded, scattering, order)
+        level = float(order == 0)  # a floor lights all azimuths alike
+        modes = self._bounded(
+            water.free(), water.driven(self._sun_mu, beam), np.broadcast_to(from_above, (len(beam), len(mu))),
+            level * self._albedo, level * self._shining, beam * self._sun_mu,
+        )  # fmt: skip
+        of_degree = w[:, None] * water.legendre
+        down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
+        return _Component(modes, down + water.parity[:, None] * up)
+
+    def _bounded(
+        self, free: Modes, of_sun: Modes, from_above: Array, albedo: Array, shining: float, level_beam: Array
+    ) -> Modes:
         """Return the modes in the amounts that surface and floor give them, that of the sun last.
 
-        reflectance: (i,) of the surface from below. from_above: (n, i) radiance that enters. level_beam: irradiance of
-        a level plane below the surface by the sun.
+        from_above: (n, i) radiance that enters. albedo: (n,), shining: radiance of the floor. level_beam: (n,)
+        irradiance of a level plane below the surface by the sun.
         """
+        reflectance = fresnel_from_below(self._mu, self.refractive_index)
 
         def at_surface(modes: Modes) -> Array:
             down, up = modes.at(0.0)
@@ -160,14 +199,14 @@ class LightField:
             amount = np.asarray(np.linalg.solve(at_surface(free), driven[..., None])[..., 0], np.float64)
             return free.times(amount).beside(of_sun)
         # a floor sends the same up in all directions
-        sent = 2.0 * self._albedo[:, None] * self._weight * self._mu
+        sent = 2.0 * albedo[:, None] * self._weight * self._mu
 
         def at_floor(modes: Modes) -> Array:
             down, up = modes.at(self._floor_m)
             return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None], np.float64)
 
         both = free.beside(free.mirrored(self._floor_m))
-        lit = self._shining + self._albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
+        lit = shining + albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
         ends = np.concatenate([at_surface(both), at_floor(both)], axis=1)
         driven = np.concatenate(
             [from_above - at_surface(of_sun)[..., 0], lit[:, None] - at_floor(of_sun)[..., 0]], axis=1
@@ -175,49 +214,69 @@ class LightField:
         amount = np.linalg.solve(ends, driven[..., None])[..., 0]
         return both.times(amount).beside(of_sun)
 
+    @functools.cached_property
+    def _around(self) -> dict[int, _Component]:
+        """The light of every order of cos(m azimuth), that of order 0, which has the mode of the sun's beam, last."""
+        dark = np.zeros(len(self._mu))
+        orders = range(1, AZIMUTH_ORDERS + 1) if np.any(self._beam > 0.0) else ()
+        return {order: self._component(order, self._beam, dark) for order in orders} | {0: self._even}
+
+    def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> LightField:
+        """Return the same light seen at an azimuth from the sun's, to which radiances and in-scatter then belong.
+
+        Without it they are means over the azimuth. The light that the beam scatters directly keeps its angle to the sun
+        exactly; what was scattered before has `AZIMUTH_ORDERS` orders of cos(m azimuth). only: one of the parts that
+        add up to the whole: an order m, or what the beam scatters directly.
+        """
+        _ = self._around  # for all azimuths
+        other = copy.copy(self)
+        for of_azimuth in ("rays", "_floor_radiance"):
+            other.__dict__.pop(of_azimuth, None)
+        other._azimuth_rad, other._only = float(azimuth_rad), only
+        return other
+
+    @property
+    def _shown(self) -> dict[int, _Component]:
+        """The light of the orders that are seen."""
+        if self._azimuth_rad is None:
+            return {0: self._even}
+        if self._only == "beam":
+            return {0: self._even.of_beam}
+        return self._around if self._only is None else {self._only: self._around[self._only]}
+
     # --- results -----------------------------------------------------------------------------------------------
 
     @functools.cached_property
     def rays(self) -> RayField:
         """The light along rays, its forward peak unscattered."""
-        return self._rays(self._chi * (1.0 - self._peak[:, None]), self._of_beam)
+        return self._rays(self._chi * (1.0 - self._peak[:, None]), self._phase)
 
-    def scattered_by(self, moments: Array) -> RayField:
-        """Return the light along rays that a part of the phase function scatters into them.
+    def scattered_by(self, part: Mixture) -> RayField:
+        """Return the light along rays that a part of the scattering brings into them; the rest is taken as none."""
+        return self._rays(part.moments(self._chi.shape[1]), part)
 
-        moments: (n, l) Legendre moments of that part, not normalised: moments[:, 0] is its fraction of b. Orders from
-        2 streams on scatter the sun's beam alone. The rest counts as unscattered.
-        """
-        return self._rays(moments[:, : self._chi.shape[1]], moments)
-
-    def _rays(self, moments: Array, of_beam: Array) -> RayField:
-        """Return the light along rays that moments (n, l) scatter into them, and (n, m) those of the sun's beam."""
-
-        def factor(moments: Array) -> Array:
-            return 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
-
-        orders = moments.shape[1]
-        source = factor(moments)[..., None] * self._moments[:, :orders]
-        if np.any(self._beam > 0.0):
-            many = of_beam.shape[1]
-            at_sun = legendre_polynomials(np.array(self._sun_mu), many) / (2.0 * PI)
-            source = np.pad(source, ((0, 0), (0, many - orders), (0, 0)))
-            source[..., -1] += self._beam[:, None] * factor(of_beam) * at_sun
+    def _rays(self, moments: Array, phase: Mixture | _Series) -> RayField:
+        """Return the light along rays that moments (n, l) scatter into them, and a phase function that of the beam."""
+        factor = 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
+        of_beam = OfBeam(phase.parts, phase.shares * self.scattering * self._beam, self._sun_mu)
+        shown = self._shown
         return RayField(
             extinction=self.absorption + self.scattering * moments[:, 0],
-            rate=self._rate,
-            origin_m=self._origin,
-            source=source,
-            sky=self._sky,
+            rate=np.concatenate([light.modes.rate for light in shown.values()], axis=1),
+            origin_m=np.concatenate([light.modes.origin_m for light in shown.values()]),
+            source={order: factor[..., None] * light.moments for order, light in shown.items()},
+            sky=self._sky if self._only in (None, 0) else 0.0 * self._sky,
             index=self.refractive_index,
             floor_m=self._floor_m,
             floor=self._floor_radiance,
+            of_beam=of_beam if np.any(self._beam > 0.0) and self._only in (None, "beam") else None,
+            azimuth_rad=self._azimuth_rad,
         )
 
     @functools.cached_property
     def _floor_radiance(self) -> Array:
         """Radiance (n,) of the floor, 0 without."""
-        if np.isinf(self._floor_m):
+        if np.isinf(self._floor_m) or self._only not in (None, 0):
             return np.zeros(len(self.absorption))
         return np.asarray(self._shining + self._albedo / PI * self.irradiance(self._floor_m, 1.0))
 
@@ -253,7 +312,8 @@ class LightField:
         normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
         down = cosine_kernel(self._mu, normals[:, None]) * self._weight
         up = cosine_kernel(-self._mu, normals[:, None]) * self._weight
-        modes = np.einsum("pi,nij->pnj", down, self._down) + np.einsum("pi,nij->pnj", up, self._up)
+        modes = np.einsum("pi,nij->pnj", down, self._even.modes.down)
+        modes += np.einsum("pi,nij->pnj", up, self._even.modes.up)
         depths, at = np.unique(y, return_inverse=True)
         place, at, fall = place.ravel(), at.ravel(), self._fall(depths)
         diffuse = np.empty((y.size, len(self.absorption)))
@@ -273,7 +333,7 @@ class LightField:
         """Return the irradiance (..., n) of a small sphere, E_0, sun included."""
         y = np.minimum(numbers("depth_m", depth_m).astype(np.float64, copy=False), self._floor_m)
         direct = self._beam * np.exp(-self._faded / self._sun_mu * y[..., None])
-        return 2.0 * PI * np.sum(self._moments[:, 0] * self._fall(y), axis=-1) + direct
+        return 2.0 * PI * np.sum(self._even.moments[:, 0] * self._fall(y), axis=-1) + direct
 
     @property
     def _faded(self) -> Array:
@@ -282,7 +342,7 @@ class LightField:
 
     def _fall(self, depth_m: Array) -> Array:
         """Return the modes (..., n, j) at depths over their amounts."""
-        return np.exp(-self._rate * (depth_m[..., None, None] - self._origin))
+        return np.exp(-self._even.modes.rate * (depth_m[..., None, None] - self._even.modes.origin_m))
 
 
 def _sky_parts(sky: Sky) -> tuple[float, float]:
@@ -295,13 +355,29 @@ def _sky_parts(sky: Sky) -> tuple[float, float]:
     )
 
 
-def _moments(phase: Phase | Array, count: int, least: int) -> Array:
-    """Return Legendre moments (count, l), as many as are given, or as many as serve the sun's beam."""
-    if isinstance(phase, np.ndarray):
-        length = phase.shape[-1]
-        moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
-        if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
-            raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
-        return np.array(moments, np.float64)
-    many = max(least, BEAM_ORDERS + 1)
-    return np.broadcast_to(phase_moments(phase, many), (count, many))
+def _moments(phase: Mixture | Array, count: int, least: int) -> Array:
+    """Return Legendre moments (count, l), as many as are given, or the `least`."""
+    if isinstance(phase, Mixture):
+        return np.broadcast_to(phase.moments(least), (count, least))
+    length = phase.shape[-1]
+    moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
+    if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
+        raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
+    return np.array(moments, np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """Phase functions of n wavelengths by their Legendre moments (n, l + 1); light of the last is unscattered."""
+
+    moments: Array
+
+    @property
+    def shares(self) -> Array:
+        """Coefficients (l, n) of `parts`."""
+        degree = np.arange(self.moments.shape[1] - 1)[:, None]
+        return np.asarray((2 * degree + 1) * INV_4PI * (self.moments[:, :-1] - self.moments[:, -1:]).T)
+
+    def parts(self, cosine: Array) -> Array:
+        """Return the Legendre polynomials (..., l)."""
+        return legendre_polynomials(cosine, self.moments.shape[1] - 1)

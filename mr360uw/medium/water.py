@@ -20,14 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType, jerlov_parts
-from mr360uw.medium.phase import (
-    Phase,
-    backscatter_ratio,
-    check_phase,
-    particles_of_backscatter,
-    phase_moments,
-    wide_angle_moments,
-)
+from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.shapes import exactly, number, numbers
 
@@ -116,19 +109,21 @@ class Water:
         a = self.a(wavelength_nm)
         return a + 4.18 * (1.0 - 0.52 * np.exp(-10.8 * a)) * self.backscattering(wavelength_nm)
 
-    def moments(self, wavelength_nm: ArrayLike, count: int, *, wide_angle: bool = False) -> Array:
-        """Return Legendre moments (n, count) of the phase function of molecules and particles together.
+    def moments(self, wavelength_nm: ArrayLike, count: int) -> Array:
+        """Return Legendre moments (n, count) of the phase function of molecules and particles together."""
+        return self.phases(wavelength_nm).moments(count)
+
+    def phases(self, wavelength_nm: ArrayLike, *, wide_angle: bool = False) -> Mixture:
+        """Return the phase functions of molecules and particles together at wavelengths (n,).
 
         wide_angle: without the forward peak, see `phase.wide_angle_moments`.
         """
         w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
-        of = wide_angle_moments if wide_angle else phase_moments
-        particles = np.broadcast_to(of(self.phase, count), (len(w), count))
-        if self.molecular is None:
-            return particles.copy()
-        b = self.b(w)
-        share = np.divide(self.molecular(w), b, out=np.zeros(len(w)), where=b > 0.0)[:, None]
-        return share * of("water", count) + (1.0 - share) * particles
+        share = np.zeros(len(w))
+        if self.molecular is not None:
+            b = self.b(w)
+            share = np.divide(self.molecular(w), b, out=share, where=b > 0.0)
+        return Mixture(self.phase, share, wide_angle)
 
     def with_phase(self, phase: Phase) -> Water:
         """Return the same water with another phase function of its particles; molecules scatter as before."""

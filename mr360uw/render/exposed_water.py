@@ -36,5 +36,7 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
         medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
     if light.plate_ratio is not None:  # which was found over this floor
         floor = medium.floor_seen(medium.gain, measured.up)
-    table = medium.lit_by_floor(floor).table
-    return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=light.plate_ratio)
+    table, ratio = medium.lit_by_floor(floor).table, light.plate_ratio
+    if ratio is None:
+        ratio = surroundings.around_sun(time_s, medium, sun, fitted=light.gain is not None)
+    return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)

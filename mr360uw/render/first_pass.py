@@ -216,7 +216,9 @@ class _OfFrame:
 
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
-        return self._now(frame.time_s).open_water(frame, self._water(frame), self._level(frame)[1].gain)
+        now = self._now(frame.time_s)
+        sun = now.light.of(frame.pixels, time_s=frame.time_s).sun
+        return now.open_water(frame, self._water(frame), self._level(frame)[1].gain, sun)
 
     def sun(self, frame: VideoFrame) -> SunMeasurement:
         """Return the sun of a frame, with the light that its water lets be known."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environment and sun of a plate's frame by the `[light]` settings of its scene, in the axes of the camera.
 
-Under water, what clipped pixels of the sky or a clipped sun lost is restored from the solved field (`restored`), in each
-channel:
+Under water, what clipped pixels of the sky or a clipped sun lost is restored from the solved field (`restored`), in
+each channel:
 
     A' + S' = E        A'/A = S'/S = E/(A + S), but A' >= A
 

@@ -14,7 +14,7 @@ from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view
-from mr360uw.types import Environment, Floats
+from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame
 
 
@@ -49,13 +49,15 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
             found = restored(found, scaled, up, keep_sun=not isinstance(sun, str))
     if clipped:
         found = lit_as_its_ground(found, world_from_camera[1])
-    return FrameLight(found, gain, plate_ratio(loaded, facts, plate, gain))
+    return FrameLight(found, gain, plate_ratio(loaded, facts, plate, gain, found.sun))
 
 
-def plate_ratio(loaded: Loaded, facts: ClipFacts, plate: VideoFrame, gain: Floats | None) -> Floats | None:
+def plate_ratio(
+    loaded: Loaded, facts: ClipFacts, plate: VideoFrame, gain: Floats | None, sun: Sun | None
+) -> Floats | None:
     """Return the ratio of a plate's open water to a veil of a gain, from the clip's track or from this frame.
 
-    None where the scene does not ask for it.
+    None where the scene does not ask for it. sun: of the frame, in camera axes.
     """
     medium = loaded.surroundings.medium_at(plate.time_s)
     if medium is None or gain is None or not loaded.scene.water.fits_ratio:
@@ -63,7 +65,7 @@ def plate_ratio(loaded: Loaded, facts: ClipFacts, plate: VideoFrame, gain: Float
     tracked = None if facts.open_water is None else facts.open_water.ratio_at(plate.index)
     if tracked is not None:
         return tracked
-    return loaded.surroundings.open_water(plate, medium, gain).ratio(gain)
+    return loaded.surroundings.open_water(plate, medium, gain, sun).ratio(gain)
 
 
 def _gain(facts: ClipFacts, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:

@@ -6,8 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from mr360uw.ibl import LightSettings
+from mr360uw.ibl.sun.daylight import CLEAR_SKY_DIRECT
 from mr360uw.medium import Medium
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.fit.open_water import OpenWater, open_water
 from mr360uw.medium.settings import WaterSettings
@@ -18,9 +22,11 @@ from mr360uw.render.plate_map import world_view
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between, without_gain
 from mr360uw.scene.model import Scene
-from mr360uw.types import Floats, MediumTable
+from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
+_SUN_STEP = 0.02
+"""Interval of the sine of the sun's elevation in the water at which the light about it is solved."""
 _WATERS = 16
 """Waters that are kept, a few MB each, for keys that come back to where they were."""
 _TABLES = 128
@@ -47,11 +53,31 @@ class Surroundings:
             return self.medium
         return self._depths.at(self.camera.depth_at(time_s)).scaled(self.medium.gain)
 
-    def open_water(self, frame: VideoFrame, medium: Medium, gain: Floats) -> OpenWater:
-        """Return the open water of a plate's frame. medium: at the camera's depth. gain: (3,) of its veil."""
+    def open_water(self, frame: VideoFrame, medium: Medium, gain: Floats, sun: Sun | None) -> OpenWater:
+        """Return the open water of a plate's frame. medium: at the camera's depth. gain: (3,) of its veil.
+
+        sun: the plate's, in camera axes: a medium of a uniform sky gets one of a clear sky there.
+        """
         position, rotation = self.camera.at(frame.time_s)
         above = None if self.ground_y is None else float(position[1]) - self.ground_y
-        return open_water(medium, gain, world_view(frame.pixels, rotation), above)
+        lit = medium
+        if sun is not None and medium.sky == "uniform":
+            sun_up = max(round(float(sun.direction @ rotation[1]) / _SUN_STEP), 1) * _SUN_STEP
+            lit = medium.under(("sun", min(sun_up, 1.0), CLEAR_SKY_DIRECT))
+        around = self.around_sun(frame.time_s, lit, sun, fitted=True)
+        return open_water(medium, gain, world_view(frame.pixels, rotation), above, around)
+
+    def around_sun(self, time_s: float, medium: Medium, sun: Sun | None, *, fitted: bool) -> Floats | None:
+        """Return the map (ROWS, COLUMNS, 3) by which a medium's veil varies about a sun in camera axes.
+
+        fitted: whether its gain is, to what is typical at the horizon. None without a sun, or where the medium is
+        solved for none.
+        """
+        ratio = None if sun is None else around_sun(medium)
+        if ratio is None or sun is None:
+            return None
+        around = placed(ratio, self.camera.at(time_s)[1] @ sun.direction)
+        return (around / typical_level(around) if fitted else around).astype(np.float32)
 
 
 def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: WaterBetween | None = None) -> Surroundings:

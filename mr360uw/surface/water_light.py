@@ -20,14 +20,17 @@ from numpy.typing import NDArray
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import JUST_BELOW_M, PI
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.around_sun import around_sun, placed
 from mr360uw.medium.depths import MediumAtDepths
-from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
+from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sun_below
-from mr360uw.types import CausticStack, MediumTable, Sun
+from mr360uw.types import CausticStack, Floats, MediumTable, Sun
 
 Array = NDArray[np.float64]
 
@@ -77,8 +80,9 @@ class WaterLight:
     water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. floor: None where
     it is not below the surface. index: of refraction.
 
-    from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light; those of
-    the surface stand for the camera's where the camera is above the water.
+    from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light, and how
+    it varies about the sun (`plate_ratio`); those of the surface stand for the camera's where the camera is above the
+    water. towards_sun: (3,) in the water, None at night.
     """
 
     below: Array
@@ -89,6 +93,7 @@ class WaterLight:
     floor: LitFloor | None = None
     from_surface: MediumTable | None = None
     from_camera: MediumTable | None = None
+    towards_sun: Array | None = None
 
     @classmethod
     def of(
@@ -98,9 +103,10 @@ class WaterLight:
         not read. floor_m: depth of the floor [m], albedo: (3,) its mean; from 0 up it stands out of the water.
         """
         risen = sun is not None and sun.direction[1] > 0.0
-        sun_up = float(refract_to_water(sun.direction, index)[1]) if sun is not None and risen else 1.0
+        towards_sun = refract_to_water(sun.direction, index) if sun is not None and risen else None
+        sun_up = 1.0 if towards_sun is None else float(towards_sun[1])
         by_sky, by_sun = dome.irradiance_below(index), sun_below(sun, index)
-        light = cls(by_sky + by_sun, None, None, sun_up, index)
+        light = cls(by_sky + by_sun, None, None, sun_up, index, towards_sun=towards_sun)
         if water is not None:
             given = water if isinstance(water, Medium) else Medium(water, refractive_index=index)
             medium = Medium(
@@ -112,11 +118,8 @@ class WaterLight:
             beam = medium.under(("sun", sun_up, 1.0)) if risen else None
             light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
         if floor_m > 0.0:
-            whole = light.down(floor_m)
-            sent = albedo / PI * whole
-            light = replace(
-                light, floor=LitFloor(floor_m, sent / (1.0 - albedo / PI * light._returned(floor_m, floor_m)))
-            )
+            lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
+            light = replace(light, floor=LitFloor(floor_m, albedo * lit / (PI - albedo * back)))
         return light if light.sky is None else replace(light, from_surface=light._table(None))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
@@ -142,13 +145,25 @@ class WaterLight:
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
-        directions. Distances may be infinite.
+        directions. Distances may be infinite. The veil is a mean over the azimuth.
         """
         if self.sky is None:
             return np.ones((len(distance_m), 3)), np.zeros((len(distance_m), 3))
         table, finite = self.table(from_camera), np.isfinite(distance_m)
         passed = transmittance_lookup(table, np.where(finite, distance_m, 0.0), up)
         return np.where(finite[:, None], passed, 0.0), np.asarray(veil_lookup(table, distance_m, up), np.float64)
+
+    @property
+    def sun_maps(self) -> tuple[Floats, ...]:
+        """Maps (H, W, 3) by which the veil varies about the sun: from the surface, and from a camera in the water."""
+        tables = (self.from_surface, self.from_camera)
+        return tuple(t.plate_ratio for t in tables if t is not None and t.plate_ratio is not None)
+
+    def about_sun(self, direction: Floats) -> Array:
+        """Return the factors (..., 3) on the veil of rays from the surface by their directions (..., 3)."""
+        if not self.sun_maps:
+            return np.ones(3)
+        return np.asarray(environment_lookup(self.sun_maps[0], direction))
 
     def _returned(self, depth_m: float, floor_m: float) -> Array:
         """Return what a floor of radiance 1 gets back (3,) at a depth, from the water and from the surface."""
@@ -167,9 +182,17 @@ class WaterLight:
         veil = self.sky.below * table.veil
         if self.floor is not None and table.glow is not None:
             veil = veil + self.floor.radiance * (table.glow + sky.glow_level * table.veil)
-        if self.sun is not None:
-            veil = veil + self.sun.below * self.sun.seen_from(camera_depth_m).unit_table.veil
-        return replace(table, veil=veil, glow=None)
+        if self.sun is None or self.towards_sun is None:
+            return replace(table, veil=veil, glow=None)
+        sun = self.sun.seen_from(camera_depth_m)
+        of_sun = self.sun.below * sun.unit_table.veil
+        veil, around = veil + of_sun, around_sun(sun)
+        if around is None:
+            return replace(table, veil=veil, glow=None)
+        rows = 0.5 + 0.5 * row_up(len(around))
+        share = linear(of_sun[:, -1] / np.maximum(veil[:, -1], _LEAST), rows)[:, None]  # of long ways
+        ratio = 1.0 + share * (placed(around, self.towards_sun) - 1.0)
+        return replace(table, veil=veil, glow=None, plate_ratio=ratio.astype(np.float32))
 
     def on_floor(
         self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, settings: CausticSettings

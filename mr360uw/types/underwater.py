@@ -88,7 +88,8 @@ class MediumTable:
     refractive_index: of the water relative to air.
     glow: (U, T, 3) veil that a floor of radiance 1 adds, like `veil`, while level light stays what it is; None: no
     floor. plate_ratio: (H, W, 3) equirectangular map in the world's axes, or None for 1: the light of a plate's open
-    water in each direction over that of these tables. It multiplies the veil.
+    water in each direction over that of these tables, or without a plate's that of the solved light about the sun. It
+    multiplies the veil.
     """
 
     camera_depth_m: float

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.special import expn
@@ -11,18 +14,23 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.models import spectral_model
+from mr360uw.medium.phase import henyey_greenstein
 from mr360uw.medium.ray_field import cosine_kernel
 from mr360uw.medium.transfer import LambertFloor
 from mr360uw.optics import fresnel_from_below
 from tests.medium.tolerances import (
     ANALYTIC_FIELD,
+    AROUND_SUN,
     BEAM_STREAMS,
     FLOAT64,
     GERSHUN,
+    H_FUNCTIONS,
     INSCATTER_ISOTROPIC,
     INSCATTER_PEAKED,
     IRRADIANCE,
+    MEAN_OF_AZIMUTHS,
     QUADRATURE_OF_STREAMS,
+    SCATTERED_ONCE,
     TRACED,
     TRACED_SIGMAS,
 )
@@ -154,6 +162,84 @@ def test_strong_forward_peaks_under_a_beam(phase: str) -> None:
     for sun_up in (0.7, 0.99):
         many, few = (LightField(a, b, phase, sky=("sun", sun_up, 1.0), streams=n).radiance(depth, up) for n in (96, 32))
         np.testing.assert_allclose(few, many, rtol=BEAM_STREAMS)
+
+
+def test_light_around_a_sun_is_that_of_path_tracing() -> None:
+    rows = reference_rows("around_sun.csv")
+    assert len(rows) == 40
+    for row in rows:
+        x = {key: float(value) for key, value in row.items() if key != "phase"}
+        phase = ("hg", float(row["phase"].split()[1])) if row["phase"].startswith("hg") else row["phase"]
+        field = LightField(
+            x["absorption"], x["scattering"], phase, "snell" if x["refractive_index"] > 1.0 else "none",
+            ("sun", x["sun_up"], 1.0), floor=LambertFloor(x["floor_m"], (x["albedo"],)),
+        )  # fmt: skip
+        seen = field.at_azimuth(np.radians(x["azimuth_deg"])).radiance(x["depth_m"], x["up"])[0]
+        error = seen / field.irradiance(x["depth_m"], 1.0)[0] / x["value"] - 1.0
+        assert abs(error) < AROUND_SUN + TRACED_SIGMAS * x["noise"], row
+
+
+def chandrasekhar_h(characteristic: Callable[[np.ndarray], np.ndarray], mu: np.ndarray) -> np.ndarray:
+    """Return the H function of deep media: 1/H = sqrt(1 - 2 psi_0) + int psi(x) x H(x)/(mu + x) dx."""
+    x, w = np.polynomial.legendre.leggauss(200)
+    x, w = 0.5 * (x + 1.0), 0.5 * w * characteristic(0.5 * (x + 1.0))
+    h = np.ones(len(x))
+
+    def inverse(at: np.ndarray) -> np.ndarray:
+        return np.sqrt(1.0 - 2.0 * w.sum()) + (w * x * h / (at[:, None] + x)).sum(axis=1)
+
+    for _ in range(300):
+        h = 0.5 * (h + 1.0 / inverse(x))
+    return 1.0 / inverse(mu)
+
+
+@pytest.mark.parametrize("sun_up", [0.2, 0.75])
+def test_reflection_of_deep_water_is_chandrasekhars(sun_up: float) -> None:
+    """Radiative Transfer (1950), sections 45 and 46: exact for p = (1 + x cos)/(4 pi), by order of the azimuth."""
+    albedo, x = np.array([0.3, 0.9]), 0.7
+    mu = np.array([0.1, 0.4, 0.8, 1.0])
+    for of_degree in (0.0, x):
+        moments = np.zeros(65)
+        moments[:2] = 1.0, of_degree / 3.0
+        field = LightField(1.0 - albedo, albedo, moments, "none", ("sun", sun_up, 1.0))
+        towards, away = (field.at_azimuth(angle).radiance(0.0, -mu) for angle in (0.0, np.pi))
+        for k, w in enumerate(albedo):
+            scale = w / (4.0 * np.pi * (mu + sun_up))
+            if of_degree == 0.0:
+                h, at_sun = (chandrasekhar_h(lambda t, w=w: 0.5 * w + 0.0 * t, at) for at in (mu, np.array([sun_up])))
+                np.testing.assert_allclose(towards[:, k], scale * h * at_sun, rtol=H_FUNCTIONS)
+                continue
+            h, at_sun = (
+                chandrasekhar_h(lambda t, w=w: 0.25 * w * x * (1.0 - t * t), at) for at in (mu, np.array([sun_up]))
+            )
+            level = np.sqrt((1.0 - mu**2) * (1.0 - sun_up**2))
+            expected = 2.0 * scale * x * level * h * at_sun
+            np.testing.assert_allclose(towards[:, k] - away[:, k], expected, rtol=H_FUNCTIONS, atol=FLOAT64)
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_azimuths_make_up_the_mean(floor: LambertFloor | None) -> None:
+    field = LightField(A, B, ("hg", 0.9), sky=("sun", 0.8, 0.7), floor=floor)
+    up, azimuth = np.linspace(-1.0, 0.6, 9), (np.arange(64) + 0.5) * np.pi / 64
+    whole = np.array([field.at_azimuth(angle).inscatter(1.5, 2.0, up) for angle in azimuth])
+    np.testing.assert_allclose(whole.mean(axis=0), field.inscatter(1.5, 2.0, up), rtol=MEAN_OF_AZIMUTHS)
+    model = spectral_model(Water.jerlov("IB"), [450.0, 550.0], "table", sky=("sun", 0.8, 0.7), floor=floor)
+    single = np.stack([model.at_azimuth(angle).inscatter(np.inf, 2.0, up) for angle in azimuth[::16]], axis=1)
+    np.testing.assert_allclose(model.around_sun(2.0, up, azimuth[::16]), single, rtol=ANALYTIC_FIELD)
+
+
+def test_thin_water_scatters_once() -> None:
+    """Beside the sun too: b p (1 - exp(-(c - c mu/mu_sun) s))/(c - c mu/mu_sun) times the beam at the camera."""
+    a, b, sun_up, depth, s = 0.2, 1e-4, 0.8, 3.0, 6.0
+    field, c = LightField(a, b, ("hg", 0.9), "none", ("sun", sun_up, 1.0)), a + b
+    for up, azimuth in itertools.product((-0.9, 0.0, 0.3), (0.0, 0.4, 2.0, np.pi)):
+        cosine = up * sun_up + np.sqrt((1.0 - up**2) * (1.0 - sun_up**2)) * np.cos(azimuth)
+        fall = c * (1.0 - up / sun_up)
+        expected = (
+            b * henyey_greenstein(cosine, 0.9) / sun_up * np.exp(-c * depth / sun_up) * -np.expm1(-fall * s) / fall
+        )
+        seen = field.at_azimuth(azimuth).rays.inscatter(s, depth, up)[0]
+        assert seen == pytest.approx(expected, rel=SCATTERED_ONCE)
 
 
 @pytest.mark.parametrize("surface", ["snell", "none"])

@@ -10,6 +10,7 @@ from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.fit.level_light import irradiance_from_level
 from mr360uw.optics import critical_cosine
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
@@ -40,13 +41,15 @@ def test_the_horizon_tells_the_irradiance_under_any_sun() -> None:
     for share in (0.6, 0.85):
         true, model = sunlit(share), Medium(Water.jerlov("II"), camera_depth_m=DEPTH_M)
         level = np.zeros(1)
-        fitted = model.scaled(true.level_radiance(level)[0] / model.level_radiance(level)[0])
+        ratio = around_sun(true)
+        assert ratio is not None
+        typical = typical_level(placed(ratio, UP[[1, 0, 0]]))  # of the azimuths about the sun
+        fitted = model.scaled(true.level_radiance(level)[0] * typical / model.level_radiance(level)[0])
         found = irradiance_from_level(fitted, 0.95, 0.75, np.zeros(3))
         np.testing.assert_allclose(found, true.irradiance(DEPTH_M), rtol=LEVEL_LOSS)
         assert np.all(fitted.irradiance(DEPTH_M) < 0.9 * true.irradiance(DEPTH_M))  # a uniform sky would not do
-        np.testing.assert_allclose(
-            irradiance_from_level(true, 0.95, 0.75, np.zeros(3)), true.irradiance(DEPTH_M), rtol=1e-12
-        )
+        own = irradiance_from_level(true.scaled(typical), 0.95, 0.75, np.zeros(3))
+        np.testing.assert_allclose(own, true.irradiance(DEPTH_M), rtol=1e-12)
 
 
 @pytest.mark.parametrize("lit", [False, True])

@@ -8,6 +8,7 @@ import pytest
 
 from mr360uw import optics
 from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.sphere import unit
@@ -17,7 +18,16 @@ from mr360uw.surface.tracing import ray_optics
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
 from mr360uw.surface.tracing.stage_arrays import disc_of, packed
 from mr360uw.surface.tracing.sun_in_waves import sunlight
-from mr360uw.surface.tracing.table_reads import WaterTable, level_for, periodic, sky_radiance, transmittance, veil
+from mr360uw.surface.tracing.table_reads import (
+    WaterTable,
+    level_for,
+    panorama,
+    periodic,
+    sky_radiance,
+    transmittance,
+    veil,
+)
+from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun
 from tests.surface import tolerances as tol
 
@@ -76,6 +86,33 @@ def test_the_dome_and_maps_that_repeat(rng: np.random.Generator) -> None:
     ]  # fmt: skip
     expected = periodic_trilinear(levels, np.zeros(COUNT, np.int64), u, v, level)
     np.testing.assert_allclose(found, expected, atol=tol.SINGLE)
+
+
+def test_maps_about_the_sun(rng: np.random.Generator) -> None:
+    texels, map_, v = rng.uniform(size=(5, 3)), rng.uniform(size=(8, 16, 3)), unit(rng.standard_normal((COUNT, 3)))
+    packed_ = np.concatenate([texels, map_.reshape(-1, 3)]).astype(np.float32)
+    found = [panorama(packed_, 5, 16, 8, tuple(one)) for one in v.tolist()]
+    np.testing.assert_allclose(found, environment_lookup(map_, v), atol=tol.SINGLE)
+
+
+def test_the_veil_of_sky_and_sun_is_the_solved_one_about_the_sun() -> None:
+    depth, sun = 3.0, Sun(unit((0.5, 0.7, -0.2)), np.array([3.0, 2.5, 2.0]), 0.005, 1.0)
+    water = WaterLight.of(Water.jerlov("IB"), Dome(np.full((4, 8, 3), 0.2)), sun, 1.34).seen_from(depth)
+    assert water.sky is not None
+    assert water.sun is not None
+    assert water.from_camera_around is not None
+    towards = optics.refract_to_water(sun.direction, 1.34)
+    for v in unit([(1.0, 0.0, -0.4), (-1.0, -0.2, 0.1), (0.1, -0.8, 1.0)]):
+        angle = np.arctan2(v[0] * towards[2] - v[2] * towards[0], v[0] * towards[0] + v[2] * towards[2])
+        lobes = water.sun.medium.bands.lobes
+        expected = sum(
+            light.below * (light.medium.model.at_azimuth(float(angle)).inscatter(1e5, depth, v[1]) @ lobes)
+            for light in (water.sky, water.sun)
+        )
+        mean = water.along(np.array([np.inf]), v[1:2], True)[1][0]
+        np.testing.assert_allclose(
+            mean * environment_lookup(water.from_camera_around, v), expected, rtol=tol.AROUND_SUN
+        )
 
 
 def test_the_water(rng: np.random.Generator) -> None:

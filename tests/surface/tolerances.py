@@ -54,3 +54,6 @@ GL_SLOPE = 2e-3
 """Slopes there: those of a particle up to 0.02 points aside, times curvatures of up to 5/m."""
 SHADOW_STEP = 0.05
 """Least step of a ray towards the sun over the distance of pixels: it may pass through the tip of a ridge there."""
+AROUND_SUN = 0.015
+"""Veil times its map about the sun against the field at an azimuth: tables in the gamut, mixed over depths, and a map of
+1.4 degrees."""

@@ -63,7 +63,7 @@ def fit_level(medium: Medium, view: LevelView) -> tuple[Array, float]:
     model = medium.level_radiance(up)
     columns = (seen / np.maximum(model, _TINY)[:, None]).mean(axis=0)
     shown = np.maximum(seen.mean(axis=0), 0.0)
-    gain = np.maximum(_typical(columns, _openness(shown)), 0.0)
+    gain = np.maximum(typical(columns, _openness(shown)), 0.0)
     light = luminance(gain * model.mean(axis=0))
     if light <= 0.0:
         return gain, 0.0
@@ -79,8 +79,8 @@ def _openness(shown: Array) -> Array:
     return np.asarray(weight if np.any(weight > 0.0) else np.ones(len(red)))
 
 
-def _typical(values: Array, weight: Array) -> Array:
-    """Return the weighted mean (3,) of the middle of values (c, 3), by rank in each channel."""
+def typical(values: Array, weight: Array) -> Array:
+    """Return the weighted mean (3,) of the middle of values (c, 3) of azimuths, by rank in each channel."""
     order = np.argsort(values, axis=0, kind="stable")
     share = (weight / weight.sum())[order]
     end = np.cumsum(share, axis=0)

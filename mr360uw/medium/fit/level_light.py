@@ -5,9 +5,9 @@
 
 l, u: light that the plate shows along the horizon, and on a level plane that faces down. l_s, u_s, e_s: the same and
 the irradiance of a level plane that faces up, in the same water under a sun of that height over a black floor; l_f,
-u_f, e_f: of a floor of radiance 1. Without a floor E = l e_s/l_s. A high sun sends less of its light along the horizon than
-a uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less:
-a beam of 0.6 instead of 0.75 of the light makes 5 %.
+u_f, e_f: of a floor of radiance 1. Level light is what is typical of the azimuths, as the gain is. Without a floor
+E = l e_s/l_s. A high sun sends less of its light along the horizon than a uniform sky: under a uniform sky alone E
+would be a fifth too low. How strong the sun is beside the sky matters less: a beam of 0.6 instead of 0.75 makes 5 %.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.medium.ambient import two_lights
+from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.transfer import Sky, SurfaceKind
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 
 _STEP = 0.01
 """Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of E."""
+_COARSE = 0.05
+"""The same for what is typical of the azimuths: 0.5 % of E."""
 _LEVEL = np.zeros(1)
 
 
@@ -63,6 +66,10 @@ def _lights(
     )  # fmt: skip
     level, facing = medium.model.radiance(depth_m, _LEVEL), medium.model.irradiance(depth_m, np.array([-1.0, 1.0]))
     of_sky = medium.light.display(np.concatenate([level, facing]))
+    if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
+        coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)
+        if (around := around_sun(medium.under(("sun", coarse, sky[2])))) is not None:
+            of_sky[0] *= typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
     if floor_m is None:
         return of_sky, np.zeros((3, 3))
     return of_sky, np.stack([medium.floor_level, *(medium.floor_irradiance(depth_m, up) for up in (-1.0, 1.0))])

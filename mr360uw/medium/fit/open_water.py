@@ -4,9 +4,9 @@
     r(d) = V(d)/(g L(up))        veil(d, s) = r(d) g veil(up, s)
 
 V: the plate; g, L: gain and solved light of open water from a direction, without bodies, with what a level floor sends
-up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log r is harmonic over
-the sphere: it takes its values from the water around, so that a diver's suit is not in it. Where no open water is seen,
-r is 1.
+up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log (r/R) is harmonic
+over the sphere: it takes its values from the water around, so that a diver's suit is not in it, and varies about the
+sun as R, the solved light does (`around_sun`). Where no open water is seen, r is R; without a sun R is 1.
 
 Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
 zenith, where the surface shows, nor where the ground is near.
@@ -58,12 +58,14 @@ _LEAST_SEEN = 0.002
 class OpenWater:
     """What a plate shows of its open water. level: (ROWS, COLUMNS, 3) log V/L of the module's text, world axes.
 
-    weight: (ROWS, COLUMNS) how far each direction is open water, 0 to 1. least_gain: (3,) see `visible_gain`.
+    weight: (ROWS, COLUMNS) how far each direction is open water, 0 to 1. least_gain: (3,) see `visible_gain`. around:
+    (ROWS, COLUMNS, 3) log R, or 0.
     """
 
     level: Array
     weight: Array
     least_gain: Array
+    around: Array | float = 0.0
 
     def ratio(self, gain: ArrayLike) -> NDArray[np.float32]:
         """Return the ratio r (ROWS, COLUMNS, 3) of the module's text for a gain (3,)."""
@@ -73,12 +75,13 @@ class OpenWater:
 def mean_log_ratio(looks: Sequence[OpenWater], gains: Sequence[ArrayLike], shares: Sequence[float]) -> Array:
     """Return the logarithm of the ratio (ROWS, COLUMNS, 3) from several looks, each for a gain (3,), with a share."""
     known = np.zeros((ROWS, COLUMNS))
-    total = np.zeros((ROWS, COLUMNS, 3))
+    total, around = np.zeros((ROWS, COLUMNS, 3)), np.zeros((ROWS, COLUMNS, 3))
     for look, gain, share in zip(looks, gains, shares, strict=True):
         weight = share * look.weight
         known += weight
         total += weight[..., None] * (look.level - np.log(np.maximum(gain, look.least_gain)))
-    return filled(total / np.maximum(known, _TINY)[..., None], known / sum(shares))
+        around += share / sum(shares) * look.around
+    return around + filled(total / np.maximum(known, _TINY)[..., None] - around, known / sum(shares))
 
 
 def visible_gain(medium: Medium, gain: ArrayLike) -> Array:
@@ -86,11 +89,13 @@ def visible_gain(medium: Medium, gain: ArrayLike) -> Array:
     return np.maximum(gain, DARKEST / np.maximum(medium.level_radiance(np.zeros(1))[0], _TINY))
 
 
-def open_water(medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: float | None = None) -> OpenWater:
+def open_water(
+    medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: float | None = None, around: Floats | None = None
+) -> OpenWater:
     """Return the open water of a plate. shown: (h, w, 3) its linear light, equirectangular, in world axes.
 
     gain: (3,) of the medium's veil, near which open water is looked for. above_ground_m: height of the camera over a
-    level ground, None where there is none.
+    level ground, None where there is none. around: (ROWS, COLUMNS, 3) R of the module's text, None for 1.
     """
     import cv2
 
@@ -112,7 +117,8 @@ def open_water(medium: Medium, gain: ArrayLike, shown: Floats, above_ground_m: f
     weight = weight * _fade(np.abs(np.log(bright / typical)), _UNLIKE, _UNLIKEST)
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
-    return OpenWater(np.log(small / np.maximum(model, _TINY)[:, None]), weight, visible_gain(medium, np.zeros(3)))
+    level, least = np.log(small / np.maximum(model, _TINY)[:, None]), visible_gain(medium, np.zeros(3))
+    return OpenWater(level, weight, least, 0.0 if around is None else np.log(np.maximum(around, DARKEST)))
 
 
 def _from_beyond(medium: Medium, up: Array, above_ground_m: float | None) -> Array:

@@ -179,7 +179,7 @@ class LightKnots:
         sun = self._sun(before, after, plate, share, rotation)
         environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        ratio = plate_ratio(self._loaded.at(plate.time_s), self._facts, self._ungraded(plate), gain)
+        ratio = plate_ratio(self._loaded.at(plate.time_s), self._facts, self._ungraded(plate), gain, sun)
         return FrameLight(environment, gain, ratio, knots)
 
     def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:

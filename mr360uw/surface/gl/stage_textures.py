@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
-from mr360uw.gl.context import gl_context, texture_from_array
+from mr360uw.cache import Cache, Same
+from mr360uw.gl.context import gl_context, texture_array_from_array, texture_from_array
 from mr360uw.surface.ray_stage import FARTHEST_M, Stage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
@@ -66,6 +66,7 @@ def stage_inputs(stage: Stage, view: View, cache: Cache) -> Inputs:
         found.defines["WATER"] = 1
         for name, from_camera in (("from_camera", True), ("from_surface", False)):
             _add_water(found, stage.water, name, cache, from_camera=from_camera)
+        _add_around_sun(found, stage.water, cache)
     return found
 
 
@@ -127,6 +128,16 @@ def _add_water(found: Inputs, water: WaterLight, name: str, cache: Cache, *, fro
     )
     found.textures[f"veil_{name}"], found.textures[f"attenuation_{name}"] = veil, attenuation
     found.uniforms.update({f"{name}__{k}": getattr(table, k) for k in ("camera_depth_m", "length_m")})
+
+
+def _add_around_sun(found: Inputs, water: WaterLight, cache: Cache) -> None:
+    maps = water.sun_maps
+    if not maps:
+        return
+    found.defines["AROUND_SUN"] = 1
+    found.textures["around"] = cache.get(
+        "around", tuple(map(Same, maps)), lambda: texture_array_from_array(np.stack([maps[0], maps[-1]]))
+    )
 
 
 def sky_atlas(levels: Sequence[Floats]) -> NDArray[np.float32]:

@@ -21,17 +21,21 @@ from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectan
 from mr360uw.surface.tracing.relief import Relief, relief_distance
 from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted
 from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
-from mr360uw.surface.tracing.table_reads import WaterTable, add, sky_radiance, times, transmittance, veil
+from mr360uw.surface.tracing.table_reads import WaterTable, add, panorama, sky_radiance, times, transmittance, veil
 
 STACK = GENERATIONS + 2, 15
 """Rows and columns of the stack."""
 
 
 class Murk(NamedTuple):
-    """The numbers of the water. dims: whether it does. tables: for rays from the surface and from the camera."""
+    """The numbers of the water. dims: whether it does. tables: for rays from the surface and from the camera. around:
+    first texels, from the surface and from the camera, width and height of the maps that their veil is times, in the
+    dome's array; no width: none.
+    """
 
     dims: bool
     tables: tuple[WaterTable, WaterTable]
+    around: tuple[int, int, int, int]
 
 
 class World(NamedTuple):
@@ -74,10 +78,14 @@ def met(
 
 
 @exact
-def through_water(wv: Any, wa: Any, w: Murk, distance: float, up: float, first: bool) -> tuple[Vector, Vector]:
+def through_water(
+    d: Any, wv: Any, wa: Any, w: Murk, distance: float, v: Vector, first: bool
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
-    table = w.tables[1 if first else 0]
+    table, up = w.tables[1 if first else 0], v[1]
     light = veil(wv, table, distance, up)
+    if w.around[2] > 0:
+        light = times(light, panorama(d, w.around[1] if first else w.around[0], w.around[2], w.around[3], v))
     if distance == math.inf:
         return (0.0, 0.0, 0.0), light
     return transmittance(wa, table, distance, up), light
@@ -121,7 +129,7 @@ def followed(
         )  # fmt: skip
         distance = min(hit.distance, floor)
         if in_water and w.murk.dims:
-            passed, scattered = through_water(wv, wa, w.murk, distance, v[1], generation == 0)
+            passed, scattered = through_water(d, wv, wa, w.murk, distance, v, generation == 0)
             light = add(light, times(weight, scattered), 1.0)
             weight = times(weight, passed)
         if hit.distance < math.inf:

@@ -33,8 +33,13 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
     ground, floor = _ground(stage)
     disc, half_angle = disc_of(stage.sun)
     veils, attenuations, murk = _water(stage.water)
-    dome = packed([level[None] for level in stage.dome.levels])
-    arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, *dome, veils, attenuations)
+    texels, levels = packed([level[None] for level in stage.dome.levels])
+    maps = stage.water.sun_maps
+    if maps:
+        first, size = len(texels), maps[0].shape[0] * maps[0].shape[1]
+        murk = murk._replace(around=(first, first + size * (len(maps) - 1), maps[0].shape[1], maps[0].shape[0]))
+        texels = np.concatenate([texels, *(around.reshape(-1, 3) for around in maps)])
+    arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, texels, levels, veils, attenuations)
     index, samples = stage.refractive_index, stage.samples
     world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
@@ -113,10 +118,10 @@ def _water(water: WaterLight) -> tuple[NDArray[np.float32], NDArray[np.float32],
     """Return veils (t, U, T, 3) and attenuations (t, D, T, 3) of the tables, and the numbers of the water."""
     if water.sky is None:
         nothing = np.zeros((1, 2, 2, 3), np.float32)
-        return nothing, nothing, Murk(False, (_DRY, _DRY))
+        return nothing, nothing, Murk(False, (_DRY, _DRY), (0, 0, 0, 0))
     tables = [water.table(from_camera) for from_camera in (False, True)]
     veils, attenuations = (
         np.stack([getattr(table, name) for table in tables]).astype(np.float32) for name in ("veil", "attenuation")
     )
     surface, camera = (WaterTable(k, float(t.length_m), float(t.camera_depth_m)) for k, t in enumerate(tables))
-    return veils, attenuations, Murk(True, (surface, camera))
+    return veils, attenuations, Murk(True, (surface, camera), (0, 0, 0, 0))

@@ -106,6 +106,14 @@ def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: flo
 
 
 @exact
+def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
+    """Return `ibl.lookup.environment_lookup` of a map whose texels begin in row `first` of t (n, 3)."""
+    longitude = math.atan2(v[0], -v[2]) / (2.0 * math.pi) + 0.5
+    latitude = 0.5 - math.atan2(v[1], math.hypot(v[0], v[2])) / math.pi
+    return _dome_level(t, first, width, height, longitude, latitude)
+
+
+@exact
 def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
     x, y = longitude * width - 0.5, latitude * height - 0.5
     column, row = math.floor(x), math.floor(y)

@@ -56,19 +56,28 @@ struct Passage {
     vec3 passed;
 };
 
-Passage from_camera_on(float distance, float up) {
+// by how much a veil varies about the sun: layer 0 of rays from the surface, 1 from the camera
+vec3 around_sun(int layer, vec3 direction) {
+#ifdef AROUND_SUN
+    return environment_lookup(around, layer, direction);
+#else
+    return vec3(1.0);
+#endif
+}
+
+Passage from_camera_on(float distance, vec3 direction) {
 #ifdef WATER
-    return Passage(veil_lookup(from_camera, veil_from_camera, distance, up),
-                   transmittance_lookup(from_camera, attenuation_from_camera, distance, up));
+    return Passage(veil_lookup(from_camera, veil_from_camera, distance, direction.y) * around_sun(1, direction),
+                   transmittance_lookup(from_camera, attenuation_from_camera, distance, direction.y));
 #else
     return Passage(vec3(0.0), vec3(1.0));
 #endif
 }
 
-Passage from_surface_on(float distance, float up) {
+Passage from_surface_on(float distance, vec3 direction) {
 #ifdef WATER
-    return Passage(veil_lookup(from_surface, veil_from_surface, distance, up),
-                   transmittance_lookup(from_surface, attenuation_from_surface, distance, up));
+    return Passage(veil_lookup(from_surface, veil_from_surface, distance, direction.y) * around_sun(0, direction),
+                   transmittance_lookup(from_surface, attenuation_from_surface, distance, direction.y));
 #else
     return Passage(vec3(0.0), vec3(1.0));
 #endif

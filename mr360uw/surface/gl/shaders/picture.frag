@@ -3,6 +3,7 @@
 // pixels. Software drivers
 // run both sides of every branch, so what a program does not need is not in it. Held to surface/tracing/ray_kernel.py
 #include "medium/lookup.glsl"
+#include "ibl/lookup.glsl"
 #include "camera.glsl"
 #include "waves.glsl"
 #include "facets.glsl"
@@ -16,6 +17,9 @@ uniform Sun sun;
 uniform Tiled albedo_tile, pattern_tile[2];
 uniform MediumTable from_camera, from_surface;
 uniform sampler2D heights, shifts, lost_slopes, seen_slopes, sky, albedo, pattern_0, pattern_1, listed;
+#ifdef AROUND_SUN
+uniform sampler2DArray around;
+#endif
 uniform sampler2D veil_from_camera, attenuation_from_camera, veil_from_surface, attenuation_from_surface;
 uniform float floor_y_m, refractive_index, pixel_rad, pixel_m, first_row;
 uniform vec3 even_light, dry_light, lost_light;

@@ -11,7 +11,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     float far = floor_distance(ray.origin, ray.direction, CAMERA_IN_WATER);
     hit = Hit(NO_HIT, vec2(0.0), 0.0, 0.0);
     if (!CAMERA_IN_WATER) return sky_light(ray);
-    Passage water = from_camera_on(far, ray.direction.y);
+    Passage water = from_camera_on(far, ray.direction);
     return water.veil + water.passed * wet_end(ray, far);
 }
 #else
@@ -21,7 +21,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     bool met = hit.distance >= 0.0;
     Passage first = Passage(vec3(0.0), vec3(1.0));
     if (CAMERA_IN_WATER) {
-        first = from_camera_on(met ? hit.distance : far < 0.0 ? FOREVER_M : far, ray.direction.y);
+        first = from_camera_on(met ? hit.distance : far < 0.0 ? FOREVER_M : far, ray.direction);
         if (!met && far < 0.0) first.passed *= WATER_ENDS;
     }
     ray.weight = first.passed;
@@ -54,7 +54,7 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     bool again = meets_again(waves, heights, wet.origin, flat_, wet_flat ? -1.0 : 1.0, wet.width,
                              wet_flat ? wet.spread : dry.spread, reach);
     whole = whole && !(met && (both || again || (dry_seen && dry_down >= 0.0)));
-    Passage second = from_surface_on(down < 0.0 ? FOREVER_M : down, wet.direction.y);
+    Passage second = from_surface_on(down < 0.0 ? FOREVER_M : down, wet.direction);
     if (down < 0.0) second.passed *= WATER_ENDS;
     if (!met) second = Passage(vec3(0.0), vec3(1.0));
     light += wet_seen ? wet.weight * (second.veil + second.passed * wet_end(wet, down)) : vec3(0.0);

@@ -43,13 +43,13 @@ vec3 light_of(Ray ray, inout bool whole, out Hit hit) {
     bool more;
     int rays = 0;
     do {
-        float far = floor_distance(ray.origin, ray.direction, ray.wet), up = ray.direction.y;
+        float far = floor_distance(ray.origin, ray.direction, ray.wet);
         hit = next_hit(ray, far);
         bool met = hit.distance >= 0.0, ends = !met && far < 0.0;
         float distance = met ? hit.distance : far;
         if (ray.wet) {
-            Passage water = from_surface_on(ends ? FOREVER_M : distance, up), other = water;
-            if (CAMERA_IN_WATER) other = from_camera_on(ends ? FOREVER_M : distance, up);
+            Passage water = from_surface_on(ends ? FOREVER_M : distance, ray.direction), other = water;
+            if (CAMERA_IN_WATER) other = from_camera_on(ends ? FOREVER_M : distance, ray.direction);
             if (ray.generation == 0) water = other;
             total += ray.weight * water.veil;
             ray.weight *= ends ? WATER_ENDS * water.passed : water.passed;

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light of open water by its azimuth from the sun, over the mean that the tables of a medium hold.
+
+    veil(d, s) = veil(up, s) R(d)        R(d) = L(d)/mean of L over the azimuth
+
+L: light that an endless ray, or one up to the surface, gains. Light at a small angle to the sun is several times as
+bright as opposite. On shorter ways the ratio is hardly another: level rays have the same at any length; with R, light
+of rays of 1 to 5 m is off by 0.4 % rms of that of the endless ray in clear water, by 3 % in turbid water, 7 m deep,
+where rays towards the surface pass from diffuse into direct light.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.constants import PI
+from mr360uw.medium.fit.level import typical
+from mr360uw.medium.fit.open_water import COLUMNS, ROWS
+from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.models import FieldModel
+from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.sphere import directions
+from mr360uw.types import Floats
+
+Array = NDArray[np.float64]
+
+AZIMUTHS = PI * np.linspace(0.0, 1.0, 25) ** 1.5
+"""Azimuths from the sun's [rad] that the ratio is computed at: dense about the sun."""
+_EVERY = 4
+"""One wavelength in so many is taken: the ratio changes slowly over them."""
+_DEPTHS = 2.0**0.5
+"""Ratio of the depths that are computed. Between them R is interpolated, which even in turbid water is off by 1 %."""
+_TINY = 1e-300
+
+
+def around_sun(medium: Medium) -> Array | None:
+    """Return the ratio R (ROWS, len(AZIMUTHS), 3) at a medium's camera; None where its light has no sun."""
+    if not isinstance(medium.model, FieldModel) or not isinstance(medium.sky, tuple):
+        return None
+    model = medium.model_at(medium.bands.wavelength_nm[::_EVERY], "table")
+    lobes = medium.bands.lobes[::_EVERY].tobytes()
+    assert isinstance(model, FieldModel)
+    step = int(np.floor(np.log(medium.camera_depth_m) / np.log(_DEPTHS)))
+    above, below = _DEPTHS**step, _DEPTHS ** (step + 1)
+    if medium.floor_m is not None:
+        below = max(min(below, medium.floor_m), medium.camera_depth_m)
+    share = np.log(medium.camera_depth_m / above) / np.log(below / above) if below > above else 0.0
+    upper, lower = (_at_depth(model, lobes, depth_m) for depth_m in (above, below))
+    return upper + share * (lower - upper)
+
+
+@functools.lru_cache(maxsize=64)
+def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
+    weights = np.frombuffer(lobes).reshape(-1, 3)
+
+    def ratio() -> dict[str, Array]:
+        light = model.around_sun(depth_m, row_up(ROWS), AZIMUTHS) @ weights
+        mean = np.einsum("a,rak->rk", _shares(), light)
+        return {"ratio": light / np.maximum(mean, _TINY)[:, None]}
+
+    return np.asarray(kept_arrays("around", (depth_m, weights, *model.inputs), ratio)["ratio"])
+
+
+@functools.cache
+def _shares() -> Array:
+    """Return the weight (a,) of each azimuth in a mean over the circle."""
+    from scipy.interpolate import CubicSpline
+
+    splines = CubicSpline(AZIMUTHS, np.eye(len(AZIMUTHS)), bc_type="clamped")
+    return np.asarray(splines.integrate(0.0, PI) / PI)
+
+
+def placed(ratio: Array, sun: Floats) -> Array:
+    """Return a ratio R (ROWS, a, 3) as an equirectangular map (ROWS, COLUMNS, 3).
+
+    sun: (3,) direction towards it in the map's axes.
+    """
+    from scipy.interpolate import CubicSpline
+
+    level = directions(COLUMNS, 2)[0][:, [0, 2]]
+    across = np.array([sun[0], sun[2]]) / max(float(np.hypot(sun[0], sun[2])), 1e-12)
+    cosine = level @ across / np.linalg.norm(level, axis=1)
+    splines = CubicSpline(AZIMUTHS, ratio, axis=1, bc_type="clamped")
+    return np.maximum(splines(np.arccos(np.clip(cosine, -1.0, 1.0))), 0.0)
+
+
+def typical_level(around: Array) -> Array:
+    """Return what is typical (3,) of a map R at the horizon, from where a gain is fitted to a plate (`fit_level`)."""
+    level = around[ROWS // 2 - 1 : ROWS // 2 + 1].mean(axis=0)
+    return typical(level, np.ones(COLUMNS))
