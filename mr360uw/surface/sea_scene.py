@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
 
-What does not change with time is made once: the solved water, the dome and its patches, the floor. What does is a
+What does not change with time is made once: the solved water, the dome and its bright patches, the floor. What does is a
 function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
 """
 
@@ -130,7 +130,9 @@ class SeaScene:
         if floor.lowest_m < floor.highest_m:
             depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
         lights = [
-            self._cache.get("floor light", (time, d), functools.partial(self._floor_light, time, d), keep=len(depths))
+            self._cache.get(
+                "floor light", (time, d), functools.partial(self._floor_light, sampled, time, d), keep=len(depths)
+            )
             for d in depths
         ]
         planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
@@ -138,9 +140,17 @@ class SeaScene:
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
 
-    def _floor_light(self, time_s: float, depth_m: float) -> FloorLight:
+    def _floor_light(self, sampled: SampledSea, time_s: float, depth_m: float) -> FloorLight:
         return self.water.on_floor(
-            self.sea, self.dome, self.sun, depth_m, time_s, self.refractive_index, self.floor.mean_albedo, self.caustics
+            self.sea,
+            sampled,
+            self.dome,
+            self.sun,
+            depth_m,
+            time_s,
+            self.refractive_index,
+            self.floor.mean_albedo,
+            self.caustics,
         )
 
 

@@ -15,9 +15,17 @@ from mr360uw.surface import slopes
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.tracing import ray_optics
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
-from mr360uw.surface.tracing.stage_arrays import disc_of, packed
+from mr360uw.surface.tracing.stage_arrays import disc_of
 from mr360uw.surface.tracing.sun_in_waves import sunlight
-from mr360uw.surface.tracing.table_reads import WaterTable, level_for, periodic, sky_radiance, transmittance, veil
+from mr360uw.surface.tracing.table_reads import (
+    WaterTable,
+    level_for,
+    packed,
+    periodic,
+    sky_radiance,
+    transmittance,
+    veil,
+)
 from mr360uw.types import Sun
 from tests.surface import tolerances as tol
 

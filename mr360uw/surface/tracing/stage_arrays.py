@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from mr360uw.surface.tracing.ray_kernel import Murk, World
 from mr360uw.surface.tracing.relief import Relief
 from mr360uw.surface.tracing.ripples import Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
-from mr360uw.surface.tracing.table_reads import WaterTable
+from mr360uw.surface.tracing.table_reads import WaterTable, packed
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun
 
@@ -38,17 +37,6 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
     index, samples = stage.refractive_index, stage.samples
     world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
-
-
-def packed(pictures: Sequence[NDArray[Any]]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the texels (n, 3) of pictures (1, height, width, 1 or 3), and first texel, width and height of each."""
-    table, texels, first = [], [], 0
-    for picture in pictures:
-        height, width = picture.shape[1:3]
-        table.append((first, width, height))
-        texels.append(np.broadcast_to(picture, (1, height, width, 3)).reshape(-1, 3).astype(np.float32))
-        first += width * height
-    return np.concatenate(texels), np.array(table, np.int64)
 
 
 def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
