@@ -3,8 +3,9 @@
 
 flat: Snell's window, apparent depth, Fresnel's equations, energy, round trips and reciprocity at a level surface.
 mitsuba: a Gerstner sea under a sky without a sun from below and from above, against a path tracer on a mesh of the same
-surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954.
-sky: the pattern of an even sky on the floor against exact rays, and its time. footprint: few pixels against many. gl: pictures on OpenGL against the reference, and the time of a dive's frame beside
+surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954. sky: the pattern of
+an even sky on the floor against exact rays, and its time.
+footprint: few pixels against many. gl: pictures on OpenGL against the reference, and the time of a dive's frame beside
 that of a composite's medium pass and caustics. stress: cameras at the surface, waves that bare the floor, low suns,
 night, calm.
 pictures FOLDER: docs/surface.jpg.

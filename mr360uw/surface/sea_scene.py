@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
 
-What does not change with time is made once: the solved water, the dome and its bright patches, the floor. What does is a
-function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
+What does not change with time is made once: the solved water, the dome and its bright patches, the floor. What does is
+a function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
 """
 
 from __future__ import annotations
