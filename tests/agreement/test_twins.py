@@ -24,7 +24,6 @@ from mr360uw.caustics.flux import cell, coverage, refracted_rays
 from mr360uw.caustics.sea import detail, gerstner, surface
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
-from mr360uw.ibl.expansion import region_ramp
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
@@ -277,12 +276,6 @@ def medium_case(name: str, rng: np.random.Generator) -> Case:
     )  # fmt: skip
 
 
-def expansion_case(name: str, rng: np.random.Generator) -> Case:
-    x, edge = rounded(rng.uniform(-1.5, 1.5, (2, COUNT)))
-    ramp = rounded(np.where(rng.uniform(size=COUNT) < 0.1, 0.0, rng.uniform(0.02, 0.5, COUNT)))
-    return Case(f"{name}(x, e, r)", {"x": x, "e": edge, "r": ramp}, row_by_row(region_ramp, x, edge, ramp))
-
-
 def environment_case(name: str, rng: np.random.Generator) -> Case:
     levels, roughness = rng.uniform(0.0, 2.0, (4, 32, 64, 3)), np.array([0.1, 0.3, 0.6, 1.0])
     d, r = rounded(unit(rng.standard_normal((COUNT, 3)))), rng.uniform(0.0, 1.2, COUNT)
@@ -346,7 +339,6 @@ CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
     "caustics/flux/refracted_rays.glsl": rays_case,
     "caustic_lookup.glsl": caustic_case,
     "composite/lighting/shading.glsl": shading_case,
-    "ibl/expansion.glsl": expansion_case,
     "ibl/lookup.glsl": environment_case,
     "ibl/splitsum.glsl": split_sum_case,
     "medium/lookup.glsl": medium_case,

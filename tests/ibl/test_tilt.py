@@ -72,16 +72,6 @@ def test_a_tilted_dive_has_the_light_of_a_level_one(dive: np.ndarray, operator: 
     assert off(ignored, level) > 2.0 * TILT_LIGHT  # the sun lies outside of the window that a level camera would have
 
 
-@pytest.mark.usefixtures("gl")
-def test_a_tilted_texture_has_the_light_of_the_tilted_plate(dive: np.ndarray) -> None:
-    from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl.reduction import environment_from_texture
-
-    chosen, seen = LightSettings(operator="mr360"), np.minimum(tilted(dive, TILT), 1.0)
-    a = environment_from_texture(texture_from_array(seen), chosen, underwater=True, up=TILT[1])
-    assert off(a, ibl.environment(seen, chosen, underwater=True, up=TILT[1])) < TILT_LIGHT
-
-
 @pytest.mark.parametrize("camera", [{"roll_deg": np.degrees(ROLL_RAD), "pitch_deg": np.degrees(PITCH_RAD)}, "keys"])
 def test_a_scene_knows_the_tilt_at_every_time(dive: np.ndarray, camera: dict | str, tmp_path: Path) -> None:
     keys = [[0.0, 0.0, 0.0], [2.0, float(np.degrees(ROLL_RAD)), float(np.degrees(PITCH_RAD))]]
