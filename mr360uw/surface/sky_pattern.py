@@ -91,8 +91,7 @@ def _slopes(sampled: SampledSea) -> NDArray[np.float32]:
 def _rays(count: int, slope_variance: float) -> Array:
     """Return the rays (count, 7) of `gather_row`, the same for every pixel.
 
-    Directions lie on a sunflower's spiral (Vogel 1979), the rest on the lattice of the plastic number's kin (Roberts
-    2018, R_4).
+    Directions lie on a sunflower's spiral (Vogel 1979), the rest on the lattice R_4 of Roberts 2018.
     """
     k = np.arange(count)
     sine, turn = _SINE * np.sqrt((k + 0.5) / count), k * (PI * (3.0 - np.sqrt(5.0)))
