@@ -42,7 +42,7 @@ def analyse_video(
     as .sun.json and .sun.csv. Raises `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.level.horizon import estimate_horizon
-    from mr360uw.ibl.report import Snapshot, level_section, light_report
+    from mr360uw.ibl.report import ReportFrame, level_section, light_report
     from mr360uw.ibl.sun.trackfile import save_track
     from mr360uw.medium.fit.waterfit import fit_water
     from mr360uw.medium.spectral.sensor import named_sensor
@@ -69,7 +69,7 @@ def analyse_video(
             reader = over_time(frame.time_s).light
             light = reader.of(frame.pixels, time_s=frame.time_s)
             words = reader.sun_found(frame.pixels, frame.time_s).words
-            snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))
+            snapshots.append(ReportFrame(frame.time_s, _small(frame), light, words))
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     sections = []
     if scene.water.type != "none":

@@ -23,7 +23,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sea_picture import SurfacePicture, rendered
@@ -111,7 +111,7 @@ class SeaScene:
                     raise
         return rendered(stage, view, samples)
 
-    def stage(self, view: View, time_s: float, samples: int) -> Stage:
+    def stage(self, view: View, time_s: float, samples: int) -> RayStage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
         position = exactly("view.position", view.position, (3,)).astype(np.float64)
         ground = self.floor.height_at(position[0], position[2])
@@ -136,7 +136,7 @@ class SeaScene:
             for d in depths
         ]
         planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
-        return Stage(
+        return RayStage(
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
 

@@ -35,7 +35,7 @@ HALVINGS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facets:
+class FacetsOfRays:
     """Facets that n rays meet. travel, normal: (n, 3), the normal up; covariance: (n, 3) of slopes, xx, xz, zz.
     from_below: whether the rays run in the water.
     """

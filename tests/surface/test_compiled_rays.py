@@ -56,7 +56,7 @@ def test_facets_and_their_sunlight(rng: np.random.Generator, from_below: bool) -
     keys = np.arange(COUNT, dtype=np.uint32)
     sun = Sun(unit([0.3, 0.8, -0.52]), np.array([1.0, 2.0, 3.0]), 0.05, 1.0)
     disc, _ = disc_of(sun)
-    arrays = slopes.Facets(travel, normal, covariance, from_below)
+    arrays = slopes.FacetsOfRays(travel, normal, covariance, from_below)
     normals, light = arrays.drawn(keys), arrays.sunlight(sun, 1.34)[:, 1]
     for k in range(COUNT):
         d, n = tuple(travel[k].tolist()), tuple(normal[k].tolist())

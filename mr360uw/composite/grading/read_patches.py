@@ -20,7 +20,7 @@ PATCH_SAMPLES = 64
 """Pixels that are read of a patch, evenly over its disc."""
 
 
-class Picture(Protocol):
+class FilePicture(Protocol):
     """A plate's frame, read as the file has it."""
 
     @property
@@ -35,7 +35,7 @@ class Picture(Protocol):
         """Return a part of it as linear light (h, w, 3)."""
 
 
-def patched_colour(settings: MatchSettings, shown: Sequence[Picture]) -> tuple[ColourGrade, str]:
+def patched_colour(settings: MatchSettings, shown: Sequence[FilePicture]) -> tuple[ColourGrade, str]:
     """Return the colour of a plate's grade by its patches, and a line on what they tell.
 
     settings: with one patch or more; numbers that are given stay. shown: for each patch the frame that shows it.
@@ -45,7 +45,7 @@ def patched_colour(settings: MatchSettings, shown: Sequence[Picture]) -> tuple[C
     return solved.colour, solved_in_words(solved, len(patches))
 
 
-def read_patch(frame: Picture, patch: PatchSettings) -> Patch:
+def read_patch(frame: FilePicture, patch: PatchSettings) -> Patch:
     """Return a patch as a frame shows it: the median code of its disc in each channel."""
     middle = direction_from_angles(math.radians(patch.azimuth_deg), math.radians(patch.elevation_deg))
     directions = disc_directions(middle, math.radians(0.5 * patch.size_deg), PATCH_SAMPLES)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from mr360uw.optics import refract_to_water
 from mr360uw.surface.intersection import surface_arrays, waves_of
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight
-from mr360uw.surface.tracing.floor_light import Ground
-from mr360uw.surface.tracing.ray_kernel import Murk, World
+from mr360uw.surface.tracing.floor_light import LitFloor
+from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld
 from mr360uw.surface.tracing.relief import Relief
 from mr360uw.surface.tracing.ripples import Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
@@ -26,7 +26,7 @@ from mr360uw.types import Sun
 Arrays = tuple[Any, ...]
 
 
-def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
+def stage_arrays(stage: RayStage) -> tuple[Arrays, RayWorld]:
     """Return the arrays of `ray_kernel.followed` from c to wa, and its numbers."""
     ripples, slopes = ripples_of(stage.sea)
     ground, floor = _ground(stage)
@@ -35,7 +35,7 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
     dome = packed([level[None] for level in stage.dome.levels])
     arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, *dome, veils, attenuations)
     index, samples = stage.refractive_index, stage.samples
-    world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
+    world = RayWorld(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
 
 
@@ -51,7 +51,7 @@ def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
     )
 
 
-def _ground(stage: Stage) -> tuple[Ground, Arrays]:
+def _ground(stage: RayStage) -> tuple[LitFloor, Arrays]:
     """Return the floor's numbers, and its arrays f to e of `floor_light`."""
     floor, sea = stage.floor, stage.sea
     planes = [(depth, light.even, _merged(light)) for depth, light in stage.planes or ((1.0, stage.floor_light),)]
@@ -68,7 +68,13 @@ def _ground(stage: Stage) -> tuple[Ground, Arrays]:
     below = _BELOW * (floor.highest_m - floor.lowest_m)
     relief = Relief(floor.tile_m, stage.floor_y_m, floor.lowest_m - below, floor.highest_m, floor.steepest)
     sky, sun = tuple((dry - dry_sun).tolist()), tuple(dry_sun.tolist())
-    return Ground(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air), (texels, table, rows, even, floor.relief)
+    return LitFloor(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air), (
+        texels,
+        table,
+        rows,
+        even,
+        floor.relief,
+    )
 
 
 def _merged(light: FloorLight) -> list[tuple[tuple[float, float, float], list[NDArray[Any]]]]:
