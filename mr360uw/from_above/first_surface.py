@@ -16,7 +16,8 @@ from mr360uw.optics import fresnel, reflect, refract_clamped
 from mr360uw.surface import SurfacePicture
 from mr360uw.surface.intersection import sigma_at
 from mr360uw.surface.ray_stage import RayStage
-from mr360uw.surface.slopes import FacetsOfRays
+from mr360uw.surface.tracing.stage_arrays import disc_of
+from mr360uw.surface.tracing.sun_in_waves import glitter
 from mr360uw.types import View
 
 Array = NDArray[np.float64]
@@ -79,6 +80,8 @@ def reflected_radiance(stage: RayStage, view: View, seen: SurfacePicture, direct
     blur = np.hypot(spread, 2.0 * np.sqrt(np.maximum(lost[:, 0] + lost[:, 2], 0.0)))
     light = fresnel(cosine, stage.refractive_index)[:, None] * stage.dome.look(reflect(d, normal), blur)
     if stage.sun is not None and stage.sun.direction[1] > 0.0:
-        light = light + FacetsOfRays(d, normal, lost, from_below=False).sunlight(stage.sun, stage.refractive_index)
+        disc, _ = disc_of(stage.sun)
+        seen_sun = glitter(disc, d, normal, lost, 1.0, stage.refractive_index)
+        light = light + seen_sun[:, None] * np.array([disc.red, disc.green, disc.blue])
     out[met] = light
     return out
