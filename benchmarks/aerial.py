@@ -52,10 +52,11 @@ def fft() -> None:
         timed("fields of a frame", lambda k, sea=sea, n=n: sea.grid_fields(n, 0.1 * k))
         points = points_across(sea)
         timed(f"splines of {points} points", lambda k, sea=sea, points=points: SampledSea.of(sea, 0.1 * k, points))
+        sampled = SampledSea.of(sea, 0.0, points)
         timed(
             "light on the floor",
-            lambda k, loaded=loaded, sea=sea: loaded.sea.light_in_water(4.0).on_floor(
-                sea, loaded.sea.dome, loaded.sea.sun, 4.0, 0.1 * k, loaded.sea.caustics
+            lambda k, loaded=loaded, sea=sea, sampled=sampled: loaded.sea.light_in_water(4.0).on_floor(
+                sea, sampled, loaded.sea.dome, loaded.sea.sun, 4.0, 0.1 * k, loaded.sea.caustics
             ),
         )  # fmt: skip
 

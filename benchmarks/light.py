@@ -385,17 +385,6 @@ def time_section() -> None:
                 rows.append((operator, bits, base, light, light / base))
     cv2.setNumThreads(-1)
     table(("operator", "bits", "resize ms", "environment ms", "ratio"), rows)
-    from mr360uw.gl.context import gl_available, gl_device, texture_from_array
-
-    if gl_available():
-        from mr360uw.ibl.gl.reduction import reduce_texture
-
-        texture = texture_from_array(decode(code, "srgb"))
-        reduce_texture(texture, LightSettings(), COARSE_COLUMNS, COARSE_ROWS)
-        start = time.perf_counter()
-        reduce_texture(texture, LightSettings(), COARSE_COLUMNS, COARSE_ROWS)
-        milliseconds = 1e3 * (time.perf_counter() - start)
-        print(f"  expansion and reduction on {gl_device().renderer}: {milliseconds:.0f} ms of wall time, read back\n")
 
 
 def stress() -> None:

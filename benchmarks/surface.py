@@ -3,7 +3,8 @@
 
 flat: Snell's window, apparent depth, Fresnel's equations, energy, round trips and reciprocity at a level surface.
 mitsuba: a Gerstner sea under a sky without a sun from below and from above, against a path tracer on a mesh of the same
-surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954.
+surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954. sky: the pattern of
+an even sky on the floor against exact rays, and its time.
 footprint: few pixels against many. gl: pictures on OpenGL against the reference, and the time of a dive's frame beside
 that of a composite's medium pass and caustics. stress: cameras at the surface, waves that bare the floor, low suns,
 night, calm.
@@ -28,6 +29,10 @@ from mr360uw.caustics import GerstnerSea  # noqa: E402
 from mr360uw.caustics.sea.sea_state import mean_square_slope  # noqa: E402
 from mr360uw.medium import Water  # noqa: E402
 from mr360uw.sphere import direction_from_angles, directions, unit  # noqa: E402
+from mr360uw.surface.intersection import first_hits  # noqa: E402
+from mr360uw.surface.sampled_sea import SampledSea  # noqa: E402
+from mr360uw.surface.sky import Dome  # noqa: E402
+from mr360uw.surface.sky_pattern import sky_pattern  # noqa: E402
 from mr360uw.types import Sun, View  # noqa: E402
 
 N = 1.34
@@ -261,6 +266,30 @@ def glitter() -> None:
             say(f"{wind:g} m/s from {height:g} m: {found:.4f} of {mean_square_slope(wind):.4f}, off", off, 0.15)
 
 
+def sky_on_floor() -> None:
+    """Contrast under two waves at random places, by 4000 exact rays each, and its processor time."""
+    depth, count, place = 5.0, 4000, np.random.default_rng(3).uniform(0.0, 8.0, (96, 2))
+    sea = GerstnerSea.from_waves([[np.pi / 2.0, 0.0], [0.0, np.pi]], [0.06, 0.03], 0.8, 0.5, tile_m=8.0)
+    sine, turn = np.sqrt((np.arange(count) + 0.5) / count), np.arange(count) * (np.pi * (3.0 - np.sqrt(5.0)))
+    up = np.stack([sine * np.cos(turn), np.sqrt(1.0 - sine**2), sine * np.sin(turn)], axis=-1)
+    sampled, none, truth = SampledSea.of(sea, 0.7), np.zeros(count), []
+    for x, z in place:
+        origin = np.tile([x, -depth, z], (count, 1))
+        hits = first_hits(sampled, origin, up, True, none, none, np.full(count, 1e6))
+        truth.append(np.mean(1.0 - optics.fresnel_from_below(np.sum(up * hits.normal, axis=1), N)))
+    dome = Dome(np.ones((32, 64, 3)))
+    sky_pattern(sea, sampled, dome, depth, 0.7, N)
+    start = time.process_time()
+    pattern = sky_pattern(sea, sampled, dome, depth, 0.7, N)
+    took = time.process_time() - start
+    found = pattern.at(place[:, 0], place[:, 1], np.zeros(len(place)))[:, 1]
+    mine, exact = found / found.mean(), np.array(truth) / np.mean(truth)
+    print(
+        f"contrast of the sky on the floor: {mine.std():.4f}, exact rays {exact.std():.4f}; {took:.2f} s of processor"
+    )
+    say("error over the light, rms", float(np.sqrt(np.mean((mine - exact) ** 2))), 0.004)
+
+
 def footprint() -> None:
     """Pictures of few pixels against the means of pictures of sixteen times as many, nine rays in each."""
     print("footprint")
@@ -420,7 +449,7 @@ def pictures(folder: str = "pictures") -> None:
 
 
 SECTIONS: dict[str, Callable[[], None]] = {
-    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "footprint": footprint, "gl": gl,
+    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "sky": sky_on_floor, "footprint": footprint, "gl": gl,
     "stress": stress,
 }  # fmt: skip
 

@@ -141,12 +141,10 @@ def composite_video(
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
         renderer, fallback = make_backend(backend, scene.plate.eyes)
-        crew = make_crew(workers, cluster, len(parts))
-        inputs = input_fingerprints(loaded)
+        crew, inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
         with work_folder(output.path, keys, fresh=fresh) as work:
-            if not (work.resumed or overwrite):
-                output.check_pictures()
+            output.check_pictures(work)
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
@@ -161,18 +159,14 @@ def composite_video(
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = output.complete(work, parts)
-        looks = (*video.doubts, *projection_notes(scene, video, span[0]))
-    done_report = replace(
-        _report(Path(out), total, loaded, renderer, times),
-        seconds=time.perf_counter() - began,
-        notes=(*looks, *loaded.notes, *doubts, *filter(None, [fallback]), *work.notes, *notes),
-        kept_frames=kept,
-        workers=1 if crew is None else crew.count,
-        inputs=inputs,
-    )
+        doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
+    made = replace(
+        _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
+        notes=(*doubts, *filter(None, [fallback]), *notes), workers=1 if crew is None else crew.count, inputs=inputs,
+    )  # fmt: skip
     if output.report is not None:
-        done_report.save(output.report, overwrite=overwrite)
-    return done_report
+        made.save(output.report, overwrite=overwrite)
+    return made
 
 
 def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:

@@ -21,7 +21,7 @@ GROUND = {
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
-    "ibl": {"gl"},
+    "ibl": set(),
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
     "surface": {"gl", "caustic_lookup", *PHYSICS},

@@ -11,7 +11,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mr360uw.bench.measuring import Measurement, Stage, better_than_default, front, knobs_in_words
+from mr360uw.bench.measuring import MeasuredStage, Measurement, better_than_default, front, knobs_in_words
 from mr360uw.errors import ParameterError
 from mr360uw.reading.input_files import read_text, unreadable
 
@@ -48,7 +48,7 @@ class StageResult(_Frozen):
     measurements: tuple[Measurement, ...]
 
     @classmethod
-    def of(cls, stage: Stage, found: list[Measurement]) -> StageResult:
+    def of(cls, stage: MeasuredStage, found: list[Measurement]) -> StageResult:
         """Return the result of a stage."""
         return cls(name=stage.name, title=stage.title, timed=stage.timed, truth=stage.truth, measurements=tuple(found))
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mr360uw.bench.bench_report import BenchReport, StageResult, this_machine
-from mr360uw.bench.measuring import Stage, measure
+from mr360uw.bench.measuring import MeasuredStage, measure
 from mr360uw.bench.workbench import Workbench
 from mr360uw.errors import ParameterError
 from mr360uw.info import package_versions
@@ -17,7 +17,7 @@ from mr360uw.render.backends import make_backend
 from mr360uw.threads import one_blas_thread
 
 
-def chosen_stages(only: Sequence[str]) -> list[Stage]:
+def chosen_stages(only: Sequence[str]) -> list[MeasuredStage]:
     """Return the stages of some names, of all without any; raise `ParameterError` for names that none has."""
     from mr360uw.bench.stages import all_stages
 
@@ -28,7 +28,7 @@ def chosen_stages(only: Sequence[str]) -> list[Stage]:
 
 
 def run_bench(
-    stages: Sequence[Stage], *, quick: bool = False, backend: str = "auto", progress: Progress | None = None
+    stages: Sequence[MeasuredStage], *, quick: bool = False, backend: str = "auto", progress: Progress | None = None
 ) -> BenchReport:
     """Measure stages on a sample dive made in a temporary folder; return the results.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, Stage, Workload, qualities, relative_rms
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
 from mr360uw.bench.workbench import Workbench, picture_of
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.ibl import environment
@@ -19,10 +19,10 @@ _SCALES = (1.0, 0.5, 0.25, 0.125, 0.0625)
 _COUNTS = (1, 5, 13, 17, 29, 41, 65)
 
 
-def light_stage() -> Stage:
+def light_stage() -> MeasuredStage:
     """Light of the plate: size of the frame that it is measured in."""
     scales = tuple({"plate.scale": scale} for scale in _SCALES)
-    return Stage(
+    return MeasuredStage(
         "light",
         "Light of the plate: size of the frame",
         "environment, irradiance and sun of one frame",
@@ -34,10 +34,10 @@ def light_stage() -> Stage:
     )
 
 
-def sun_stage() -> Stage:
+def sun_stage() -> MeasuredStage:
     """Soft shadows: directions over the light's disc."""
     counts = (1, 2, 4, 6, 8, 12, 16, 24, MAXIMUM_SUN_SAMPLES)
-    return Stage(
+    return MeasuredStage(
         "sun",
         "Soft shadows: directions over the sun's disc",
         _FRAME,
@@ -49,13 +49,13 @@ def sun_stage() -> Stage:
     )
 
 
-def pixel_stage() -> Stage:
+def pixel_stage() -> MeasuredStage:
     """Edges and textures: samples of a pixel, shaded together or one by one."""
 
     def of(shading: str, *counts: int) -> tuple[Knobs, ...]:
         return tuple({"draw.samples": count, "draw.shading": shading} for count in counts)
 
-    return Stage(
+    return MeasuredStage(
         "pixels",
         "Edges: samples of a pixel, and how they are shaded",
         _FRAME,
@@ -67,13 +67,13 @@ def pixel_stage() -> Stage:
     )
 
 
-def frame_stage() -> Stage:
+def frame_stage() -> MeasuredStage:
     """Whole frames: quality and size."""
 
     def of(*scales: float) -> tuple[Knobs, ...]:
         return tuple({"draw.quality": q, "plate.scale": s} for s in scales for q in ("draft", "final", "reference"))
 
-    return Stage(
+    return MeasuredStage(
         "frame",
         "The whole frame: quality and size",
         _FRAME,

@@ -43,7 +43,7 @@ class Workload:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class MeasuredStage:
     """A stage and the settings at which it is measured.
 
     title: what is measured, timed: what the time covers, truth: what the error is against, in words. points: settings
@@ -93,7 +93,7 @@ def qualities(*names: str) -> dict[str, Knobs]:
     return found
 
 
-def measure(stage: Stage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
+def measure(stage: MeasuredStage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
     """Return the measurements of a stage at its settings. tick: called after each of them."""
     work, found = stage.open(bench), []
     for knobs in stage.settings(quick=bench.quick):

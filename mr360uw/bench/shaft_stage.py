@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, Stage, Workload, qualities, relative_rms
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
 from mr360uw.bench.workbench import Workbench
 from mr360uw.caustics import CausticSettings, caustic_stack, refract_to_air, stack_depths
 from mr360uw.composite.objects import load_objects
@@ -30,14 +30,14 @@ _TRUE_RAYS, _STEPS = 128, 2048
 _SUN = Sun(unit([0.3, 0.85, -0.4]), np.ones(3), 0.0035, 1.0)
 
 
-def shaft_stage() -> Stage:
+def shaft_stage() -> MeasuredStage:
     """Shafts: nodes and slices of the grid."""
 
     def of(resolution: int, slices: int) -> Knobs:
         return {"shafts.resolution": resolution, "shafts.slices": slices}
 
     sizes = (128, 256, 512, 1024, 2048)
-    return Stage(
+    return MeasuredStage(
         "shafts",
         "Shafts: nodes and slices of their grid",
         "the grid's nodes that a view of 90 x 60 degrees reads, and reading 128 rays",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.bench.dive_stages import frame_stage, light_stage, pixel_stage, sun_stage
-from mr360uw.bench.measuring import Knobs, Stage, Workload, qualities, relative_rms
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
 from mr360uw.bench.shaft_stage import shaft_stage
 from mr360uw.bench.workbench import Workbench
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
@@ -32,9 +32,9 @@ _POINTS = 50_000
 """Points at which maps are compared."""
 
 
-def all_stages() -> dict[str, Stage]:
+def all_stages() -> dict[str, MeasuredStage]:
     """Return the stages by name, in the order in which a frame runs them."""
-    made: Sequence[Callable[[], Stage]] = (
+    made: Sequence[Callable[[], MeasuredStage]] = (
         light_stage, medium_stage, caustic_stage, plane_stage, shaft_stage, sun_stage, pixel_stage, frame_stage,
     )  # fmt: skip
     stages = [make() for make in made]
@@ -50,7 +50,7 @@ def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
 # --- water ---------------------------------------------------------------------------------------------------------
 
 
-def medium_stage() -> Stage:
+def medium_stage() -> MeasuredStage:
     """Water: number of wavelengths, their choice, and the model of the veil."""
 
     def of(mode: str, rule: str, *bands: int) -> tuple[Knobs, ...]:
@@ -58,7 +58,7 @@ def medium_stage() -> Stage:
 
     models = (*of("kd", "rectangle", 61), *of("kd+", "rectangle", 61), *of("rgb", "rectangle", 61))
     fitted = of("table", "fitted", 3, 5, 8)
-    return Stage(
+    return MeasuredStage(
         "medium",
         "Water: wavelengths and model of the veil",
         "solving a water and tabulating it, once a clip",
@@ -88,9 +88,9 @@ def _open_medium(bench: Workbench) -> Workload:
 # --- caustics ------------------------------------------------------------------------------------------------------
 
 
-def caustic_stage() -> Stage:
+def caustic_stage() -> MeasuredStage:
     """One caustic map: cells of the surface and pixels of the map."""
-    return Stage(
+    return MeasuredStage(
         "caustics",
         "One caustic map: its pixels, and the cells of the surface",
         "one map of a plane 4.5 m deep, as arrays",
@@ -102,10 +102,10 @@ def caustic_stage() -> Stage:
     )
 
 
-def plane_stage() -> Stage:
+def plane_stage() -> MeasuredStage:
     """Planes of caustics between which a body's light is interpolated."""
     most = (1, 2, 3, 4, 6, 8, 12, 16)
-    return Stage(
+    return MeasuredStage(
         "planes",
         "Planes between which caustics are interpolated",
         "all maps of a frame for a body 3 to 6 m deep, as arrays",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mr360uw.preview.perspective import Perspective
 
 
-class Eye(StrEnum):
+class EyeName(StrEnum):
     """Eyes of a stereo plate."""
 
     left = "left"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mr360uw.cli.arguments import Eye
+from mr360uw.cli.arguments import EyeName
 from mr360uw.cli.gated import Role
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
@@ -23,4 +23,4 @@ FrameOption = Annotated[int | None, typer.Option(help="number of the frame; defa
 TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
 ViewOption = Annotated[str | None, typer.Option(help="yaw,pitch,fov in degrees; default: the whole panorama")]
 SizeOption = Annotated[str, typer.Option(help="of a view, in pixels")]
-EyeOption = Annotated[Eye | None, typer.Option(help="eye of a stereo plate to work on")]
+EyeOption = Annotated[EyeName | None, typer.Option(help="eye of a stereo plate to work on")]

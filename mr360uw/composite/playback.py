@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.composite.mesh.curve import Clip
+from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.hull import slab_hull, slabs
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.rig import Rig, pose, surfaces
@@ -33,7 +33,7 @@ class Poses:
         self.clip = functools.cache(self._clip)
         self.bounds = functools.cache(functools.partial(clip_bounds, rig))
 
-    def _clip(self, number: int) -> Clip:
+    def _clip(self, number: int) -> Animation:
         assert self.rig.rigging is not None
         return self.rig.rigging.read_clip(number)
 
@@ -43,7 +43,7 @@ class Playback:
     """A clip as an object plays it: at the video's time t it shows the clip's time start_s + speed t."""
 
     poses: Poses
-    clip: Clip
+    clip: Animation
     loop: Loop
     speed: float
     start_s: float
@@ -82,7 +82,7 @@ def looped(time_s: float, duration_s: float, loop: Loop) -> float:
     return duration_s - abs(time_s % (2.0 * duration_s) - duration_s)
 
 
-def clip_bounds(rig: Rig, clip: Clip) -> Floats:
+def clip_bounds(rig: Rig, clip: Animation) -> Floats:
     """Return the triangles (h, 3, 3) of a convex body that holds the poses of a clip.
 
     It holds them at even instants. In between a vertex is taken to be within half the longest way that one goes from

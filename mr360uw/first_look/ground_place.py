@@ -59,7 +59,7 @@ class GroundPlace:
 
 
 @dataclass(frozen=True, slots=True)
-class Footprint:
+class NeededSpace:
     """What has to find a place: its sides across the line of sight and along it, and its height, all [m]."""
 
     across_m: float
@@ -68,7 +68,7 @@ class Footprint:
 
 
 def ground_place(
-    image: Floats, drop_m: float, body: Footprint, distances_m: Array, azimuths_deg: Array, usual_m: float
+    image: Floats, drop_m: float, body: NeededSpace, distances_m: Array, azimuths_deg: Array, usual_m: float
 ) -> GroundPlace:
     """Return the best of some places on the ground of a levelled panorama (h, w, 3) of linear light.
 
@@ -166,7 +166,7 @@ def _crossed(layout: _Layout, azimuth: Array, ends: Array, width: float) -> Arra
     return np.asarray(np.maximum.accumulate(step, axis=1)[:, np.minimum(last, step.shape[1] - 1)])
 
 
-def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: Footprint, drop_m: float) -> Array:
+def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: NeededSpace, drop_m: float) -> Array:
     """Return how much is to be seen behind a body at some places: edges there over those of the whole plate, less 1."""
     import cv2
 

@@ -18,7 +18,7 @@ Eye = Literal["left", "right"]
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class PlateReading:
     """How a plate is read.
 
     eye: of a stereo plate, None of mono. projection: "auto" unless its pictures show another one.
@@ -28,7 +28,7 @@ class Reading:
     projection: Projection = "auto"
 
 
-def reading_of(path: Path, eye: Eye | None) -> Reading:
+def reading_of(path: Path, eye: Eye | None) -> PlateReading:
     """Return how a plate is read: with the eye asked for or the left one of a stereo plate; from what it shows.
 
     Raises `VideoError` where the plate is no panorama, and cannot be turned into one.
@@ -36,12 +36,12 @@ def reading_of(path: Path, eye: Eye | None) -> Reading:
     projection = _projection_shown(path) if eye is None else "auto"
     try:
         with open_video(path, eye=eye, projection=projection):
-            return Reading(eye, projection)
+            return PlateReading(eye, projection)
     except VideoError:
         if eye is not None or projection != "auto" or not _is_stereo(path):
             raise
     with open_video(path, eye="left"):
-        return Reading("left")
+        return PlateReading("left")
 
 
 def _projection_shown(path: Path) -> Projection:

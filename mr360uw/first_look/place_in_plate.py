@@ -14,7 +14,7 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.free_view import free_view
-from mr360uw.first_look.ground_place import Footprint, ground_place, shows_ground
+from mr360uw.first_look.ground_place import NeededSpace, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.mesh_words import Habit
 from mr360uw.first_look.plate_look import PlateLook
@@ -143,14 +143,14 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
     )  # fmt: skip
 
 
-def _footprint(mesh: MeshLook, size_m: float) -> Footprint:
+def _footprint(mesh: MeshLook, size_m: float) -> NeededSpace:
     """Return the sides of a mesh as it is turned: long ones lie across the line of sight."""
     x, y, z = (size_m * side for side in mesh.extent)
     ahead, aside = (z, x) if mesh.front in ("+z", "-z") else (x, z)
     if not mesh.long:
-        return Footprint(aside, ahead, y)
+        return NeededSpace(aside, ahead, y)
     c, s = math.cos(math.radians(_TURN_DEG)), math.sin(math.radians(_TURN_DEG))
-    return Footprint(c * ahead + s * aside, s * ahead + c * aside, y)
+    return NeededSpace(c * ahead + s * aside, s * ahead + c * aside, y)
 
 
 def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float) -> Place:

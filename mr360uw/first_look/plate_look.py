@@ -10,7 +10,7 @@ import numpy as np
 
 from mr360uw.color import luminance
 from mr360uw.first_look.below_horizon import ground_texture, light_at
-from mr360uw.first_look.panorama import Eye, Reading, reading_of
+from mr360uw.first_look.panorama import Eye, PlateReading, reading_of
 from mr360uw.first_look.water_or_air import WaterOrAir, water_or_air
 from mr360uw.ibl import environment
 from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
@@ -52,7 +52,7 @@ class PlateLook:
     sharp: Floats
     still: bool
     size: tuple[int, int]
-    reading: Reading
+    reading: PlateReading
     medium: WaterOrAir
     dark: bool
     tilt: HorizonEstimate | None

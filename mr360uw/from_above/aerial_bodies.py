@@ -32,7 +32,7 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import fresnel_transmittance, refract_to_water
 from mr360uw.sphere import directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ class AerialBodies:
         return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
 
     def layer(
-        self, stage: Stage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,
+        self, stage: RayStage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,
         caustics: CausticSettings,
     ) -> Layer:  # fmt: skip
         """Return the layer of the bodies over a picture of the sea at a time [s], as one tile.

@@ -22,7 +22,7 @@ from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.types import Floats, Layer, View
 
@@ -125,20 +125,20 @@ class LoadedAerial:
     def _thresholded(self) -> bool:
         return self.scene.reflection.sun == "thresholded"
 
-    def _seen(self, stage: Stage, view: View, time_s: float, samples: int) -> SurfacePicture:
+    def _seen(self, stage: RayStage, view: View, time_s: float, samples: int) -> SurfacePicture:
         """Return the sea without bodies, and without the sun's reflection where that is drawn apart."""
         if self._thresholded:
             return rendered(replace(stage, sun=None), view, samples)
         return self.sea.picture(view, time_s, samples=samples)
 
-    def _mirrored(self, stage: Stage, view: View, seen: SurfacePicture, directions: Array) -> Array:
+    def _mirrored(self, stage: RayStage, view: View, seen: SurfacePicture, directions: Array) -> Array:
         """Return the radiance (H, W, 3) that the first surface reflects."""
         if not self._thresholded:
             return reflected_radiance(stage, view, seen, directions)
         sky = reflected_radiance(replace(stage, sun=None), view, seen, directions)
         return sky + self._sharp(seen, directions)
 
-    def _layer(self, stage: Stage, view: View, seen: SurfacePicture, mirrored: Array, time_s: float) -> Layer:
+    def _layer(self, stage: RayStage, view: View, seen: SurfacePicture, mirrored: Array, time_s: float) -> Layer:
         if self.bodies is None:
             return Layer(view.height, view.width, ())
         frame = round(time_s * self.scene.film.frame_rate)  # of meshes that change from frame to frame

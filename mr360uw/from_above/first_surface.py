@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from mr360uw.optics import fresnel, reflect, refract_clamped
 from mr360uw.surface import SurfacePicture
 from mr360uw.surface.intersection import sigma_at
-from mr360uw.surface.ray_stage import Stage
-from mr360uw.surface.slopes import Facets
+from mr360uw.surface.ray_stage import RayStage
+from mr360uw.surface.tracing.stage_arrays import disc_of
+from mr360uw.surface.tracing.sun_in_waves import glitter
 from mr360uw.types import View
 
 Array = NDArray[np.float64]
@@ -34,7 +35,9 @@ class FloorSeen:
     veil: Array
 
 
-def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> FloorSeen:
+def floor_through_waves(
+    stage: RayStage, view: View, seen: SurfacePicture, directions: Array, origins: Array
+) -> FloorSeen:
     """Return the floor where a camera in the air sees it on the refracted rays of pixels.
 
     directions, origins: (H, W, 3) of the pixels' rays.
@@ -51,7 +54,7 @@ def floor_through_waves(stage: Stage, view: View, seen: SurfacePicture, directio
     return FloorSeen(mask, place, footprint, through[:, None] * veil)
 
 
-def floor_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:
+def floor_radiance(stage: RayStage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:
     """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor."""
     out = np.zeros(directions.shape)
     wet = floor_through_waves(stage, view, seen, directions, origins)
@@ -64,7 +67,7 @@ def floor_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: A
     return out
 
 
-def reflected_radiance(stage: Stage, view: View, seen: SurfacePicture, directions: Array) -> Array:
+def reflected_radiance(stage: RayStage, view: View, seen: SurfacePicture, directions: Array) -> Array:
     """Return the radiance (H, W, 3) of sky and sun that the surface mirrors towards the camera, once."""
     out = np.zeros(directions.shape)
     met = seen.surface & ~np.array(seen.camera_in_water)
@@ -78,6 +81,8 @@ def reflected_radiance(stage: Stage, view: View, seen: SurfacePicture, direction
     blur = np.hypot(spread, 2.0 * np.sqrt(np.maximum(lost[:, 0] + lost[:, 2], 0.0)))
     light = fresnel(cosine, stage.refractive_index)[:, None] * stage.dome.look(reflect(d, normal), blur)
     if stage.sun is not None and stage.sun.direction[1] > 0.0:
-        light = light + Facets(d, normal, lost, from_below=False).sunlight(stage.sun, stage.refractive_index)
+        disc, _ = disc_of(stage.sun)
+        seen_sun = glitter(disc, d, normal, lost, 1.0, stage.refractive_index)
+        light = light + seen_sun[:, None] * np.array([disc.red, disc.green, disc.blue])
     out[met] = light
     return out

@@ -23,7 +23,7 @@ from mr360uw.optics import refract_to_water
 from mr360uw.rays import RayScene
 from mr360uw.sphere import disc_directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ _RAYS = 13
 """Directions over the disc."""
 
 
-def ratio_on_floor(sea: SeaScene, stage: Stage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
+def ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
     """Return the floor's light with bodies over that without, (n, 3), in the floor's pixels."""
     ratio = np.ones((len(floor.place), 3))
     casters = tuple(one for one in placed if one.casts_shadow)

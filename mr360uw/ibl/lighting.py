@@ -142,24 +142,20 @@ def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ())
     """Return the environment of a coarse map (128, 256, 3) without the sun, and of the sun."""
     ambient = cosine_filter(COARSE_SCALE)(coarse)
     residual = reduce_map(coarse, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS)
-    radiance, irradiance = with_sunlight(residual, ambient, sun)
-    return Environment(
-        radiance=radiance,
-        irradiance=irradiance,
-        sun=sun,
-        residual=residual,
-        ambient=ambient,
-        glossy=glossy_levels(coarse, roughness),
-        glossy_roughness=np.asarray(roughness, np.float32),
-        detail=coarse,
+    return sunlit(
+        residual, ambient, glossy_levels(coarse, roughness), np.asarray(roughness, np.float32), sun, detail=coarse
     )
 
 
-def with_sunlight(residual: Floats, ambient: Floats, sun: Sun | None) -> tuple[Floats, Floats]:
-    """Return the maps of radiance and irradiance (H, W, 3) of `residual` and `ambient`, which lack the sun, with it."""
-    if sun is None:
-        return residual, ambient
-    return with_sun(residual, sun), ambient + cosine_beam(sun.direction, sun.irradiance)
+def sunlit(
+    residual: Floats, ambient: Floats, glossy: Floats, roughness: Floats, sun: Sun | None,
+    *, detail: Floats | None = None,
+) -> Environment:  # fmt: skip
+    """Return the environment of maps that lack the sun, and of the sun; symbols as of `Environment`."""
+    radiance, irradiance = residual, ambient
+    if sun is not None:
+        radiance, irradiance = with_sun(residual, sun), ambient + cosine_beam(sun.direction, sun.irradiance)
+    return Environment(radiance, irradiance, sun, residual, ambient, glossy, roughness, detail)
 
 
 def light_between(before: Environment, after: Environment, share: float, sun: Sun | None) -> Environment:
@@ -171,18 +167,11 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
     def mixed(a: Floats, b: Floats) -> Floats:
         return ((1.0 - share) * a + share * b).astype(np.float32)
 
-    residual, ambient = mixed(before.residual, after.residual), mixed(before.ambient, after.ambient)
-    radiance, irradiance = with_sunlight(residual, ambient, sun)
-    return replace(
-        before,
-        radiance=radiance,
-        irradiance=irradiance,
-        sun=sun,
-        residual=residual,
-        ambient=ambient,
-        glossy=mixed(before.glossy, after.glossy),
-        detail=None if before.detail is None or after.detail is None else mixed(before.detail, after.detail),
+    residual, ambient, glossy = (
+        mixed(getattr(before, name), getattr(after, name)) for name in ("residual", "ambient", "glossy")
     )
+    detail = None if before.detail is None or after.detail is None else mixed(before.detail, after.detail)
+    return sunlit(residual, ambient, glossy, before.glossy_roughness, sun, detail=detail)
 
 
 def sun_between(before: Sun, after: Sun, share: float) -> Sun:

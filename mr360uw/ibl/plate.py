@@ -37,7 +37,7 @@ def coarse_solid_angle() -> Floats:
 
 
 class Plate(Protocol):
-    """A plate for the sun detector and the environment, independent of its storage (floats, planes, texture)."""
+    """A plate for the sun detector and the environment, independent of its storage (floats or planes)."""
 
     @property
     def coarse(self) -> Floats:

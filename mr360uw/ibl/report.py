@@ -36,7 +36,7 @@ table { border-collapse: collapse; } td, th { padding: .2em .9em .2em 0; text-al
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class ReportFrame:
     """One frame to show. plate_linear: (H, W, 3), made small beforehand. sun_in_words: on its sun, or ""."""
 
     time_s: float
@@ -47,7 +47,7 @@ class Snapshot:
 
 def light_report(
     title: str,
-    snapshots: Sequence[Snapshot],
+    snapshots: Sequence[ReportFrame],
     track: SunTrack | None = None,
     sections: Sequence[tuple[str, str]] = (),
 ) -> str:
@@ -183,7 +183,7 @@ def marked(image_encoded: Floats, sun: Sun | None) -> Floats:
     return out
 
 
-def _frame(snapshot: Snapshot) -> str:
+def _frame(snapshot: ReportFrame) -> str:
     light = snapshot.environment
     reach = max(float(np.percentile(light.radiance, 99.0)), 1e-6)
     radiance = np.repeat(np.repeat(light.radiance, 8, axis=0), 8, axis=1)

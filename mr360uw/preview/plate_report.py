@@ -46,7 +46,7 @@ def analyse_video(
     `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.level.horizon import estimate_horizon
-    from mr360uw.ibl.report import Snapshot, level_section, light_report
+    from mr360uw.ibl.report import ReportFrame, level_section, light_report
     from mr360uw.ibl.sun.trackfile import save_track
     from mr360uw.medium.fit.waterfit import fit_water
     from mr360uw.medium.spectral.sensor import named_sensor
@@ -71,7 +71,7 @@ def analyse_video(
             reader = over_time(frame.time_s).light
             light = reader.of(frame.pixels, time_s=frame.time_s)
             words = reader.sun_found(frame.pixels, frame.time_s).words
-            snapshots.append(Snapshot(frame.time_s, _small(frame), light, words))
+            snapshots.append(ReportFrame(frame.time_s, _small(frame), light, words))
             if tell is not None and index == 0:
                 for line in sun_lines(reader, frame, facts):
                     tell(line)

@@ -33,7 +33,7 @@ from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.cosine import cosine_filter
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.glossy import glossy_levels
-from mr360uw.ibl.lighting import with_sunlight
+from mr360uw.ibl.lighting import sunlit
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
@@ -129,8 +129,7 @@ class LightReader:
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
         lit = self._water_colored(found, found.sun, world_from_camera[1])
-        radiance, irradiance = with_sunlight(found.residual, found.ambient, lit)
-        return replace(found, radiance=radiance, irradiance=irradiance, sun=lit)
+        return sunlit(found.residual, found.ambient, found.glossy, found.glossy_roughness, lit)
 
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
@@ -270,13 +269,5 @@ def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: 
     residual = (light.residual + radiance).astype(np.float32)
     ambient = (light.ambient + irradiance).astype(np.float32)
     roughness = tuple(float(r) for r in light.glossy_roughness)
-    shown, received = with_sunlight(residual, ambient, sun)
-    return replace(
-        light,
-        radiance=shown,
-        irradiance=received,
-        sun=sun,
-        residual=residual,
-        ambient=ambient,
-        glossy=light.glossy + glossy_levels(radiance, roughness) if len(light.glossy) else light.glossy,
-    )
+    glossy = light.glossy + glossy_levels(radiance, roughness) if len(light.glossy) else light.glossy
+    return sunlit(residual, ambient, glossy, light.glossy_roughness, sun)

@@ -86,11 +86,11 @@ class Output:
             )
         return segment_bounds(*self.span, 1)
 
-    def check_pictures(self) -> None:
-        """Raise `OutputExistsError` where numbered files of the output or of its layers are there."""
+    def check_pictures(self, work: WorkFolder) -> None:
+        """Raise `OutputExistsError` where numbered files of the output or of its layers are there before the run."""
         for pattern in (self.path, self.layers):
             there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
-            if there:
+            if there and not (work.resumed or self.overwrite):
                 raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
 
     def left(self, work: WorkFolder, parts: list[Part]) -> tuple[Part, ...]:

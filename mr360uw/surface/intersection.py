@@ -38,7 +38,7 @@ _NEAR = 1e-6
 curvatures of 10/m."""
 
 
-class Waves(NamedTuple):
+class SeaWaves(NamedTuple):
     """The numbers of a `SampledSea` that rays read."""
 
     tile_m: float
@@ -79,8 +79,8 @@ def level_at(sigma: float, step_m: float, last: int) -> float:
 
 @exact
 def first_hit(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: Waves, origin: Vector, direction: Vector, side: float,
-    width: float, spread: float, reach: float,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: SeaWaves, origin: Vector, direction: Vector,
+    side: float, width: float, spread: float, reach: float,
 ) -> Hit:  # fmt: skip
     """Return where a ray first meets the surface.
 
@@ -127,7 +127,7 @@ def first_hit(
 
 @exact
 def _refined(
-    c: Any, n: Any, s: Any, m: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float,
+    c: Any, n: Any, s: Any, m: Any, sea: SeaWaves, origin: Vector, direction: Vector, side: float, sigma: float,
     low: float, high: float, t: float,
 ) -> Hit:  # fmt: skip
     """Return the hit between two distances, from about a distance t, infinite if there is none after all."""
@@ -160,7 +160,7 @@ def _refined(
 
 @exact
 def _bisected(
-    c: Any, n: Any, sea: Waves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
+    c: Any, n: Any, sea: SeaWaves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
 ) -> Hit:
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
     (ox, oy, oz), (dx, dy, dz) = origin, direction
@@ -231,14 +231,14 @@ def surface_arrays(sea: SampledSea) -> tuple[Any, ...]:
     return sea.fine, sea.table, maps.height, maps.shift, maps.table, maps.steepest
 
 
-def waves_of(sea: SampledSea) -> Waves:
+def waves_of(sea: SampledSea) -> SeaWaves:
     """Return the numbers of a sea."""
-    return Waves(sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
+    return SeaWaves(sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
 
 
 @exact
 def _hit_all(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: Waves, origins: Any, directions: Any, side: float,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: SeaWaves, origins: Any, directions: Any, side: float,
     width: Any, spread: Any, reach: Any, out: Any,
 ) -> None:  # fmt: skip
     for k in range(len(origins)):

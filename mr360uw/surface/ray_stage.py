@@ -27,7 +27,7 @@ OFF_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class RayStage:
     """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface.
     camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
     """

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit
-from mr360uw.surface.ray_stage import OFF_M, Stage
+from mr360uw.surface.ray_stage import OFF_M, RayStage
 from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.random_keys import next_key
-from mr360uw.surface.tracing.ray_kernel import STACK, World, followed, met, put
+from mr360uw.surface.tracing.ray_kernel import STACK, RayWorld, followed, met, put
 from mr360uw.surface.tracing.ray_optics import bent
 from mr360uw.surface.tracing.stage_arrays import stage_arrays
 from mr360uw.surface.tracing.table_reads import add
@@ -55,7 +55,7 @@ class SurfacePicture:
     camera_in_water: bool
 
 
-def rendered(stage: Stage, view: View, samples: int) -> SurfacePicture:
+def rendered(stage: RayStage, view: View, samples: int) -> SurfacePicture:
     """Return the picture, made in bands of rows on all cores. samples: per pixel and axis."""
     height, width, side = view.height, view.width, -1.0 if stage.camera_in_water else 1.0
     radiance, distance, wet = np.zeros((height, width, 3)), np.zeros((height, width)), np.zeros((height, width))
@@ -97,8 +97,8 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
 
 @exact
 def _centres(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, w: World, origins: Any, directions: Any, side: float,
-    width: float, spread: float, distance: Any, wet: Any, normal: Any, kind: Any,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, w: RayWorld, origins: Any, directions: Any,
+    side: float, width: float, spread: float, distance: Any, wet: Any, normal: Any, kind: Any,
 ) -> Any:  # fmt: skip
     """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor. Return
     where they meet the surface (h, w, 8).
@@ -138,7 +138,7 @@ def _centres(
 @exact
 def _samples(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
-    d: Any, dn: Any, wv: Any, wa: Any, w: World, origins: Any, directions: Any, side: float, width: float,
+    d: Any, dn: Any, wv: Any, wa: Any, w: RayWorld, origins: Any, directions: Any, side: float, width: float,
     spread: float, key: int, hits: Any, known: bool, stack: Any, radiance: Any,
 ) -> None:  # fmt: skip
     """Write the radiance of pixels, the mean of their rays. key: number of the first ray of all. hits: where the rays

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
 
-What does not change with time is made once: the solved water, the dome and its patches, the floor. What does is a
-function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
+What does not change with time is made once: the solved water, the dome and its bright patches, the floor. What does is
+a function of the time and of the view alone, so a picture of a film is the same as one taken by itself.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sea_picture import SurfacePicture, rendered
@@ -112,7 +112,7 @@ class SeaScene:
                     raise
         return rendered(stage, view, samples)
 
-    def stage(self, view: View, time_s: float, samples: int) -> Stage:
+    def stage(self, view: View, time_s: float, samples: int) -> RayStage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
         position = exactly("view.position", view.position, (3,)).astype(np.float64)
         ground = self.floor.height_at(position[0], position[2])
@@ -134,17 +134,20 @@ class SeaScene:
             depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
         lights = [
             self._cache.get(
-                "floor light", (time, depth, d), functools.partial(self._floor_light, water, time, d), keep=len(depths)
+                "floor light",
+                (time, depth, d),
+                functools.partial(self._floor_light, water, sampled, time, d),
+                keep=len(depths),
             )
             for d in depths
         ]
         planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
-        return Stage(
+        return RayStage(
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
 
-    def _floor_light(self, water: WaterLight, time_s: float, depth_m: float) -> FloorLight:
-        return water.on_floor(self.sea, self.dome, self.sun, depth_m, time_s, self.caustics)
+    def _floor_light(self, water: WaterLight, sampled: SampledSea, time_s: float, depth_m: float) -> FloorLight:
+        return water.on_floor(self.sea, sampled, self.dome, self.sun, depth_m, time_s, self.caustics)
 
     def light_in_water(self, floor_m: float) -> WaterLight:
         """Return the light between the surface and the floor at a mean depth [m], for a camera above the water."""

@@ -22,11 +22,14 @@ Array = NDArray[np.float64]
 _RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
 """Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The
 lowest 5 degrees give 0.2 % of a uniform sky's light in the water and join the lowest ring."""
+_BRIGHT = 10.0
+"""Radiance over the sky's mean beyond which it is divided into patches: light up to there may be sought by rays at
+random, as a sun's disc of 6 degrees then has 3 % of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkyPatch:
-    """A part of the sky as a light.
+    """What is bright in a part of the sky, as a light.
 
     direction: (3,) to its middle in the air. irradiance: (3,) that it brings on a level plane just below a flat
     surface. half_angle_rad: radius of a disc of its solid angle.
@@ -87,17 +90,23 @@ class Dome:
         passed = fresnel_transmittance(self._view[..., 1], refractive_index)
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights * passed))
 
-    def patches(self, refractive_index: float) -> list[SkyPatch]:
-        """Return the sky as patches that bring the light of `irradiance_below` in sum; made once for an index."""
-        if refractive_index not in self._patches:
-            self._patches[refractive_index] = self._divided(refractive_index)
-        return self._patches[refractive_index]
+    def divided(self, refractive_index: float) -> tuple[Dome, list[SkyPatch]]:
+        """Return the soft part of the sky, and as patches what is brighter: all of `irradiance_below` in sum; made once
+        for an index.
+        """
+        if refractive_index not in self._divided:
+            most = _BRIGHT * float(self.irradiance.max()) / PI
+            kept = most / np.maximum(self.radiance.max(axis=-1, keepdims=True), max(most, 1e-300))
+            soft = Dome(self.radiance * kept)
+            self._divided[refractive_index] = soft, self._patches(self._upper - soft._upper, refractive_index)
+        return self._divided[refractive_index]
 
     @functools.cached_property
-    def _patches(self) -> dict[float, list[SkyPatch]]:
+    def _divided(self) -> dict[float, tuple[Dome, list[SkyPatch]]]:
         return {}
 
-    def _divided(self, refractive_index: float) -> list[SkyPatch]:
+    def _patches(self, bright: Array, refractive_index: float) -> list[SkyPatch]:
+        """Return radiance (h/2, w, 3) above the horizon as patches."""
         weight = self._weights * fresnel_transmittance(self._view[..., 1], refractive_index)
         solid = np.broadcast_to(row_solid_angle(*self._shape)[: len(weight), None], weight.shape)
         elevation = np.degrees(np.arcsin(np.clip(self._view[..., 1], -1.0, 1.0)))
@@ -105,14 +114,13 @@ class Dome:
         turn = np.arctan2(self._view[..., 0], -self._view[..., 2]) / (2.0 * PI) + 0.5
         part = np.minimum((turn * np.take(_IN_RING, ring)).astype(np.int64), np.take(_IN_RING, ring) - 1)
         number = np.concatenate([[0], np.cumsum(_IN_RING)])[ring] + part
-        out = []
-        for k in range(sum(_IN_RING)):
-            inside = number == k
-            light = np.einsum("nc,n->c", self._upper[inside], weight[inside])
-            if np.any(light > 0.0):
-                middle = np.einsum("nk,n->k", self._view[inside], weight[inside] * self._upper[inside].mean(axis=1))
-                half = np.arccos(1.0 - min(float(solid[inside].sum()) / (2.0 * PI), 0.12))
-                out.append(SkyPatch(middle / np.linalg.norm(middle), light, float(half)))
+        out, lit = [], bright.max(axis=-1) > 0.0
+        for k in np.unique(number[lit]):
+            inside = lit & (number == k)
+            light = np.einsum("nc,n->c", bright[inside], weight[inside])
+            middle = np.einsum("nk,n->k", self._view[inside], weight[inside] * bright[inside].mean(axis=1))
+            half = np.arccos(1.0 - min(float(solid[inside].sum()) / (2.0 * PI), 0.12))
+            out.append(SkyPatch(middle / np.linalg.norm(middle), light, float(half)))
         return out
 
     @property

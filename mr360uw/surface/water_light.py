@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
+from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import JUST_BELOW_M, PI
 from mr360uw.ibl.lookup import environment_lookup
@@ -28,18 +28,15 @@ from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sun_below
+from mr360uw.surface.sky_pattern import sky_pattern
 from mr360uw.types import CausticStack, Floats, MediumTable, Sun
 
 Array = NDArray[np.float64]
 
 _LEAST = 1e-300
-_SKY_MAP, _SKY_GRID = 64, 128
-"""Pixels and cells of the patterns of the sky's patches, which are wide discs."""
-_EVEN_TILES = 2.0
-"""Radius of a patch's disc on the floor, in tiles of the sea, beyond which its light is even: a disc so wide leaves 3 %
-of a wave's contrast at the most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,9 +192,10 @@ class WaterLight:
         return replace(table, veil=veil, glow=None, plate_ratio=ratio.astype(np.float32))
 
     def on_floor(
-        self, sea: Sea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float, settings: CausticSettings
-    ) -> FloorLight:
-        """Return the light on the floor at a depth below the mean surface."""
+        self, sea: Sea, sampled: SampledSea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float,
+        settings: CausticSettings,
+    ) -> FloorLight:  # fmt: skip
+        """Return the light on the floor at a depth below the mean surface. sampled: the sea at the time."""
         dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
         dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
@@ -206,7 +204,7 @@ class WaterLight:
         pattern = sun_pattern(sea, sun, depth_m, time_s, self.index, settings, medium)
         even = self.returned(depth_m)
         if self.sky is None:
-            patterns = [(sky_pattern(sea, dome, depth_m, time_s, self.index), np.ones(3))]
+            patterns = [(sky_pattern(sea, sampled, dome, depth_m, time_s, self.index), np.ones(3))]
             if pattern is not None:
                 patterns.append((pattern[0], sun_below(sun, self.index)))
             return FloorLight(even, tuple(patterns), dry, dry_sun, skies=1)
@@ -251,19 +249,3 @@ def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
     x, y, z = stack.sun_direction
     depth = float(stack.depth_m[0])
     return Tiled.of(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))
-
-
-def sky_pattern(sea: Sea, dome: Dome, depth_m: float, time_s: float, index: float) -> Tiled:
-    """Return the irradiance of the floor by the sky through clear water, as the sum of the caustics of its patches."""
-    total = np.zeros((_SKY_MAP, _SKY_MAP, 3))
-    if not np.any(sea.grid_fields(_SKY_GRID, time_s).height):  # a level sea
-        return Tiled.of(total[:1, :1] + dome.irradiance_below(index), sea.tile_m)
-    for patch in dome.patches(index):
-        if depth_m * patch.half_angle_rad > _EVEN_TILES * index * sea.tile_m:
-            total += patch.irradiance
-            continue
-        ratio = caustic_map(
-            sea, patch.direction, depth_m, time_s, _SKY_MAP, _SKY_GRID, index, min(patch.half_angle_rad, 0.5)
-        )
-        total += ratio[..., None] * patch.irradiance
-    return Tiled.of(total, sea.tile_m)

@@ -22,7 +22,7 @@ SUFFIXES = (".csv", ".json")
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
+class FittedFloor:
     """Plane fitted to the points below the camera.
 
     height_m: of the plane at the first camera's position, negative. tilt_deg: between its normal and up. support: share
@@ -60,7 +60,7 @@ class CameraTrack:
     point_error_px: Floats
     coverage: float
     width: int
-    floor: Floor | None
+    floor: FittedFloor | None
     up: str
     scale: str
     slip_px: float | None = None

@@ -36,7 +36,7 @@ _KEPT = "key frames and matches 2"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class TrackedShot:
     """Frames start <= index < stop of a clip, their track, or why there is none."""
 
     start: int
@@ -85,7 +85,7 @@ def track_shots(
     keep: str | Path | None = None,
     progress: Progress | None = None,
     whole: bool = False,
-) -> list[Shot]:
+) -> list[TrackedShot]:
     """Return the shots of a 360 clip, each tracked in a world of its own; arguments and errors of `track_camera`.
 
     A shot that cannot be tracked says why; of a clip without cuts that is raised. whole: refuse a clip with cuts.
@@ -114,12 +114,14 @@ def track_shots(
                 own.mkdir(exist_ok=True)
                 level = None if gravity is None else gravity[start:stop]
                 shots.append(
-                    Shot(start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure))
+                    TrackedShot(
+                        start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure)
+                    )
                 )
             except ParameterError as error:
                 if len(reading.shots) == 1:
                     raise
-                shots.append(Shot(start, stop, None, str(error)))
+                shots.append(TrackedShot(start, stop, None, str(error)))
     return shots
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.sphere import unit
-from mr360uw.track.camera_track import Floor
+from mr360uw.track.camera_track import FittedFloor
 from mr360uw.track.scale import Measure, looks_of, scale_from_depths, scale_from_length
 from mr360uw.types import Floats
 
@@ -96,7 +96,7 @@ class World:
     scale: float
     up: str
     scale_from: str
-    floor: Floor | None
+    floor: FittedFloor | None
     depth_m: float | None = None
 
     def place(self, points: Floats) -> Floats:
@@ -153,7 +153,7 @@ def world_of(
     scale, sentence, depth = _scale(position, rotation, points, up, height, measure, time_s)
     floor = None
     if plane is not None and height is not None:
-        floor = Floor(-scale * height, float(np.degrees(_angle(plane.normal, up))), plane.support, plane.points)
+        floor = FittedFloor(-scale * height, float(np.degrees(_angle(plane.normal, up))), plane.support, plane.points)
     return World(position[0], turned, scale, words, sentence, floor, depth)
 
 

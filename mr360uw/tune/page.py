@@ -16,7 +16,7 @@ from mr360uw.tune.panels.match_dialog import MatchDialog
 from mr360uw.tune.panels.measure_tool import MeasureTool
 from mr360uw.tune.panels.place_tools import PlaceTools
 from mr360uw.tune.panels.render_dialog import RenderDialog
-from mr360uw.tune.panels.stage import Stage
+from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.time_panel import TimePanel
 from mr360uw.tune.panels.widgets import Button
 from mr360uw.tune.session import Event, Session
@@ -41,7 +41,7 @@ class TunePage:
                     session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
                     key_value=self._key_value, failed=self.failed, settle=session.settle,
                 )  # fmt: skip
-            self.stage = Stage(session, self.failed)
+            self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
             self.match = MatchDialog(session, self.guarded)
             with self.header.tools:

@@ -14,7 +14,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
 from mr360uw.tune.views import VIEWS
-from mr360uw.tune.wanted import Drawn, Wanted
+from mr360uw.tune.wanted import Jpeg, Wanted
 from mr360uw.video.write.image_writer import picture_codes
 
 _SHORT = 300
@@ -28,7 +28,7 @@ class PageRenderer:
     def __init__(self, backend: str = "auto") -> None:
         self.preview = LivePreview(backend)
 
-    def picture(self, wanted: Wanted, width: int) -> Drawn:
+    def picture(self, wanted: Wanted, width: int) -> Jpeg:
         """Return a picture of about a width; raises what `LivePreview.frame` raises."""
         preview, view = self.preview, VIEWS[wanted.view]
         scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
@@ -37,7 +37,7 @@ class PageRenderer:
         shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
         codes = view.draw(shown)
         size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
-        return Drawn(encoded(codes, ".jpg"), *size, view.panorama, measured)
+        return Jpeg(encoded(codes, ".jpg"), *size, view.panorama, measured)
 
     def stand_in(self, wanted: Wanted) -> int:
         """Return the frame to show while the one that is wanted is decoded, or that one."""

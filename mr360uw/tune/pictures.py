@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.tune.wanted import Picture, Renderer, Wanted
+from mr360uw.tune.wanted import MadePicture, Renderer, Wanted
 
 REST_S = 0.15
 """Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
@@ -31,7 +31,7 @@ T = TypeVar("T")
 class Pictures:
     """The thread that makes pictures. make: called in it for the renderer. publish: called in it with each picture."""
 
-    def __init__(self, make: Callable[[], Renderer], publish: Callable[[Picture], None]) -> None:
+    def __init__(self, make: Callable[[], Renderer], publish: Callable[[MadePicture], None]) -> None:
         self._make, self._publish = make, publish
         self._changed = threading.Condition()
         self._wanted: Wanted | None = None
@@ -158,14 +158,14 @@ class Pictures:
             return False
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
-        made = Picture(
+        made = MadePicture(
             0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama,
             stand_in=index is not None, measured=drawn.measured,
         )  # fmt: skip
         self._publish(self._numbered(made))
         return True
 
-    def _numbered(self, picture: Picture) -> Picture:
+    def _numbered(self, picture: MadePicture) -> MadePicture:
         with self._changed:
             self._count += 1
             numbered = replace(picture, number=self._count)
@@ -176,9 +176,9 @@ class Pictures:
         return numbered
 
 
-def _failed(wanted: Wanted, error: Exception) -> Picture:
+def _failed(wanted: Wanted, error: Exception) -> MadePicture:
     lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
-    return Picture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
+    return MadePicture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
 
 
 def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: Renderer) -> None:

@@ -31,7 +31,7 @@ from mr360uw.tune.guard import Guard
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
-from mr360uw.tune.wanted import Picture, Renderer
+from mr360uw.tune.wanted import MadePicture, Renderer
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""
@@ -127,7 +127,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         loop = asyncio.get_running_loop()
 
-        def publish(picture: Picture) -> None:
+        def publish(picture: MadePicture) -> None:
             loop.call_soon_threadsafe(lambda: held[0].take(picture))
 
         pictures = Pictures(lambda: _renderer(backend), publish)

@@ -15,14 +15,14 @@ from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.pictures import Pictures
-from mr360uw.tune.wanted import VIEW_NAMES, Picture, Wanted
+from mr360uw.tune.wanted import VIEW_NAMES, MadePicture, Wanted
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
 
 
-class Clip(Protocol):
+class PlateLength(Protocol):
     """Length of a plate; a still has no frame count."""
 
     @property
@@ -48,7 +48,9 @@ class Session:
     snapshots and comparisons keep, by name.
     """
 
-    def __init__(self, document: Document, pictures: Pictures, clip: Clip, width: int, backend: str = "auto") -> None:
+    def __init__(
+        self, document: Document, pictures: Pictures, clip: PlateLength, width: int, backend: str = "auto"
+    ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
         self.run: CompositeRun | None = None
@@ -58,7 +60,7 @@ class Session:
         self.thumbnails: dict[int, int] = {}
         self._asked_thumbnails = False
         self.kept_pictures: dict[str, int] = {}
-        self.picture: Picture | None = None
+        self.picture: MadePicture | None = None
         self.problems: tuple[str, ...] = ()
         self._observers: list[Callable[[Event], None]] = []
         document.observe(self._document_changed)
@@ -73,7 +75,7 @@ class Session:
         """Time of the frame that is shown."""
         return self.index / float(self.clip.frame_rate)
 
-    def is_present(self, picture: Picture) -> bool:
+    def is_present(self, picture: MadePicture) -> bool:
         """Whether a picture is of the present state, as a draft or at full size."""
         return picture.wanted == self._wanted(full=picture.wanted.full)
 
@@ -168,7 +170,7 @@ class Session:
         self.thumbnails = {frame: self.pictures.store(data) for frame, data in made}
         self._tell("thumbnails")
 
-    def take(self, picture: Picture) -> None:
+    def take(self, picture: MadePicture) -> None:
         """Take a picture that was made."""
         if picture.problems:
             self.problems = picture.problems

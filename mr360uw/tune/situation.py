@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class SituatedObject:
     """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
 
     rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
@@ -50,7 +50,7 @@ class Situation:
 
     camera: View
     receiver: Receiver | None
-    bodies: tuple[Body, ...]
+    bodies: tuple[SituatedObject, ...]
     lamps: tuple[Floats | None, ...]
     marks: tuple[Marker, ...]
     edge: tuple[tuple[Point, ...], ...]
@@ -110,7 +110,7 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
         center = placed.to_world(placed.mesh.center_m)
         origin = placed.world_from_object[:3, 3].copy()
         bodies.append(
-            Body(
+            SituatedObject(
                 origin,
                 center,
                 turned,

@@ -26,7 +26,7 @@ class Thumbnail:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ParameterKeys:
     """The keys of one parameter. keys: (time [s], value), ascending. low, high: of its range, None where it has none.
 
     samples: (time [s], value) of the curve, ascending and dense enough to be joined by straight lines.
@@ -85,7 +85,7 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self._props["thumbnails"] = [asdict(one) for one in thumbnails]
         self.update()
 
-    def set_curve(self, curve: Curve | None) -> None:
+    def set_curve(self, curve: ParameterKeys | None) -> None:
         """Show the keys of a parameter below the strip; None: none."""
         self._set("curve", None if curve is None else asdict(curve))
 

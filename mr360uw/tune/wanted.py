@@ -46,7 +46,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class Jpeg:
     """A picture as JPEG, with its size [pixels].
 
     panorama: whether it is equirectangular. measured: whether its light is that of a clip that was measured.
@@ -60,10 +60,10 @@ class Drawn:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class MadePicture:
     """A picture that was made, as JPEG; or, where none could be made, the reasons.
 
-    seconds: it took. panorama, measured: see `Drawn`. stand_in: whether it is a draft of the nearest keyframe.
+    seconds: it took. panorama, measured: see `Jpeg`. stand_in: whether it is a draft of the nearest keyframe.
     """
 
     number: int
@@ -82,7 +82,7 @@ class Picture:
 class Renderer(Protocol):
     """Makes pictures; belongs to the thread that made it."""
 
-    def picture(self, wanted: Wanted, width: int) -> Drawn:
+    def picture(self, wanted: Wanted, width: int) -> Jpeg:
         """Return a picture of about a width."""
 
     def stand_in(self, wanted: Wanted) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from mr360uw.color import DisplayTransfer
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_text
-from mr360uw.yuv.cube_lut import Array, CubeLut, Stage
+from mr360uw.yuv.cube_lut import Array, CubeLut, LutTable
 from mr360uw.yuv.plate_mapping import Levels
 
 _MOST = {"LUT_1D_SIZE": 65536, "LUT_3D_SIZE": 256}  # of the specification
@@ -84,7 +84,7 @@ def _numbers(where: str, words: list[str], count: int) -> list[float]:
     return found
 
 
-def _stages(path: Path, found: dict[str, list[float]], rows: Array) -> Iterator[Stage]:
+def _stages(path: Path, found: dict[str, list[float]], rows: Array) -> Iterator[LutTable]:
     """Yield the tables, the one-dimensional first; VideoError where the number of rows is another."""
     sizes = {name: int(found[name][0]) for name in _MOST if name in found}
     if not sizes:
@@ -97,11 +97,11 @@ def _stages(path: Path, found: dict[str, list[float]], rows: Array) -> Iterator[
     low, high = found.get("DOMAIN_MIN", [0.0] * 3), found.get("DOMAIN_MAX", [1.0] * 3)
     if curves:
         ends = found.get("LUT_1D_INPUT_RANGE")
-        yield Stage(rows[:curves], *_domain(ends, low, high))
+        yield LutTable(rows[:curves], *_domain(ends, low, high))
         low, high = [0.0] * 3, [1.0] * 3  # DOMAIN is the input of the whole
     if cube:  # red changes fastest in the file
         table = np.ascontiguousarray(rows[curves:].reshape(cube, cube, cube, 3).transpose(2, 1, 0, 3))
-        yield Stage(table, *_domain(found.get("LUT_3D_INPUT_RANGE"), low, high))
+        yield LutTable(table, *_domain(found.get("LUT_3D_INPUT_RANGE"), low, high))
 
 
 def _domain(ends: list[float] | None, low: list[float], high: list[float]) -> tuple[Array, Array]:
@@ -111,7 +111,7 @@ def _domain(ends: list[float] | None, low: list[float], high: list[float]) -> tu
     return np.array(low), np.array(high)
 
 
-def _check_values(path: Path, stage: Stage) -> None:
+def _check_values(path: Path, stage: LutTable) -> None:
     if not (np.isfinite(stage.table).all() and np.isfinite([stage.low, stage.high]).all()):
         raise VideoError(f"{path} - holds values that are no numbers (got NaN or infinity) - export it again")
     largest = max(float(np.abs(part).max()) for part in (stage.table, stage.low, stage.high))
@@ -123,7 +123,7 @@ def _check_values(path: Path, stage: Stage) -> None:
         )
 
 
-def _check_invertible(path: Path, stage: Stage) -> None:
+def _check_invertible(path: Path, stage: LutTable) -> None:
     """Raise `VideoError` where two codes of a stage have one value that is no clipped one."""
     where = _bad_cells(stage.table, stage.span) if stage.is_cube else _bad_steps(stage.table, stage.span)
     if where is None:

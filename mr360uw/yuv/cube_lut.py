@@ -29,7 +29,7 @@ _GREYS = 1001  # values at which clipping is looked for, for a note of three dig
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class LutTable:
     """One table: (n, 3) of curves, or (n, n, n, 3). low, high: (3,) ends of its domain."""
 
     table: Array
@@ -85,7 +85,7 @@ class CubeLut:
     on_file_codes: whether the input is codes over full scale.
     """
 
-    stages: tuple[Stage, ...] = field(compare=False)
+    stages: tuple[LutTable, ...] = field(compare=False)
     digest: str
     to: DisplayTransfer
     on_file_codes: bool

@@ -20,8 +20,8 @@ from mr360uw.bench import bench_run
 from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, read_report
 from mr360uw.bench.dive_stages import frames_against
 from mr360uw.bench.measuring import (
+    MeasuredStage,
     Measurement,
-    Stage,
     Workload,
     beats,
     better_than_default,
@@ -53,7 +53,7 @@ def report_of(*found: Measurement, quick: bool = True, machine: Machine = MACHIN
     return BenchReport(version="1", packages={"numpy": "2"}, machine=machine, quick=quick, stages=(stage,))
 
 
-def fake_stage(calls: list[Any]) -> Stage:
+def fake_stage(calls: list[Any]) -> MeasuredStage:
     """A sum of `steps` terms whose error is exactly 1/steps."""
 
     def prepare(knobs: Any) -> Callable[[int], float]:
@@ -63,7 +63,7 @@ def fake_stage(calls: list[Any]) -> Stage:
         del bench
         return Workload(prepare, lambda got: relative_rms(got, 1.0))
 
-    return Stage("sum", "A sum", "adding", "its limit", POINTS, POINTS[:1], {"default": {"steps": 10}}, opened)
+    return MeasuredStage("sum", "A sum", "adding", "its limit", POINTS, POINTS[:1], {"default": {"steps": 10}}, opened)
 
 
 def test_a_stage_is_measured_at_its_settings(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from mr360uw.composite.snow.particle_light import particle_phase, particle_radia
 from mr360uw.composite.snow.particles import Particles, Reach, particles_near
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.composite.snow.size_spectrum import SizeClass, number_between, size_classes
-from mr360uw.composite.snow.splat import LEAST_RADIUS, Picture, draw_particles
+from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
@@ -141,9 +141,9 @@ def test_orbits_end_at_the_bottom() -> None:
 SIZE = 48
 
 
-def picture(start: Floats, end: Floats, radius: float, omega: float) -> Picture:
+def picture(start: Floats, end: Floats, radius: float, omega: float) -> SnowPicture:
     view, n = View(2 * SIZE, SIZE), len(start)
-    before, behind = Picture.empty(view), Picture.empty(view)
+    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
     far = np.full((SIZE, 2 * SIZE), np.inf, np.float32)
     draw_particles(
         start, end, np.full(n, radius), np.full(n, omega), np.ones(n), np.ones((n, 3)), far, before, behind,
@@ -196,7 +196,7 @@ def test_bodies_hide_what_is_behind_them_and_let_through_what_they_do_not_cover(
     tile = empty_tile(Rectangle(40, 15, 20, 20))
     tile.alpha[...], tile.radiance[...], tile.distance_m[...] = 0.25, 0.1, 2.0
     layer = Layer(SIZE, 2 * SIZE, (tile,))
-    before, behind = Picture.empty(view), Picture.empty(view)
+    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
     at = direction_from_frame(np.array([45.0, 55.0, 10.0]), np.array([25.0, 25.0, 25.0]), 2 * SIZE, SIZE)
     pixel = float(row_solid_angle(2 * SIZE, SIZE)[25])
     draw_particles(

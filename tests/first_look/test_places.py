@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mr360uw import load_scene
-from mr360uw.first_look.ground_place import Footprint, ground_place, shows_ground
+from mr360uw.first_look.ground_place import NeededSpace, ground_place, shows_ground
 from mr360uw.first_look.mesh_words import kind_of
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.sphere import directions
@@ -41,7 +41,7 @@ def test_things_stand_on_even_ground_before_no_wall(free_deg: float, rng: np.ran
     place = ground_place(
         garden(free_deg, rng),
         DROP_M,
-        Footprint(0.8, 0.8, 1.0),
+        NeededSpace(0.8, 0.8, 1.0),
         np.geomspace(1.9, 4.4, 7),
         np.arange(-180.0, 180.0, 5.0),
         2.5,

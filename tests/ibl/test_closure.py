@@ -16,7 +16,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.closure import clear_ratio, sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.evidence import shown_ratio
-from mr360uw.ibl.sun.judge import Disc
+from mr360uw.ibl.sun.judge import SunCandidate
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.medium import Sensor
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
@@ -140,7 +140,7 @@ def test_a_sun_in_doubt_gives_a_share_of_its_light() -> None:
     assert np.abs(np.diff(shares[1:4])).max() < 0.4 * shares[0]
 
 
-def dusk(gap: np.ndarray, ground: float) -> Disc:
+def dusk(gap: np.ndarray, ground: float) -> SunCandidate:
     """Return a gap of white sky between the clouds of a dusk, taken for the sun; the sky glows 6 degrees high."""
     d = directions(512, 256)
     away = np.degrees(np.arccos(np.clip(d @ GLOW, -1.0, 1.0)))

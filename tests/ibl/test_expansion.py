@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse tone mapping, from floats, from decoded planes and on the GPU."""
+"""Inverse tone mapping, from floats and from decoded planes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
 from mr360uw.yuv.coefficients import decode_polynomial
 from tests.ibl.plates import angle_deg, clipped, planes, sky
-from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, FLOAT64, SUN_HDR_DEG, YUV_MEAN
+from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT64, SUN_HDR_DEG, YUV_MEAN
 
 
 def test_mr360_is_the_published_formula() -> None:
@@ -100,24 +100,6 @@ def test_other_chroma_formats_are_decoded_in_full() -> None:
     wide = YuvImage(yuv.y, np.repeat(yuv.u, 2, 0), np.repeat(yuv.v, 2, 0), yuv.spec)
     a, b = ibl.environment_from_yuv(yuv), ibl.environment_from_yuv(wide)
     assert np.mean(np.abs(a.ambient - b.ambient)) < YUV_MEAN * b.ambient.mean()
-
-
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("operator", ["none", "mr360", "landis", "akyuz", "piecewise", "closure"])
-@pytest.mark.parametrize("size", [(512, 256), (350, 171)])
-def test_the_gpu_reduces_to_the_same_map(operator: str, size: tuple[int, int]) -> None:
-    from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl.reduction import environment_from_texture, reduce_texture
-
-    image = clipped(sky(unit([0.3, 0.7, 0.2]), width=512))[: size[1], : size[0]]
-    chosen = LightSettings(operator=operator)
-    texture = texture_from_array(image)
-    reference = LinearPlate.of(image, chosen).coarse
-    got = reduce_texture(texture, chosen, 256, 128)[..., :3]
-    np.testing.assert_allclose(got, reference, atol=50 * FLOAT32_TWIN * reference.max())
-    a, b = environment_from_texture(texture, chosen), ibl.environment(image, chosen)
-    assert (a.sun is None) == (b.sun is None)
-    np.testing.assert_allclose(a.irradiance, b.irradiance, rtol=YUV_MEAN)
 
 
 def test_code_values_survive_encode_and_decode() -> None:

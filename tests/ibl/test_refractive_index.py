@@ -48,18 +48,6 @@ def test_floats_and_planes_take_the_same_window(tilted: bool) -> None:
     np.testing.assert_allclose(np.array(extra) / extra[1], np.array(width) / width[1], rtol=WINDOW_EDGE)
 
 
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("index", INDICES)
-def test_textures_take_the_same_window(index: float) -> None:
-    from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl.reduction import environment_from_texture
-
-    image = np.full((256, 512, 3), 0.8, np.float32)
-    a = ibl.environment(image, SHARP, sun=None, refractive_index=index)
-    b = environment_from_texture(texture_from_array(image), SHARP, sun=None, refractive_index=index)
-    np.testing.assert_allclose(a.irradiance, b.irradiance, rtol=YUV_MEAN)
-
-
 def test_a_sun_is_looked_for_inside_the_window() -> None:
     low = sky(direction_from_angles(1.0, np.radians(37.0)), width=1024)  # the edge: 41.7 degrees, of 1.2 33.6 degrees
     assert ibl.detect_sun(low, underwater=True) is None

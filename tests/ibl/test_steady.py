@@ -12,7 +12,8 @@ from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.glitter import glitter_middle
 from mr360uw.optics import critical_cosine, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
-from mr360uw.surface.slopes import Facets
+from mr360uw.surface.tracing.stage_arrays import disc_of
+from mr360uw.surface.tracing.sun_in_waves import glitter
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import FLOAT64, GLITTER_DEG, STEADY_DEG, STEADY_PATH_DEG
@@ -76,9 +77,9 @@ def test_the_middle_of_a_glitter_is_that_of_the_slopes(elevation_deg: float, slo
     sun, seen = refract_to_water(air), directions(256, 128)
     ray = seen[seen[..., 1] > 0.02]
     level, covariance = np.tile([0.0, 1.0, 0.0], (len(ray), 1)), np.tile([slope**2, 0.0, slope**2], (len(ray), 1))
-    facets, shining = Facets(ray, level, covariance, True), Sun(air, np.full(3, 20.0), 0.00465, 1.0)
+    disc, _ = disc_of(Sun(air, np.full(3, 20.0), 0.00465, 1.0))
     light = np.where(seen[..., 1] > critical_cosine(REFRACTIVE_INDEX_SEA), 0.4, 0.05)
-    light[seen[..., 1] > 0.02] += facets.sunlight(shining, REFRACTIVE_INDEX_SEA)[:, 0]
+    light[seen[..., 1] > 0.02] += disc.red * glitter(disc, ray, level, covariance, -1.0, REFRACTIVE_INDEX_SEA)
     plate = LinearPlate.of(clipped(np.repeat(light[..., None], 3, axis=2).astype(np.float32)))
     beside = unit(sun + np.array([0.03, 0.0, 0.03]))
     assert angle_deg(glitter_middle(plate, beside), sun) < GLITTER_DEG

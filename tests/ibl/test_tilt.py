@@ -80,16 +80,6 @@ def test_detail_is_turned_and_interpolated_as_the_map_is_that_is_its_mean() -> N
         np.testing.assert_allclose(reduce_map(light.detail, 64, 32), light.residual, atol=TILT_LIGHT)
 
 
-@pytest.mark.usefixtures("gl")
-def test_a_tilted_texture_has_the_light_of_the_tilted_plate(dive: np.ndarray) -> None:
-    from mr360uw.gl.context import texture_from_array
-    from mr360uw.ibl.gl.reduction import environment_from_texture
-
-    chosen, seen = LightSettings(operator="mr360"), np.minimum(tilted(dive, TILT), 1.0)
-    a = environment_from_texture(texture_from_array(seen), chosen, underwater=True, up=TILT[1])
-    assert off(a, ibl.environment(seen, chosen, underwater=True, up=TILT[1])) < TILT_LIGHT
-
-
 @pytest.mark.parametrize("camera", [{"roll_deg": np.degrees(ROLL_RAD), "pitch_deg": np.degrees(PITCH_RAD)}, "keys"])
 def test_a_scene_knows_the_tilt_at_every_time(dive: np.ndarray, camera: dict | str, tmp_path: Path) -> None:
     keys = [[0.0, 0.0, 0.0], [2.0, float(np.degrees(ROLL_RAD)), float(np.degrees(PITCH_RAD))]]

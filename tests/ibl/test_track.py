@@ -14,7 +14,7 @@ import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.gravity import parse_gpmf, streams
 from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch
-from mr360uw.ibl.report import Snapshot, light_report
+from mr360uw.ibl.report import ReportFrame, light_report
 from mr360uw.ibl.sun.smooth import smooth
 from mr360uw.ibl.sun.solar import parse_time, sun_angles
 from mr360uw.sphere import direction_from_angles, directions, unit
@@ -117,7 +117,7 @@ def test_files_hold_the_track(tmp_path: Path, rng: np.random.Generator, name: st
 def test_the_page_is_one_file(rng: np.random.Generator) -> None:
     _, suns = clip(rng)
     plate = clipped(sky(unit([0.2, 0.8, 0.1]), width=128))
-    shots = [Snapshot(0.5, plate, ibl.environment(plate))]
+    shots = [ReportFrame(0.5, plate, ibl.environment(plate))]
     page = light_report("a <dive>", shots, ibl.track_suns(suns), [("Water", "<p>clear</p>")])
     assert page.startswith("<!doctype html>")
     assert "a &lt;dive&gt;" in page

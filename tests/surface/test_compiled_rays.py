@@ -12,15 +12,16 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.sphere import unit
-from mr360uw.surface import slopes
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.tracing import ray_optics
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
-from mr360uw.surface.tracing.stage_arrays import disc_of, packed
+from mr360uw.surface.tracing.random_keys import next_key
+from mr360uw.surface.tracing.stage_arrays import disc_of
 from mr360uw.surface.tracing.sun_in_waves import sunlight
 from mr360uw.surface.tracing.table_reads import (
     WaterTable,
     level_for,
+    packed,
     panorama,
     periodic,
     sky_radiance,
@@ -49,25 +50,22 @@ def test_fresnel_refraction_and_reflection(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("from_below", [False, True])
-def test_facets_and_their_sunlight(rng: np.random.Generator, from_below: bool) -> None:
-    side = -1.0 if from_below else 1.0
-    travel = unit(np.array([0.3, -side * 0.8, -0.52]) + rng.normal(0.0, 0.2, (COUNT, 3)))  # about the mirrored sun
-    normal = unit(rng.normal(0.0, 0.2, (COUNT, 3)) * [1.0, 0.0, 1.0] + [0.0, 1.0, 0.0])
-    covariance = np.stack([rng.uniform(1e-5, 0.05, COUNT), np.zeros(COUNT), rng.uniform(1e-5, 0.05, COUNT)], axis=-1)
-    covariance[:, 1] = 0.4 * np.sqrt(covariance[:, 0] * covariance[:, 2])
-    keys = np.arange(COUNT, dtype=np.uint32)
+def test_the_sun_in_facets_is_the_mean_of_those_that_point_it_at_the_ray(from_below: bool) -> None:
+    count, side, n = 100_000, -1.0 if from_below else 1.0, 1.34
     sun = Sun(unit([0.3, 0.8, -0.52]), np.array([1.0, 2.0, 3.0]), 0.05, 1.0)
     disc, _ = disc_of(sun)
-    arrays = slopes.Facets(travel, normal, covariance, from_below)
-    normals, light = arrays.drawn(keys), arrays.sunlight(sun, 1.34)[:, 1]
-    for k in range(COUNT):
-        d, n = tuple(travel[k].tolist()), tuple(normal[k].tolist())
-        f = facets_of(d, n, tuple(covariance[k].tolist()), side)
-        assert f.seen == pytest.approx(float(arrays.mean_facing()[k]), rel=tol.GRAZING)
-        np.testing.assert_allclose(drawn(f, int(keys[k])), normals[k], atol=tol.HALVED)
-        found = disc.green * sunlight(disc, d, n, f, side, 1.34)
-        assert found == pytest.approx(float(light[k]), rel=tol.GRAZING, abs=1e-12)  # tails are left out
-    assert np.count_nonzero(light > 1e-15) > COUNT // 4
+    mean, covariance = unit([0.03, 1.0, -0.02]), (0.01, 0.002, 0.006)
+    travel = optics.refract_to_water(sun.direction, n) if from_below else sun.direction * [1.0, -1.0, 1.0]
+    d = tuple(travel.tolist())
+    f = facets_of(d, tuple(mean.tolist()), covariance, side)
+    normal = side * np.array([drawn(f, next_key(k, 3)) for k in range(count)])
+    ray, cosine = np.tile(travel, (count, 1)), -normal @ travel
+    out = optics.refract_clamped(ray, normal, n) if from_below else optics.reflect(ray, normal)
+    sent = (1.0 - optics.fresnel_from_below(cosine, n)) * n * n if from_below else optics.fresnel(cosine, n)
+    hits = unit(out) @ sun.direction >= np.cos(sun.half_angle_rad)
+    assert hits.sum() > 1000
+    found = sunlight(disc, d, tuple(mean.tolist()), f, side, n)
+    assert found == pytest.approx(np.where(hits, sent, 0.0).mean(), rel=tol.SUN_BY_CHANCE)
 
 
 def test_the_dome_and_maps_that_repeat(rng: np.random.Generator) -> None:

@@ -15,9 +15,12 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
+from mr360uw.surface.intersection import first_hits
+from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sky import Dome
+from mr360uw.surface.sky_pattern import sky_pattern
 from mr360uw.surface.tracing.random_keys import next_key
-from mr360uw.surface.water_light import WaterLight, sky_pattern, sun_pattern
+from mr360uw.surface.water_light import WaterLight, sun_pattern
 from mr360uw.types import Sun, View
 from tests.surface import tolerances as tol
 
@@ -128,20 +131,45 @@ def test_the_light_on_the_floor_is_the_caustic_map_of_the_sea(elevation: float) 
         assert pattern.mean() == pytest.approx(1.0, abs=1e-6)
 
 
-def test_patches_of_the_sky_bring_its_light() -> None:
+def test_the_sky_in_two_parts_brings_its_light() -> None:
     d = directions(64, 32)
-    dome = Dome((1.0 + np.maximum(d[..., 1:2], 0.0)) * np.array([0.5, 1.0, 2.0]))
-    total = sum(patch.irradiance for patch in dome.patches(N))
+    halo = 1.0 + 40.0 * np.maximum(d @ direction_from_angles(0.4, 1.0), 0.0)[..., None] ** 60
+    dome = Dome(halo * np.array([0.5, 1.0, 2.0]))
+    soft, bright = dome.divided(N)
+    total = soft.irradiance_below(N) + sum(patch.irradiance for patch in bright)
     np.testing.assert_allclose(total, dome.irradiance_below(N), rtol=tol.SKY_SUM)
-    mean = sky_pattern(CALM, Dome(EVEN), 4.0, 0.0, N).levels[-1].ravel()
+    assert 0.01 < sum(patch.irradiance[1] for patch in bright) / total[1] < 0.3
+    mean = sky_pattern(CALM, SampledSea.of(CALM, 0.0), Dome(EVEN), 4.0, 0.0, N).levels[-1].ravel()
     np.testing.assert_allclose(mean, np.pi * (1.0 - optics.diffuse_reflectance_from_below(N)) * N**2, rtol=tol.EVEN_SKY)
+
+
+def test_waves_pattern_the_light_of_a_soft_sky_as_many_exact_rays_find_it() -> None:
+    """At random places, by 4000 rays each that are intersected exactly, through waves that are all drawn."""
+    depth, rng = 5.0, np.random.default_rng(3)
+    place, count = rng.uniform(0.0, 8.0, (96, 2)), 4000
+    sine, turn = np.sqrt((np.arange(count) + 0.5) / count), np.arange(count) * (np.pi * (3.0 - np.sqrt(5.0)))
+    up = np.stack([sine * np.cos(turn), np.sqrt(1.0 - sine**2), sine * np.sin(turn)], axis=-1)
+    rays, sampled = np.tile(up, (len(place), 1)), SampledSea.of(WAVES, 0.7)
+    origins = np.repeat(np.insert(place, 1, -depth, axis=1), count, axis=0)
+    zero = np.zeros(len(rays))
+    hits = first_hits(sampled, origins, rays, True, zero, zero, np.full(len(rays), 1e6))
+    passed = 1.0 - optics.fresnel_from_below(np.sum(rays * hits.normal, axis=1), N)
+    truth = np.pi * N**2 * passed.reshape(len(place), count).mean(axis=1)
+    pattern = sky_pattern(WAVES, sampled, Dome(EVEN), depth, 0.7, N)
+    found = pattern.at(place[:, 0], place[:, 1], np.zeros(len(place)))[:, 1]
+    np.testing.assert_allclose(found.mean(), truth.mean(), rtol=tol.SKY_RAYS)
+    found, truth = found / found.mean() - 1.0, truth / truth.mean() - 1.0
+    assert np.sqrt(np.mean((found - truth) ** 2)) < tol.SKY_RAYS
+    assert truth.std() > 3.0 * tol.SKY_RAYS
+    assert found.std() == pytest.approx(truth.std(), rel=0.1)
 
 
 def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
     """Sky and sun together, mean over the pattern, on a black floor; a white one gets what the surface sends back."""
     sun, dome, depth = sun_at(50.0), Dome(EVEN), 5.0
     lights = [WaterLight.of(Water.jerlov("IB"), dome, sun, N, depth, np.full(3, a)) for a in (0.0, 1.0)]
-    floors = [light.on_floor(WAVES, dome, sun, depth, 0.0, FEW) for light in lights]
+    sampled = SampledSea.of(WAVES, 0.0)
+    floors = [light.on_floor(WAVES, sampled, dome, sun, depth, 0.0, FEW) for light in lights]
     at = (np.arange(64) + 0.5) * 8.0 / 64
     x, z = (v.ravel() for v in np.meshgrid(at, at))
     black, white = (f.irradiance(x, z, np.zeros(len(x))).mean(axis=0) for f in floors)

@@ -18,7 +18,7 @@ import mr360uw as uw
 from mr360uw.composite import read_camera_track
 from mr360uw.errors import Mr360uwError, OutputExistsError, ParameterError
 from mr360uw.sample.recording import record
-from mr360uw.track.camera_track import CameraTrack, Floor
+from mr360uw.track.camera_track import CameraTrack, FittedFloor
 from mr360uw.track.colmap import pairs_to_match
 from mr360uw.track.fixed_pixels import FixedPixels
 from mr360uw.track.path_words import report_lines, verdict
@@ -32,7 +32,7 @@ def made(residual_px: float = 0.3, interpolated: int = 0) -> CameraTrack:
     return CameraTrack(
         "moving", np.arange(10) / 24.0, np.outer(np.arange(10.0), [0.1, 0.0, -0.2]), rotation, residual,
         residual * 360.0 / 1280, np.arange(10), np.ones((3, 3)), np.full(3, 0.2), 0.5, 1280,
-        Floor(-1.98, 1.5, 0.8, 321), "gravity", "as given",
+        FittedFloor(-1.98, 1.5, 0.8, 321), "gravity", "as given",
     )  # fmt: skip
 
 

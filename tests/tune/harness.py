@@ -19,7 +19,7 @@ from nicegui import app, ui
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
-from mr360uw.tune.timeline import Curve, KeyEdit, Thumbnail, Timeline
+from mr360uw.tune.timeline import KeyEdit, ParameterKeys, Thumbnail, Timeline
 from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
@@ -73,11 +73,11 @@ def note(name: str) -> Any:
     return lambda *told: TOLD.append((name, [asdict(t) if hasattr(t, "__dataclass_fields__") else t for t in told]))
 
 
-def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> Curve:
+def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> ParameterKeys:
     times = np.linspace(0.0, COUNT / RATE, 200)
     values = np.interp(times, *np.transpose(keys)) if keys else np.full(200, 4.0)
     samples = tuple(zip(times.tolist(), values.tolist(), strict=True))
-    return Curve("Wind speed", "m/s", keys, samples, interpolation, 0.0, 40.0)  # type: ignore[arg-type]
+    return ParameterKeys("Wind speed", "m/s", keys, samples, interpolation, 0.0, 40.0)  # type: ignore[arg-type]
 
 
 @app.post("/fresh")

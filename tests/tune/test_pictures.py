@@ -13,7 +13,7 @@ from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
 from mr360uw.tune.pictures import Pictures
-from mr360uw.tune.wanted import Drawn, Picture, Wanted
+from mr360uw.tune.wanted import Jpeg, MadePicture, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 
@@ -24,18 +24,18 @@ class Studio:
     def __init__(self) -> None:
         self.gate = threading.Semaphore(0)
         self.begun: queue.Queue[int] = queue.Queue()
-        self.made: queue.Queue[Picture] = queue.Queue()
+        self.made: queue.Queue[MadePicture] = queue.Queue()
         self.fails: Exception | None = None
         self.closed = False
         self.nearest: int | None = None
         self.pictures = Pictures(lambda: self, self.made.put)
 
-    def picture(self, wanted: Wanted, width: int) -> Drawn:
+    def picture(self, wanted: Wanted, width: int) -> Jpeg:
         self.begun.put(wanted.revision)
         assert self.gate.acquire(timeout=WAIT_S)
         if self.fails is not None:
             raise self.fails
-        return Drawn(f"{wanted.revision}".encode(), width, width // 2)
+        return Jpeg(f"{wanted.revision}".encode(), width, width // 2)
 
     def stand_in(self, wanted: Wanted) -> int:
         return self.nearest if self.nearest is not None else wanted.index
@@ -200,7 +200,7 @@ def test_few_pictures_are_kept(studio: Studio) -> None:
 
 
 def test_a_renderer_that_cannot_be_made_is_told() -> None:
-    made: queue.Queue[Picture] = queue.Queue()
+    made: queue.Queue[MadePicture] = queue.Queue()
 
     def make() -> Studio:
         raise VideoError("no renderer")

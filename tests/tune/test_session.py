@@ -18,7 +18,7 @@ from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.session import Session
-from mr360uw.tune.wanted import Picture, Wanted
+from mr360uw.tune.wanted import MadePicture, Wanted
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,9 @@ def session(tmp_path: Path) -> Session:
     return Session(Document(tmp_path / "scene.toml"), studio, Clip(), 1024)
 
 
-def made(session: Session, **changes: Any) -> Picture:
+def made(session: Session, **changes: Any) -> MadePicture:
     studio: Any = session.pictures
-    return replace(Picture(1, studio.wanted[-1], 1024, 512, False, 0.1, b"jpeg"), **changes)
+    return replace(MadePicture(1, studio.wanted[-1], 1024, 512, False, 0.1, b"jpeg"), **changes)
 
 
 def test_a_picture_of_an_older_state_is_never_the_present_one(session: Session) -> None:

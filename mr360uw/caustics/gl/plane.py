@@ -17,7 +17,7 @@ Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
+class CausticPlane:
     """A plane at a depth, the sun above it and the map's size.
 
     travel: (2,) shift of the map per metre of depth. blur_slope: of the sea.

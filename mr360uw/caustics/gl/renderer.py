@@ -28,7 +28,7 @@ from mr360uw.caustics.flux.soft_light import gaussians, is_soft
 from mr360uw.caustics.gl.atlas import layer_planes
 from mr360uw.caustics.gl.blurs import NO_BLUR_PIXELS, disc_blur, gaussian_blur, gaussian_sum
 from mr360uw.caustics.gl.passes import Passes, Textures
-from mr360uw.caustics.gl.plane import Plane
+from mr360uw.caustics.gl.plane import CausticPlane
 from mr360uw.caustics.gl.published.mesh_drawing import draw_mesh, scrolled
 from mr360uw.caustics.gl.sea_textures import field_image, wave_table
 from mr360uw.caustics.gl.stack import AtlasRoom, GlCausticStack, on_device, upload
@@ -78,7 +78,7 @@ class CausticRenderer:
         sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
         self._surface(sea, sun, grid, 0.0 if method == "scrolling" else time_s)
         total = self._rays(sun, refractive_index, grid, "rays 0")
-        plane = Plane(
+        plane = CausticPlane(
             sea.tile_m, sun, depth_m, size, grid, refractive_index, sun_half_angle_rad, method,
             blur_slope=sea.blur_slope,
         )  # fmt: skip
@@ -121,7 +121,7 @@ class CausticRenderer:
             lights, totals = [], []
             total = self._rays(sun, index, grid, f"rays {channel}")
             for number, depth in enumerate(depths.tolist()):
-                plane = Plane(
+                plane = CausticPlane(
                     sea.tile_m, sun, depth, s.size, grid, index, s.sun_half_angle_rad, s.method,
                     beam_slope(sun_in_water), sea.blur_slope,
                 )  # fmt: skip
@@ -203,7 +203,7 @@ class CausticRenderer:
         self._passes.fill([mean], "mean", {"image": column}, axis=(0, 1), count=size)
         return mean
 
-    def _light(self, plane: Plane, channel: int, name: str) -> moderngl.Texture:
+    def _light(self, plane: CausticPlane, channel: int, name: str) -> moderngl.Texture:
         """Return the light of one plane, folded and blurred, in units of the flat sea's."""
         size, passes = plane.size, self._passes
         drawn, light = passes.texture("drawn", 2 * size, 2 * size + 1), passes.texture(name, size, size)
@@ -228,7 +228,7 @@ class CausticRenderer:
         disc_blur(passes, light, folded, radii)
         return light
 
-    def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: Plane) -> None:
+    def _cells(self, target: moderngl.Framebuffer, rays: Textures, plane: CausticPlane) -> None:
         """Draw every cell by exact coverage: small ones as points, those beyond the driver's points as rectangles."""
         widest = plane.size - 1.0
         limit = min(self._point_limit, widest)

@@ -21,7 +21,7 @@ from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.body_view import Body, BodyView
 from mr360uw.composite.ambient.mesh_transfer import make_transfer, shape_key
 from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
-from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, Ground
+from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
 from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
 from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
@@ -174,5 +174,5 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
     if ground_y is not None:
         height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)
-        ground = Ground(rounded(rotation), float(height))
+        ground = LevelGround(rounded(rotation), float(height))
     return Body(placed, transfer, own, rotation, field, ground, center, mesh.radius_m * placed.scale)

@@ -13,7 +13,7 @@ from mr360uw.composite.ambient.among.pair_view import PairView
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.directions import COUNT
 from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer
-from mr360uw.composite.ambient.on_ground.ground_view import NODES, Ground
+from mr360uw.composite.ambient.on_ground.ground_view import NODES, LevelGround
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.shot import PlacedObject
@@ -34,7 +34,7 @@ class Body:
     own: OwnView
     rotation: Floats
     field: HeightField | None
-    ground: Ground | None
+    ground: LevelGround | None
     center: Floats
     radius: float
 

@@ -39,7 +39,7 @@ is reached 5 degrees from the edge of Snell's window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class ImageReach:
     """Pixels (H, W) that can show a body mirrored in the surface, and refracted through it."""
 
     mirrored: Mask
@@ -62,7 +62,7 @@ def balls_around(objects: tuple[PlacedObject, ...]) -> tuple[Floats, Floats]:
     return np.concatenate(centres), np.concatenate(radii)
 
 
-def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> Reach:
+def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> ImageReach:
     """Return where the surface can show bodies."""
     view = sides.wet.view
     step = max(view.height // _CELLS, 1)
@@ -77,7 +77,7 @@ def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> Reach:
     found = np.zeros((2, rows * columns), bool)
     if len(at):
         found[:, at] = in_reach(sides, seen, *balls_around(objects), PI * step / view.height)
-    return Reach(*(_pixels(one.reshape(rows, columns), step)[: view.height, : view.width] for one in found))
+    return ImageReach(*(_pixels(one.reshape(rows, columns), step)[: view.height, : view.width] for one in found))
 
 
 def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Floats, cell_rad: float) -> Mask:

@@ -19,7 +19,7 @@ _SPARE_PX = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfacePicture:
+class BodiesInSurface:
     """Bodies in the surface and the cut through them, for a whole frame.
 
     radiance: (H, W, 3) premultiplied, alpha: (H, W). distance_m: (H, W) of the surface, 0 where it is not known. kept:
@@ -38,7 +38,7 @@ def blank_picture(layer: Layer) -> tuple[Floats, Floats, Floats]:
     return np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
 
 
-def laid_over(shot: Shot, layer: Layer, picture: SurfacePicture) -> Layer:
+def laid_over(shot: Shot, layer: Layer, picture: BodiesInSurface) -> Layer:
     """Return a layer with its bodies cut, over the images."""
     tiles = [_over_images(tile, _images_tile(shot, picture, tile.rectangle), picture) for tile in layer.tiles]
     shown = np.any(picture.radiance != 0.0, axis=-1) | (picture.alpha > 0.0)
@@ -57,7 +57,7 @@ def _common(a: Rectangle, b: Rectangle) -> Rectangle | None:
     return Rectangle(column, row, width, height) if min(width, height) > 0 else None
 
 
-def _images_tile(shot: Shot, picture: SurfacePicture, part: Rectangle) -> Tile:
+def _images_tile(shot: Shot, picture: BodiesInSurface, part: Rectangle) -> Tile:
     """Return the images in a part of the frame as a tile of their own, behind the shot's mattes."""
     blank = empty_tile(part)
     at = blank.window
@@ -66,7 +66,7 @@ def _images_tile(shot: Shot, picture: SurfacePicture, part: Rectangle) -> Tile:
     return hold_out(shot, tile)
 
 
-def _over_images(tile: Tile, images: Tile, picture: SurfacePicture) -> Tile:
+def _over_images(tile: Tile, images: Tile, picture: BodiesInSurface) -> Tile:
     kept = picture.kept[tile.window]
     alpha = kept * tile.alpha
     through = 1.0 - alpha

@@ -91,7 +91,7 @@ class LitBodies:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bodies:
+class RayBodies:
     """Visible bodies of a shot for rays. wet, dry: in the light of the water and of the air. presence: for each visible
     object the fraction in which its images are drawn.
     """
@@ -115,7 +115,12 @@ class Images:
 
 
 def surface_images(
-    sides: WaterSides, bodies: Bodies, samples: SurfaceSamples, seen: SeenSurface, open_: Mask, shows: tuple[Mask, Mask]
+    sides: WaterSides,
+    bodies: RayBodies,
+    samples: SurfaceSamples,
+    seen: SeenSurface,
+    open_: Mask,
+    shows: tuple[Mask, Mask],
 ) -> Images:
     """Return the images of bodies in pixels. open_: (n, s) samples that reach the surface. shows: (n,) pixels in reach
     of mirrored and of refracted bodies.
@@ -184,7 +189,7 @@ def _grouped(pixel: Indices, body: Indices, point: Floats, amount: Floats) -> tu
 
 
 def _towards_camera(
-    sides: WaterSides, bodies: Bodies, hits: Hits, seen: Floats, first_m: Floats, further_m: Floats, in_water: bool
+    sides: WaterSides, bodies: RayBodies, hits: Hits, seen: Floats, first_m: Floats, further_m: Floats, in_water: bool
 ) -> tuple[Floats, Floats]:
     """Return the radiance (n, 3) of bodies at the camera if the surface let all light pass, and the transmittance.
 

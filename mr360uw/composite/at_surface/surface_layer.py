@@ -24,8 +24,8 @@ from mr360uw.composite.at_surface.body_rays import first_surfaces
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.presence import object_presence, tops, visible
 from mr360uw.composite.at_surface.settings import SurfaceSettings
-from mr360uw.composite.at_surface.surface_behind import SurfacePicture, blank_picture, laid_over
-from mr360uw.composite.at_surface.surface_images import Bodies, Images, LitBodies, PlainShadows, surface_images
+from mr360uw.composite.at_surface.surface_behind import BodiesInSurface, blank_picture, laid_over
+from mr360uw.composite.at_surface.surface_images import Images, LitBodies, PlainShadows, RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water
 from mr360uw.composite.lighting.blockers import Blockers
@@ -104,12 +104,12 @@ def _picture(
     presence: Floats,
     near: tuple[PlacedObject, ...],
     cache: Cache,
-) -> SurfacePicture | None:
+) -> BodiesInSurface | None:
     reach = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
     where = reach.mirrored | reach.refracted | cut
     if not np.any(where):
-        return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
+        return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
     mirrored, refracted = in_reach(sides, seen, *balls_around(near), sides.wet.view.pixel_rad)
     shown = mirrored | refracted | cut[rows, columns]
@@ -121,7 +121,7 @@ def _picture(
         refracted[shown],
     )
     if len(rows) == 0:
-        return None if np.all(kept == 1.0) else SurfacePicture(*blank_picture(layer), kept)
+        return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     bodies = _bodies(sides, presence, cache)
     samples = pattern(settings.samples)
     alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
@@ -138,10 +138,10 @@ def _picture(
     radiance, opacity, met = blank_picture(layer)
     light, share = _smoothed(sides, rows, columns, images)
     radiance[rows, columns], opacity[rows, columns], met[rows, columns] = light, share, seen.distance_m
-    return SurfacePicture(radiance, opacity, met, kept)
+    return BodiesInSurface(radiance, opacity, met, kept)
 
 
-def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> Bodies:
+def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
     shot = sides.wet
     key = shot.view.position.tobytes(), tuple((o.key, o.casts_shadow, o.visible) for o in shot.objects)
 
@@ -156,7 +156,7 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> Bodies:
         sources = light_sources(replace(side, draw=draw), blockers)
         return LitBodies(side, tuple(map(PlainShadows, sources)), ambient)
 
-    return Bodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
+    return RayBodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
 
 
 def _before_surface(sides: WaterSides, layer: Layer) -> tuple[Floats, Mask]:
@@ -182,7 +182,7 @@ def _before_surface(sides: WaterSides, layer: Layer) -> tuple[Floats, Mask]:
     return kept, cut
 
 
-def _hidden(bodies: Bodies, rays: SurfaceSamples, covered: Mask, distance_m: Floats) -> tuple[Mask, Floats]:
+def _hidden(bodies: RayBodies, rays: SurfaceSamples, covered: Mask, distance_m: Floats) -> tuple[Mask, Floats]:
     """Return which samples (n, s) bodies hide from the surface, and the fraction (n,) of the bodies' samples that do.
 
     covered: (n,) pixels with bodies, at distances (n,).

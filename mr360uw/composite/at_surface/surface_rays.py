@@ -18,7 +18,7 @@ from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.sampling import Pattern
 from mr360uw.optics import reflect, refract_clamped
 from mr360uw.surface.intersection import first_hits
-from mr360uw.surface.slopes import Facets, normal_of
+from mr360uw.surface.slopes import FacetsOfRays, normal_of
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def sample_surface(
     point = away[..., None] * direction
     count = samples.count
     lost = np.repeat(seen.lost, count, axis=0)
-    facets = Facets(direction.reshape(-1, 3), normal.reshape(-1, 3), lost, sides.in_water)
+    facets = FacetsOfRays(direction.reshape(-1, 3), normal.reshape(-1, 3), lost, sides.in_water)
     drawn = slope_steps(count)[facet_numbers(rows, columns, count)].reshape(-1, 2)
     slope = facets.at(drawn)
     seen_as = np.maximum(facets.facing(slope), 0.0).reshape(-1, count)

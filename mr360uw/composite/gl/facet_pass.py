@@ -32,7 +32,7 @@ _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facets:
+class ObjectTriangles:
     """Triangles of objects. textures: inputs of visible.frag by name. first: number of each object's first triangle.
 
     numbers: (T,) of the triangles that face the camera, nearest first. kinds: (T,) indices of their alpha modes in
@@ -100,7 +100,7 @@ class FacetPass:
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets, self._buffers, self._cache = targets, buffers, cache
 
-    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> Facets:
+    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> ObjectTriangles:
         """Return the triangles of a shot's objects."""
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
@@ -123,7 +123,7 @@ class FacetPass:
         numbers = _nearest_first(np.flatnonzero(used[:, 2] >= used[:, 0]), rows.nearest)
         names = (*_FACETS, "nearest", *(_CUTOUTS if masked else ()))
         textures: dict[str, Any] = dict(zip(names, target.color_attachments[1:], strict=False))
-        return Facets(
+        return ObjectTriangles(
             textures | cutouts.textures, row[:-1] * FACET_COLUMNS, numbers, rows.kinds[numbers], used[numbers]
         )
 

@@ -45,7 +45,7 @@ from mr360uw.types import Rectangle, Tile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class ReachedBlocks:
     """Blocks (R, C) of the ground that a shot may change: at all, by the sun's shadow, and by lamps. An upper bound."""
 
     ground: Ground
@@ -76,16 +76,16 @@ class ReceiverPass:
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
         self._shader, self._cache = GroundShader(targets, light), cache
 
-    def reach(self, shot: Shot) -> Reach | None:
+    def reach(self, shot: Shot) -> ReachedBlocks | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
         if shot.receiver is None:
             return None
         ground, grid = self._ground(shot, shot.receiver), self._coarse_grid(shot, shot.receiver)
 
-        def make() -> Reach:
+        def make() -> ReachedBlocks:
             touched = touched_cells(shot, grid)
             marks = touched.at_all, touched.by_shadow, touched.by_lamps
-            return Reach(ground, *(_blocks(grid, of, ground) for of in marks))
+            return ReachedBlocks(ground, *(_blocks(grid, of, ground) for of in marks))
 
         sun, wide = sun_of(shot), widest_half_angle(shot)
         seen = None if sun is None else np.asarray(sun.direction).tobytes(), wide, shot.caustics is None
@@ -93,7 +93,7 @@ class ReceiverPass:
         found = make() if lamps_of(shot) else self._cache.get("receiver reach", key, make)
         return found if np.any(found.blocks) else None
 
-    def find(self, shot: Shot, reach: Reach | None, ambient: AmbientLight | None) -> Changes | None:
+    def find(self, shot: Shot, reach: ReachedBlocks | None, ambient: AmbientLight | None) -> Changes | None:
         """Return the blocks that change, by the light at their corners; None where there are none.
 
         ambient: solved ambient light among the bodies.

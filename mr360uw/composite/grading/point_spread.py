@@ -53,7 +53,7 @@ _FLOORS = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spectrum:
+class DetailSpectrum:
     """Mean power of the detail (n,) at frequencies (n,) [cycles/px] where it exceeds the noise; detail: over noise."""
 
     frequency: Floats
@@ -61,14 +61,14 @@ class Spectrum:
     detail: float
 
 
-def detail_spectrum(frames: Sequence[Floats]) -> Spectrum:
+def detail_spectrum(frames: Sequence[Floats]) -> DetailSpectrum:
     """Return the spectrum of the detail of pictures of luma (H, W), in 8-bit code values, equirectangular."""
     rings = np.concatenate([_rings(luma) for luma in frames]) if frames else np.empty((0, BLOCK // 2 - 1))
     frequency = np.arange(1, BLOCK // 2) / BLOCK
     # flat to the last bit is no picture of a camera: a cap, a title
     rings = rings[rings[:, -1] > 0.0]
     if len(rings) < 40:
-        return Spectrum(frequency[:0], frequency[:0], 0.0)
+        return DetailSpectrum(frequency[:0], frequency[:0], 0.0)
     energy = rings[:, 3:8].sum(axis=1)
     order = np.argsort(energy, kind="stable")
     noise = np.median(rings[order[: len(order) // 5]], axis=0)
@@ -76,7 +76,7 @@ def detail_spectrum(frames: Sequence[Floats]) -> Spectrum:
     power = np.exp(np.log(top).mean(axis=0))
     used = (power > _TWICE * noise) & (frequency >= 2.0 / BLOCK) & (frequency < 0.45)
     detail = float(energy[order[-len(top) :]].mean() / np.median(noise))
-    return Spectrum(frequency[used], (power - noise)[used], detail)
+    return DetailSpectrum(frequency[used], (power - noise)[used], detail)
 
 
 def point_spread(frames: Sequence[Floats]) -> PlateGrade:
@@ -93,11 +93,11 @@ def point_spread(frames: Sequence[Floats]) -> PlateGrade:
     return PlateGrade()
 
 
-def _above_floor(spectrum: Spectrum) -> Spectrum:
+def _above_floor(spectrum: DetailSpectrum) -> DetailSpectrum:
     """Return the part of a spectrum well above its least power, less that: an encoder's noise in the detail itself."""
     floor = spectrum.power.min(initial=np.inf)
     used = spectrum.power > _FLOORS * floor
-    return Spectrum(spectrum.frequency[used], spectrum.power[used] - floor, spectrum.detail)
+    return DetailSpectrum(spectrum.frequency[used], spectrum.power[used] - floor, spectrum.detail)
 
 
 def _rings(luma: Floats) -> Floats:
@@ -121,12 +121,12 @@ def _rings(luma: Floats) -> Floats:
     return power @ (members / members.sum(axis=1, keepdims=True)).T
 
 
-def _drop(variance: float, spectrum: Spectrum) -> float:
+def _drop(variance: float, spectrum: DetailSpectrum) -> float:
     """Return what a blur takes off ln P at the highest frequency that is fitted."""
     return float(4.0 * np.pi**2 * variance * spectrum.frequency[-1] ** 2)
 
 
-def _fit_blur(spectrum: Spectrum) -> tuple[float, float]:
+def _fit_blur(spectrum: DetailSpectrum) -> tuple[float, float]:
     """Return the variance [px^2] of the blur, and the standard deviation of ln P about the fit."""
     f = spectrum.frequency
     terms = np.stack([np.ones_like(f), -np.log(f), -4.0 * np.pi**2 * f**2], axis=1)

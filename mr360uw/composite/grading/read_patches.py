@@ -35,7 +35,7 @@ Waters = Callable[[ColourGrade, float], Sequence[PatchWater | None]]
 """The water before each patch, in a plate whose light is read without a grade, their distances times a factor."""
 
 
-class Picture(Protocol):
+class FilePicture(Protocol):
     """A plate's frame, read as the file has it."""
 
     @property
@@ -51,7 +51,7 @@ class Picture(Protocol):
 
 
 def patched_colour(
-    settings: MatchSettings, shown: Sequence[Picture], waters: Waters | None = None
+    settings: MatchSettings, shown: Sequence[FilePicture], waters: Waters | None = None
 ) -> tuple[ColourGrade, str]:
     """Return the colour of a plate's grade by its patches, and a line on what they tell.
 
@@ -82,7 +82,7 @@ def patched_colour(
     return solved.colour, line
 
 
-def read_patch(frame: Picture, patch: PatchSettings) -> Patch:
+def read_patch(frame: FilePicture, patch: PatchSettings) -> Patch:
     """Return a patch as a frame shows it: the median code of its disc in each channel."""
     directions = disc_directions(patch.direction, math.radians(0.5 * patch.size_deg), PATCH_SAMPLES)
     height, width = frame.shape

@@ -71,7 +71,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Clip:
+class Animation:
     """An animation: channels that are played together."""
 
     name: str

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from mr360uw.composite.mesh.curve import Channel, Clip, Curve, Interpolation, Target
+from mr360uw.composite.mesh.curve import Animation, Channel, Curve, Interpolation, Target
 from mr360uw.composite.mesh.gltf import BROKEN, Gltf
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
@@ -29,12 +29,12 @@ class ClipReader:
     place: Mapping[int, int]
     names: tuple[str, ...]
 
-    def __call__(self, number: int) -> Clip:
+    def __call__(self, number: int) -> Animation:
         """Return a clip; raise `MeshError` where it is broken."""
         try:
             entry = self.gltf.entry("animations", number)
             channels = (self._channel(channel, entry["samplers"], number) for channel in entry["channels"])
-            return Clip(self.names[number], tuple(channel for channel in channels if channel is not None))
+            return Animation(self.names[number], tuple(channel for channel in channels if channel is not None))
         except BROKEN as error:
             raise self._broken(number, "is not valid glTF", f"{type(error).__name__}: {error!s:.120}") from error
 

@@ -18,7 +18,7 @@ from mr360uw.composite.mesh.gltf_material import BARE, GltfMaterial, MaterialRea
 from mr360uw.composite.mesh.gltf_primitive import Primitive, read_primitive
 from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targets, rest_weights
 from mr360uw.composite.mesh.part import MeshFile, Part, Rigging
-from mr360uw.composite.mesh.skin import Body
+from mr360uw.composite.mesh.skin import UnplacedSurface
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES
 
@@ -56,7 +56,7 @@ class _SceneReader:
         rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
         return MeshFile(parts, tuple(m.material for m in self.materials), notes, rigging)
 
-    def _parts(self, number: int) -> Iterator[tuple[Part, Body]]:
+    def _parts(self, number: int) -> Iterator[tuple[Part, UnplacedSurface]]:
         """Yield what a node shows, at rest and as it moves."""
         node = self.nodes[number]
         if "mesh" not in node:
@@ -81,7 +81,7 @@ class _SceneReader:
             title = name or f"mesh {node['mesh']}"
             yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True), body
 
-    def _body(self, number: int, mesh: dict[str, Any], entry: dict[str, Any], primitive: Primitive) -> Body:
+    def _body(self, number: int, mesh: dict[str, Any], entry: dict[str, Any], primitive: Primitive) -> UnplacedSurface:
         node, vertices = self.nodes[number], len(primitive.positions)
         targets = read_targets(self.gltf, entry, vertices)
         weights = rest_weights(self.gltf, node, mesh, len(targets))
@@ -90,7 +90,7 @@ class _SceneReader:
             skin, notes = read_skin(self.gltf, node["skin"], primitive.columns, self.place)
             self.notes |= dict.fromkeys(notes)
         place = self.place[number]
-        return Body(place, primitive.positions, primitive.normals, primitive.faces, targets, weights, skin)
+        return UnplacedSurface(place, primitive.positions, primitive.normals, primitive.faces, targets, weights, skin)
 
     def _primitive(self, mesh: int, k: int, entry: dict[str, Any]) -> Primitive | None:
         """Return a primitive, read once where several nodes show it."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.curve import Clip
+from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.skeleton import Skeleton
-from mr360uw.composite.mesh.skin import Body
+from mr360uw.composite.mesh.skin import UnplacedSurface
 from mr360uw.types import Floats
 
 
@@ -42,9 +42,9 @@ class Rigging:
     """
 
     skeleton: Skeleton
-    bodies: tuple[Body, ...]
+    bodies: tuple[UnplacedSurface, ...]
     clips: tuple[str, ...]
-    read_clip: Callable[[int], Clip]
+    read_clip: Callable[[int], Animation]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.curve import Clip
+from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.hull import slab_hull, slabs
 from mr360uw.composite.mesh.mesh import Mesh, mesh_of_file, metres_of, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
@@ -58,7 +58,7 @@ def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:
     return Rig(mesh, rigging, faces, scale)
 
 
-def surfaces(rig: Rig, clip: Clip, time_s: float) -> list[tuple[Floats, Floats | None]]:
+def surfaces(rig: Rig, clip: Animation, time_s: float) -> list[tuple[Floats, Floats | None]]:
     """Return positions (V, 3) [m] and normals (V, 3), or None, of the vertices of each body at a time of a clip [s].
 
     A mirror turns normals round; the winding of the triangles stays that at rest.
@@ -69,7 +69,7 @@ def surfaces(rig: Rig, clip: Clip, time_s: float) -> list[tuple[Floats, Floats |
     return [(positions * rig.scale, normals) for positions, normals, _ in found]
 
 
-def pose(rig: Rig, clip: Clip, time_s: float) -> Mesh:
+def pose(rig: Rig, clip: Animation, time_s: float) -> Mesh:
     """Return the mesh at a time of a clip [s], counted from the clip's own zero."""
     found = surfaces(rig, clip, time_s)
     corners = [points.take(faces, axis=0) for (points, _), faces in zip(found, rig.faces, strict=True)]

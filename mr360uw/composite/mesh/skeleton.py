@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mr360uw.composite.affine import composed
-from mr360uw.composite.mesh.curve import Clip
+from mr360uw.composite.mesh.curve import Animation
 from mr360uw.types import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class SkeletonPose:
     """Where nodes are. world: (n, 4, 4) from each node to the file's axes. weights: of morph targets, by node, where
     a clip sets them.
     """
@@ -38,11 +38,11 @@ class Skeleton:
     scale: Floats
     numbers: tuple[int, ...]
 
-    def at_rest(self) -> Pose:
+    def at_rest(self) -> SkeletonPose:
         """Return the pose that the file's nodes have."""
-        return Pose(self._world(self.local))
+        return SkeletonPose(self._world(self.local))
 
-    def at(self, clip: Clip, time_s: float) -> Pose:
+    def at(self, clip: Animation, time_s: float) -> SkeletonPose:
         """Return the pose at a time [s] of a clip, counted from the clip's own zero."""
         columns = {"translation": self.translation.copy(), "rotation": self.rotation.copy(), "scale": self.scale.copy()}
         weights: dict[int, Floats] = {}
@@ -54,7 +54,7 @@ class Skeleton:
         moved = sorted({channel.node for channel in clip.channels if channel.target != "weights"})
         local = self.local.copy()
         local[moved] = composed(**{name: column[moved] for name, column in columns.items()})
-        return Pose(self._world(local), weights)
+        return SkeletonPose(self._world(local), weights)
 
     def _world(self, local: Floats) -> Floats:
         world = np.empty_like(local)

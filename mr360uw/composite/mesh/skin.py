@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import cofactors, placed
 from mr360uw.composite.mesh.normals import crease_normals
-from mr360uw.composite.mesh.skeleton import Pose
+from mr360uw.composite.mesh.skeleton import SkeletonPose
 from mr360uw.types import Floats
 
 
@@ -57,7 +57,7 @@ class Skin:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class UnplacedSurface:
     """A surface of a mesh file before its node places it: positions (V, 3), normals (V, 3) or None, faces (T, 3).
 
     node: its number in the skeleton. weights: (m,) of its morph targets at rest. skin: None where it is rigid; a body
@@ -72,7 +72,7 @@ class Body:
     weights: Floats | None = None
     skin: Skin | None = None
 
-    def at(self, pose: Pose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
+    def at(self, pose: SkeletonPose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
         """Return positions, normals (of any length) and faces in the file's axes."""
         positions, normals = self.positions, self.normals
         weights = pose.weights.get(self.node, self.weights)
@@ -86,7 +86,7 @@ class Body:
         return placed(pose.world[self.node], positions, normals, self.faces)
 
 
-def smoothed_body(body: Body, crease_cosine: float) -> Body:
+def smoothed_body(body: UnplacedSurface, crease_cosine: float) -> UnplacedSurface:
     """Return a body with a vertex for every corner of its triangles and new normals, those of `crease_normals`."""
     corners = body.positions[body.faces]
     if not len(corners) or not np.all(np.isfinite(corners)):

@@ -27,7 +27,7 @@ from mr360uw.composite.snow.particle_light import particle_radiance
 from mr360uw.composite.snow.particles import Reach, particles_near
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
-from mr360uw.composite.snow.splat import Picture, draw_particles
+from mr360uw.composite.snow.splat import SnowPicture, draw_particles
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats, Layer, View
@@ -84,7 +84,7 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
     radius = _disc_radius(snow.settings, diameter, distance)
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, kept)
-    before, behind = Picture.empty(view), Picture.empty(view)
+    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
     draw_particles(
         _seen(snow.opens, position - half * velocity), _seen(snow.closes, position + half * velocity), radius,
         0.25 * PI * (diameter / distance) ** 2 * cloud.fade[there], distance, radiance, layer.distance_m, before,

@@ -13,12 +13,12 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.snow.splat import Picture
+from mr360uw.composite.snow.splat import SnowPicture
 from mr360uw.jit import exact
 from mr360uw.types import Layer, Rectangle, Tile
 
 
-def merged(shot: Shot, layer: Layer, before: Picture, behind: Picture, kept: Cache) -> Layer:
+def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, kept: Cache) -> Layer:
     """Return a layer with snow before its bodies and behind them; pictures are used up. kept: what frames share.
 
     Mattes without distances hide snow as they hide bodies, of which they know no more.
@@ -55,7 +55,7 @@ def rest_of(parts: Sequence[Rectangle], width: int, height: int) -> list[Rectang
     return rest
 
 
-def _with_snow(tile: Tile, before: Picture, behind: Picture) -> Tile:
+def _with_snow(tile: Tile, before: SnowPicture, behind: SnowPicture) -> Tile:
     """Return a tile with the snow before its bodies over them, over the snow behind them."""
     at = tile.window
     radiance, alpha = np.empty(tile.radiance.shape, np.float32), np.empty(tile.alpha.shape, np.float32)

@@ -28,14 +28,14 @@ Twice as large: particles are blurred. Half as large: they flicker as they move 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class SnowPicture:
     """Snow in a frame. radiance: (H, W, 3) premultiplied, alpha: (H, W). Both are drawn into."""
 
     radiance: Floats
     alpha: Floats
 
     @classmethod
-    def empty(cls, view: View) -> Picture:
+    def empty(cls, view: View) -> SnowPicture:
         """Return a picture without particles, float32, of a view's size."""
         size = view.height, view.width
         return cls(np.zeros((*size, 3), np.float32), np.zeros(size, np.float32))
@@ -43,7 +43,7 @@ class Picture:
 
 def draw_particles(
     start: Floats, end: Floats, radius: Floats, solid_angle: Floats, distance_m: Floats, radiance: Floats,
-    body_m: Floats, before: Picture, behind: Picture,
+    body_m: Floats, before: SnowPicture, behind: SnowPicture,
 ) -> None:  # fmt: skip
     """Composite n particles, in their order, over two pictures.
 

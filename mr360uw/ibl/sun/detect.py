@@ -30,7 +30,7 @@ from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.evidence import ground_ratio
 from mr360uw.ibl.sun.glitter import glitter_middle
 from mr360uw.ibl.sun.glow import find_glow
-from mr360uw.ibl.sun.judge import Disc, Scene
+from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate
 from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
 from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.types import Floats, Sun
@@ -62,7 +62,7 @@ def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA
     return float(np.sin(snell_elevation(refractive_index))) if underwater else 0.0
 
 
-def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
+def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
     floor = lowest_sine(underwater, plate.refractive_index)
     allowed = plate_sines(plate) > floor
@@ -77,9 +77,9 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     known = middle > 0.0 or peak > DISPLAY_WHITE
     air = white and not underwater
     ground = ground_ratio(plate, sky_irradiance(plate.coarse, plate.up)) if air else None
-    scene = Scene(plate, weight, middle if known else -1.0, floor, underwater, white, ground or 0.0)
+    scene = PlateSurvey(plate, weight, middle if known else -1.0, floor, underwater, white, ground or 0.0)
     spots: list[Blob] = []
-    best: Disc | None = None
+    best: SunCandidate | None = None
     for seed in _seeds(weight):
         blob = examine(plate, seed, floor, white=1.0 if white else math.inf)
         if blob is None:
@@ -94,7 +94,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> Disc | None:
     return best if settled or not air else _by_glow(scene, spots, best)
 
 
-def _by_glow(scene: Scene, spots: list[Blob], best: Disc | None) -> Disc | None:
+def _by_glow(scene: PlateSurvey, spots: list[Blob], best: SunCandidate | None) -> SunCandidate | None:
     """Return the most sun-like of spots and of the place the sky's gradient points to, judged by that gradient too."""
     glow = find_glow(scene.plate)
     if glow is None:
@@ -112,7 +112,7 @@ def _by_glow(scene: Scene, spots: list[Blob], best: Disc | None) -> Disc | None:
     return _surer(best, scene.judge(pointed, by_glow=True))
 
 
-def _surer(best: Disc | None, other: Disc) -> Disc:
+def _surer(best: SunCandidate | None, other: SunCandidate) -> SunCandidate:
     return other if best is None or other.confidence > best.confidence else best
 
 
@@ -181,7 +181,7 @@ def split_given(plate: Plate, direction: Floats, *, underwater: bool = False) ->
     return split_sun(plate, direction, radius, size, 1.0, local=is_disc(blob))
 
 
-def split_disc(plate: Plate, disc: Disc, *, underwater: bool = False) -> Split:
+def split_disc(plate: Plate, disc: SunCandidate, *, underwater: bool = False) -> Split:
     """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
     blob = disc.blob
     size = shown_half_angle(plate, blob, underwater)

@@ -61,7 +61,7 @@ _SIDE_RAD = np.radians(20.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Disc:
+class SunCandidate:
     """A candidate for the sun, the confidence in it, 0 to 1, and what speaks against it most ("" for nothing)."""
 
     blob: Blob
@@ -70,7 +70,7 @@ class Disc:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class PlateSurvey:
     """What is known of a plate beside its spots.
 
     weight: (128, 256) light of what is as bright as a sun may be. middle: brightness in the middle of the map, 0 where
@@ -92,7 +92,7 @@ class Scene:
         """Whether the ground speaks for a sun, 0 to 1."""
         return falling(self.ground, *_LIT_RATIO)
 
-    def judge(self, blob: Blob, *, by_glow: bool = False) -> Disc:
+    def judge(self, blob: Blob, *, by_glow: bool = False) -> SunCandidate:
         """Return a spot with the verdict on it. by_glow: whether it is where the sky's gradient points."""
         if not self.clipped:
             evidence = self._unclipped(blob)
@@ -103,7 +103,7 @@ class Scene:
             evidence = [*self._white(blob, grey=by_glow), told, _edged(blob), self._glowing(blob), self._agreed(blob)]
         doubt = sum(1.0 - value for value, _ in evidence)
         value, reason = min(evidence)
-        return Disc(blob, falling(doubt, *_DOUBT), reason if value < 1.0 else "")
+        return SunCandidate(blob, falling(doubt, *_DOUBT), reason if value < 1.0 else "")
 
     def _unclipped(self, blob: Blob) -> list[tuple[float, str]]:
         contrast = blob.peak / max(self.middle, 1e-6 * blob.peak) if self.middle >= 0.0 else 0.0

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from mr360uw.surface.slopes import FARTHEST, facing_below, seen_deviation
+from mr360uw.surface.slopes import FARTHEST
+from mr360uw.surface.tracing.facet_draws import seen_below, seen_deviation
 
 QUANTILES = 5.6
 """Largest normal quantile in the table: beyond that of the largest number of 24 bits."""
@@ -31,9 +32,9 @@ def seen_slopes() -> NDArray[np.float32]:
     z = np.linspace(-QUANTILES, QUANTILES, _COLUMNS)
     w = np.linspace(-1.0, FARTHEST / (1.0 + FARTHEST), _ROWS)
     c = w / np.maximum(1.0 - np.abs(w), 1.0 / _ALL)
-    mean, share = (a.ravel() for a in np.broadcast_arrays(-c[:, None], ndtr(z)))
-    one = np.ones_like(mean)
-    seen = seen_deviation(share, mean, one).reshape(_ROWS, _COLUMNS)
-    area = facing_below(np.inf, -c, np.ones_like(c)) / np.hypot(c, 1.0)
+    light = np.array([seen_below(FARTHEST, mean, 1.0) for mean in -c])
+    rows = zip(-c, light, strict=True)
+    seen = np.array([[seen_deviation(share, mean, 1.0, all_) for share in ndtr(z)] for mean, all_ in rows])
+    area = light / np.hypot(c, 1.0)
     table = np.stack([seen - z, np.broadcast_to(np.log(area)[:, None], seen.shape)], axis=-1)
     return table.astype(np.float32)

@@ -22,7 +22,7 @@ from mr360uw.surface.gl.facet_table import QUANTILES, seen_slopes
 from mr360uw.surface.gl.height_atlas import HeightAtlas
 from mr360uw.surface.gl.ray_tiles import split_frame
 from mr360uw.surface.gl.stage_textures import stage_inputs
-from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, WIDEST, Stage
+from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, WIDEST, RayStage
 from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.surface.slopes import FARTHEST
 from mr360uw.types import Floats, Rectangle, View
@@ -69,7 +69,7 @@ class PictureRenderer:
         """How often each texture was made."""
         return self._cache.made
 
-    def render(self, stage: Stage, view: View, samples: int) -> SurfacePicture:
+    def render(self, stage: RayStage, view: View, samples: int) -> SurfacePicture:
         """Return the picture, float32. samples: per pixel and axis. Raises `GlError` for a floor with relief."""
         if stage.planes:
             raise GlError("floor - OpenGL has level floors alone (got a relief) - take backend='reference'")

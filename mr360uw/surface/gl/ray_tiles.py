@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.types import Rectangle, View
 
 _TILE = 16
 """Side of a tile [pixels]: half as large, the boundary of the parts takes as long to find as to draw."""
 
 
-def split_frame(stage: Stage, view: View) -> tuple[list[Rectangle], list[Rectangle]]:
+def split_frame(stage: RayStage, view: View) -> tuple[list[Rectangle], list[Rectangle]]:
     """Return rectangles that cover the frame: those whose rays cannot meet the surface, and the others."""
     rows, columns = -(-view.height // _TILE), -(-view.width // _TILE)
     x = np.minimum(np.arange(columns + 1) * _TILE, view.width)

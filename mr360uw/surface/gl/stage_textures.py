@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Same
 from mr360uw.gl.context import gl_context, texture_array_from_array, texture_from_array
-from mr360uw.surface.ray_stage import FARTHEST_M, Stage
+from mr360uw.surface.ray_stage import FARTHEST_M, RayStage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.water_light import WaterLight
@@ -36,7 +36,7 @@ class Inputs:
     defines: dict[str, Any]
 
 
-def stage_inputs(stage: Stage, view: View, cache: Cache) -> Inputs:
+def stage_inputs(stage: RayStage, view: View, cache: Cache) -> Inputs:
     """Return the inputs of a picture but for the atlas of heights. cache: of textures."""
     sea = stage.sea
     lost = sea.lost_slope + sea.blur_variance * np.array([1.0, 0.0, 1.0])
@@ -89,14 +89,14 @@ def _waves(sea: SampledSea) -> dict[str, Any]:
     return {**numbers, "waves__points": int(sea.size[0]), "waves__last": len(sea.size) - 1}
 
 
-def _add_sky(found: Inputs, stage: Stage, cache: Cache) -> None:
+def _add_sky(found: Inputs, stage: RayStage, cache: Cache) -> None:
     levels = stage.dome.levels
     height, width = levels[0].shape[:2]
     found.textures["sky"] = cache.get("sky", stage.dome, lambda: texture_from_array(sky_atlas(levels), nearest=False))
     found.uniforms.update({"dome__size": (width, height), "dome__levels": len(levels)})
 
 
-def _add_floor(found: Inputs, stage: Stage, cache: Cache) -> None:
+def _add_floor(found: Inputs, stage: RayStage, cache: Cache) -> None:
     light, image = stage.floor_light, stage.floor.image
     patterns, textures = cache.get("patterns", light, lambda: _pattern_textures(light))
     found.defines["PATTERNS"] = len(patterns)

@@ -22,7 +22,7 @@ from mr360uw.surface.tracing.relief import Relief, in_shadow, relief_height, rel
 from mr360uw.surface.tracing.table_reads import add, between, level_for, periodic, times
 
 
-class Ground(NamedTuple):
+class LitFloor(NamedTuple):
     """The numbers of the floor. relief: its heights. albedo_m, light_m: after which albedo and patterns repeat.
     dry_sky, dry_sun: irradiance of a level plane above the water. sun_wet, sun_dry: directions to the sun in water and
     air.
@@ -39,7 +39,7 @@ class Ground(NamedTuple):
 
 @exact
 def floor_radiance(
-    f: Any, fn: Any, fk: Any, fe: Any, e: Any, g: Ground, x: float, z: float, footprint: float, dry: bool
+    f: Any, fn: Any, fk: Any, fe: Any, e: Any, g: LitFloor, x: float, z: float, footprint: float, dry: bool
 ) -> Vector:
     """Return the radiance of the floor at (x, z), averaged over a footprint [m]; dry: above the water."""
     albedo = _picture(f, fn, fk[0, 0], fk[0, 1], g.albedo_m, x, z, footprint)

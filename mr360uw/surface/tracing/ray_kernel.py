@@ -12,10 +12,10 @@ import math
 from typing import Any, NamedTuple
 
 from mr360uw.jit import exact
-from mr360uw.surface.intersection import NOWHERE, Hit, Waves, first_hit
+from mr360uw.surface.intersection import NOWHERE, Hit, SeaWaves, first_hit
 from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of
-from mr360uw.surface.tracing.floor_light import Ground, floor_radiance
+from mr360uw.surface.tracing.floor_light import LitFloor, floor_radiance
 from mr360uw.surface.tracing.random_keys import next_key
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
 from mr360uw.surface.tracing.relief import Relief, relief_distance
@@ -38,12 +38,12 @@ class Murk(NamedTuple):
     around: tuple[int, int, int, int]
 
 
-class World(NamedTuple):
+class RayWorld(NamedTuple):
     """The numbers of what rays can meet. samples: rays of one pixel, which take different facets."""
 
-    sea: Waves
+    sea: SeaWaves
     ripples: Ripples
-    ground: Ground
+    ground: LitFloor
     sun: Disc
     half_angle: float
     refractive_index: float
@@ -53,7 +53,7 @@ class World(NamedTuple):
 
 @exact
 def met(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, sea: Waves, floor: Relief, origin: Vector,
+    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, sea: SeaWaves, floor: Relief, origin: Vector,
     direction: Vector, side: float, width: float, spread: float, start: Hit, known: bool,
 ) -> tuple[Hit, float]:  # fmt: skip
     """Return where a ray meets the surface, and the distance at which it meets the floor instead, infinity for neither.
@@ -108,7 +108,7 @@ def put(
 @exact
 def followed(
     c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
-    d: Any, dn: Any, wv: Any, wa: Any, w: World, stack: Any, start: Hit, known: bool,
+    d: Any, dn: Any, wv: Any, wa: Any, w: RayWorld, stack: Any, start: Hit, known: bool,
 ) -> Vector:  # fmt: skip
     """Return the radiance of the ray in the first row of the stack times its weight.
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,22 +11,22 @@ from numpy.typing import NDArray
 
 from mr360uw.optics import refract_to_water
 from mr360uw.surface.intersection import surface_arrays, waves_of
-from mr360uw.surface.ray_stage import Stage
+from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight
-from mr360uw.surface.tracing.floor_light import Ground
-from mr360uw.surface.tracing.ray_kernel import Murk, World
+from mr360uw.surface.tracing.floor_light import LitFloor
+from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld
 from mr360uw.surface.tracing.relief import Relief
 from mr360uw.surface.tracing.ripples import Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
-from mr360uw.surface.tracing.table_reads import WaterTable
+from mr360uw.surface.tracing.table_reads import WaterTable, packed
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun
 
 Arrays = tuple[Any, ...]
 
 
-def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
+def stage_arrays(stage: RayStage) -> tuple[Arrays, RayWorld]:
     """Return the arrays of `ray_kernel.followed` from c to wa, and its numbers."""
     ripples, slopes = ripples_of(stage.sea)
     ground, floor = _ground(stage)
@@ -41,19 +40,8 @@ def stage_arrays(stage: Stage) -> tuple[Arrays, World]:
         texels = np.concatenate([texels, *(around.reshape(-1, 3) for around in maps)])
     arrays = (*surface_arrays(stage.sea), stage.sea.lost_slope, slopes, *floor, texels, levels, veils, attenuations)
     index, samples = stage.refractive_index, stage.samples
-    world = World(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
+    world = RayWorld(waves_of(stage.sea), ripples, ground, disc, half_angle, index, samples, murk)
     return arrays, world
-
-
-def packed(pictures: Sequence[NDArray[Any]]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the texels (n, 3) of pictures (1, height, width, 1 or 3), and first texel, width and height of each."""
-    table, texels, first = [], [], 0
-    for picture in pictures:
-        height, width = picture.shape[1:3]
-        table.append((first, width, height))
-        texels.append(np.broadcast_to(picture, (1, height, width, 3)).reshape(-1, 3).astype(np.float32))
-        first += width * height
-    return np.concatenate(texels), np.array(table, np.int64)
 
 
 def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
@@ -68,7 +56,7 @@ def ripples_of(sea: SampledSea) -> tuple[Ripples, NDArray[np.float64]]:
     )
 
 
-def _ground(stage: Stage) -> tuple[Ground, Arrays]:
+def _ground(stage: RayStage) -> tuple[LitFloor, Arrays]:
     """Return the floor's numbers, and its arrays f to e of `floor_light`."""
     floor, sea = stage.floor, stage.sea
     planes = [(depth, light.even, _merged(light)) for depth, light in stage.planes or ((1.0, stage.floor_light),)]
@@ -85,7 +73,13 @@ def _ground(stage: Stage) -> tuple[Ground, Arrays]:
     below = _BELOW * (floor.highest_m - floor.lowest_m)
     relief = Relief(floor.tile_m, stage.floor_y_m, floor.lowest_m - below, floor.highest_m, floor.steepest)
     sky, sun = tuple((dry - dry_sun).tolist()), tuple(dry_sun.tolist())
-    return Ground(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air), (texels, table, rows, even, floor.relief)
+    return LitFloor(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air), (
+        texels,
+        table,
+        rows,
+        even,
+        floor.relief,
+    )
 
 
 def _merged(light: FloorLight) -> list[tuple[tuple[float, float, float], list[NDArray[Any]]]]:

@@ -2,17 +2,19 @@
 """The sun, mirrored or refracted by facets of the surface: compiled, for one ray at a time.
 
 A sun of solid angle W is seen by the facets in an area A = W |ds/dw| of slopes about the one that points it at the ray.
-Where facets hardly differ, its disc is drawn. Symbols: facet_draws.py.
+Where facets hardly differ, its disc is drawn. Symbols: slopes.py.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from mr360uw.jit import exact
 from mr360uw.surface.slopes import LEAST, SHARP
-from mr360uw.surface.tracing.facet_draws import Facets, facing
+from mr360uw.surface.tracing.facet_draws import Facets, facets_of, facing
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
 
 _DARK = 80.0
@@ -72,6 +74,18 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
     if side < 0.0:
         factor = (1.0 - reflectance(min(at_sun, 1.0), index)[0]) * index * index
     return share * weight * factor
+
+
+@exact
+def glitter(sun: Disc, travel: Any, normal: Any, covariance: Any, side: float, index: float) -> Any:
+    """Return `sunlight` (n,) of n rays (n, 3). covariance: (n, 3) xx, xz, zz of the slopes that each meets."""
+    light = np.zeros(len(travel))
+    for k in range(len(travel)):
+        d = travel[k, 0], travel[k, 1], travel[k, 2]
+        n = normal[k, 0], normal[k, 1], normal[k, 2]
+        facets = facets_of(d, n, (covariance[k, 0], covariance[k, 1], covariance[k, 2]), side)
+        light[k] = sunlight(sun, d, n, facets, side, index)
+    return light
 
 
 @exact

@@ -7,7 +7,11 @@ Twins: caustic_lookup.py, ibl/lookup.py and medium/lookup.py, which say what the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.jit import exact
 from mr360uw.surface.tracing.ray_optics import Vector
@@ -21,6 +25,17 @@ class WaterTable(NamedTuple):
     at: int
     length_m: float
     depth_m: float
+
+
+def packed(pictures: Sequence[NDArray[Any]]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the texels (n, 3) of pictures (1, height, width, 1 or 3), and first texel, width and height of each."""
+    table, texels, first = [], [], 0
+    for picture in pictures:
+        height, width = picture.shape[1:3]
+        table.append((first, width, height))
+        texels.append(np.broadcast_to(picture, (1, height, width, 3)).reshape(-1, 3).astype(np.float32))
+        first += width * height
+    return np.concatenate(texels), np.array(table, np.int64)
 
 
 @exact

@@ -15,7 +15,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.floor.floor_points import FloorPoints, floor_points
-from mr360uw.track.floor.scattered_heights import HeightField, fit_height_field
+from mr360uw.track.floor.scattered_heights import ScatteredHeights, fit_height_field
 from mr360uw.track.world_axes import fit_floor
 from mr360uw.types import Floats
 
@@ -167,7 +167,7 @@ def _middle(values: Floats) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _with_skirt(field: HeightField, flat: bool, height_m: float) -> tuple[Floats, Floats, Floats, Floats]:
+def _with_skirt(field: ScatteredHeights, flat: bool, height_m: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Return x, z, heights over the plane and confidence, with rings in which the relief runs out."""
     rings = len(_SKIRT)
     out = np.array(_SKIRT) * height_m

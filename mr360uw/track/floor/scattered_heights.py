@@ -31,7 +31,7 @@ _SUPPORT = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightField:
+class ScatteredHeights:
     """Heights (r, c) at nodes z_m (r,), x_m (c,), with confidence (r, c) in [0, 1].
 
     kept (n,): weight of each point, 0 for outliers. held_out, held_out_flat: median absolute residuals of points that
@@ -48,7 +48,7 @@ class HeightField:
     spread: float
 
 
-def fit_height_field(points: Floats, weight: Floats, cell_m: float, least_spread: float) -> HeightField:
+def fit_height_field(points: Floats, weight: Floats, cell_m: float, least_spread: float) -> ScatteredHeights:
     """Return the height field of points (n, 3): y over (x, z), as metres or any other unit.
 
     weight (n,): inverse variances, relative. cell_m: spacing of the nodes. least_spread: floor of the points' spread,
@@ -71,7 +71,7 @@ def fit_height_field(points: Floats, weight: Floats, cell_m: float, least_spread
     for stiffness in STIFFNESS[: STIFFNESS.index(best[1]) + 1]:
         height = sheet.relaxed(stiffness)
     confidence = 1.0 - np.exp(-_support(at, sheet.robust * np.minimum(weight, 1.0), (len(z_m), len(x_m))) / _SUPPORT)
-    return HeightField(
+    return ScatteredHeights(
         x_m, z_m, height.reshape(len(z_m), len(x_m)), confidence, sheet.robust, best[0],
         float(np.median(np.abs(y[fold == 0]))), sheet.spread,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from mr360uw.tune.editing import tracks
 from mr360uw.tune.marks import Marker
 from mr360uw.tune.panels.floor_tool import FloorTool
 from mr360uw.tune.panels.patch_tool import PATCH_TOOLS, PatchTool
-from mr360uw.tune.panels.stage import Stage
+from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
@@ -49,7 +49,7 @@ class PlaceTools:
     def __init__(
         self,
         session: Session,
-        stage: Stage,
+        stage: ShownPicture,
         failed: Callable[[Exception], None],
         match_water: Callable[[Point], None],
     ) -> None:

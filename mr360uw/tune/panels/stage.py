@@ -18,7 +18,7 @@ _WIDTHS = (512, 1024, 2048, 4096, 8192)
 _COMPARISONS = {"": "compare with …", "plate": "compare with the plate"}
 
 
-class Stage:
+class ShownPicture:
     """The picture of a tab. failed: tells an error."""
 
     def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:

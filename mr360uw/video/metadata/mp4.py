@@ -161,11 +161,6 @@ def _read_moov(file: BinaryIO, extent: _Extent) -> Box | None:
     return boxes[0] if boxes and boxes[0].children else None
 
 
-def index_in_front(path: Path) -> None:
-    """Move the index of a file in front of its media data, so that players can start while loading."""
-    edit_moov(path, lambda moov: None, front=True)  # noqa: ARG005 - an edit that changes nothing
-
-
 def edit_moov(path: Path, edit: Callable[[Box], None], front: bool = False) -> None:
     """Change the 'moov' box of a file in place; the media data move as needed and all chunk offsets follow.
 

@@ -27,7 +27,7 @@ from mr360uw.video.metadata.tags import ColorTags, color_spec
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
-from mr360uw.video.read.picture_order import Picture, pictures
+from mr360uw.video.read.picture_order import StoredPicture, pictures
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
@@ -196,7 +196,7 @@ class ContainerReader(VideoReader):
                 raise DamagedFrameError(f"{self.path} - no picture can be decoded - get an intact copy", 0)
             entry = first - 1
 
-    def _every_picture(self, start: int) -> Iterator[Picture]:
+    def _every_picture(self, start: int) -> Iterator[StoredPicture]:
         """Yield the pictures from one at or before `start` on, those too that are beyond the end of a cut file.
 
         Decoded by one thread: what a decoder makes of damaged data depends on the order in which its threads run.
@@ -213,7 +213,7 @@ class ContainerReader(VideoReader):
         if last is not None:
             step = max(1, round(1 / (self.frame_rate * self.time_base)))
             for beyond in range(1, self.frame_count - last.index):
-                yield Picture(last.index + beyond, last.pts + step * beyond, None)
+                yield StoredPicture(last.index + beyond, last.pts + step * beyond, None)
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):

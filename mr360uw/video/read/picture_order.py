@@ -22,7 +22,7 @@ _ANY_TIME = -(1 << 62)
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class StoredPicture:
     """One picture of a file. index: in order of presentation. pts: its time stamp.
 
     native: the decoder's frame, None where it is lost. reason: of the decoder, where it gave one.
@@ -36,7 +36,7 @@ class Picture:
 
 def pictures(
     container: Any, stream: Any, index: FrameIndex, start: int, reorder: int | None = None, *, rewound: bool = True
-) -> Iterator[Picture]:
+) -> Iterator[StoredPicture]:
     """Yield the pictures of an open file, from one at or before `start` on, lost ones too.
 
     reorder: most pictures by which decoding runs ahead of presentation; pictures before `start` that no other refers to
@@ -64,14 +64,14 @@ def pictures(
             if frame.pts is None or frame.pts < first:
                 continue
             while announced and announced[0] < frame.pts:
-                yield Picture(number, heapq.heappop(announced), None, reason)
+                yield StoredPicture(number, heapq.heappop(announced), None, reason)
                 number += 1
             if announced and announced[0] == frame.pts:
                 heapq.heappop(announced)
-            yield Picture(number, frame.pts, frame)
+            yield StoredPicture(number, frame.pts, frame)
             number += 1
     while announced:
-        yield Picture(number, heapq.heappop(announced), None, reason)
+        yield StoredPicture(number, heapq.heappop(announced), None, reason)
         number += 1
 
 

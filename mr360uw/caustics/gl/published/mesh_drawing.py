@@ -9,12 +9,12 @@ import moderngl
 import numpy as np
 
 from mr360uw.caustics.gl.passes import Passes, Textures
-from mr360uw.caustics.gl.plane import Plane
+from mr360uw.caustics.gl.plane import CausticPlane
 from mr360uw.caustics.published.scrolling import scroll_offsets
 from mr360uw.caustics.sea.base import SeaParameters
 
 
-def draw_mesh(passes: Passes, target: moderngl.Framebuffer, rays: Textures, plane: Plane) -> None:
+def draw_mesh(passes: Passes, target: moderngl.Framebuffer, rays: Textures, plane: CausticPlane) -> None:
     """Draw every refracted triangle with the intensity that `published.divided_areas` gives it."""
     inputs: dict[str, Any] = dict(rays)
     define: dict[str, Any] = {plane.method.upper(): 1}

@@ -30,7 +30,7 @@ _FEW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
+class LevelGround:
     """Level ground below a body. rotation: (3, 3) the mesh's axes to the world's; height_m: of the mesh's middle above
     the ground, in the mesh's metres.
     """
