@@ -129,7 +129,7 @@ class LightReader:
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
         lit = self._water_colored(found, found.sun, world_from_camera[1])
-        return sunlit(found.residual, found.ambient, found.glossy, found.glossy_roughness, lit)
+        return sunlit(found.residual, found.ambient, found.glossy, found.glossy_roughness, lit, detail=found.detail)
 
     def _water_colored(self, found: Environment, sun: Sun, up: Floats) -> Sun:
         """Return the sun with the colour of its solved beam in the water; clipped pixels have none of their own.
@@ -270,4 +270,4 @@ def _brighter(light: Environment, radiance: Floats, irradiance: Floats, of_sun: 
     ambient = (light.ambient + irradiance).astype(np.float32)
     roughness = tuple(float(r) for r in light.glossy_roughness)
     glossy = light.glossy + glossy_levels(radiance, roughness) if len(light.glossy) else light.glossy
-    return sunlit(residual, ambient, glossy, light.glossy_roughness, sun)
+    return sunlit(residual, ambient, glossy, light.glossy_roughness, sun, detail=light.detail)

@@ -64,7 +64,7 @@ class LightInWater:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LitFloor:
+class LevelFloor:
     """A level floor at a depth [m] below the mean surface. radiance: (3,) it sends up in all directions."""
 
     depth_m: float
@@ -87,7 +87,7 @@ class WaterLight:
     sun: LightInWater | None
     sun_up: float
     index: float
-    floor: LitFloor | None = None
+    floor: LevelFloor | None = None
     from_surface: MediumTable | None = None
     from_camera: MediumTable | None = None
     towards_sun: Array | None = None
@@ -116,7 +116,7 @@ class WaterLight:
             light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
         if floor_m > 0.0:
             lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
-            light = replace(light, floor=LitFloor(floor_m, albedo * lit / (PI - albedo * back)))
+            light = replace(light, floor=LevelFloor(floor_m, albedo * lit / (PI - albedo * back)))
         return light if light.sky is None else replace(light, from_surface=light._table(None))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
