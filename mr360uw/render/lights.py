@@ -68,6 +68,8 @@ _LEAST_SHARE = 0.02
 """Fraction of the ambient light that clipped pixels must bring for them to be raised; wholly from twice as much on."""
 _GREATEST_ALBEDO = 0.6
 """Albedo of white coral sand; but for fresh snow, 0.9, no ground is brighter."""
+_LEAST_DIRECT_SHARE = 1e-6
+"""Fraction of the light that is a setting sun's, at least: light is divided by it."""
 _LEAST_DIRECT, _MOST_DIRECT = 0.05, 4.0
 """Bounds of the ratio of direct to diffuse irradiance."""
 
@@ -142,7 +144,7 @@ class LightReader:
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
         depth, in_air = self._table.camera_depth_m, _sine_in_air(sun_up, self._refractive_index)
-        share = self._share or direct_share(in_air)
+        share = self._share or max(direct_share(in_air), _LEAST_DIRECT_SHARE)
         direct = beam_below(share, in_air)
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
@@ -213,7 +215,14 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     if medium.mode not in ("table", "plate"):
         return light
     sun_up = None if light.sun is None else max(float(light.sun.direction @ up), MINIMUM_SUN_UP)
-    direct = 0.0 if sun_up is None else direct_share(_sine_in_air(sun_up, medium.refractive_index))
+    direct = np.zeros(3)
+    if isinstance(medium.sky, tuple):
+        sun_up = medium.sky[1]
+    if sun_up is not None:  # the sky is bluer than the beam
+        in_air = _sine_in_air(sun_up, medium.refractive_index)
+        of_sun = medium.sky[2] if isinstance(medium.sky, tuple) else max(direct_share(in_air), _LEAST_DIRECT_SHARE)
+        beam_part = beam_below(of_sun, in_air)
+        direct = np.asarray(beam_part / (beam_part + (1.0 - of_sun) * CLEAR_SKY))
     shown, below = (np.maximum(environment_lookup(light.ambient, way), 1e-12) for way in (up, -up))
     whole = irradiance_from_level(medium, sun_up, direct, below)
     beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
@@ -223,8 +232,11 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     of_white = cosine_filter(1)(white)
     share = environment_lookup(of_white, up) / shown
     by_share = np.clip(share / _LEAST_SHARE - 1.0, 0.0, 1.0)
-    by_sun = 0.0 if light.sun is None else (1.0 - light.sun.shown) * light.sun.confidence
-    told = np.maximum(by_share, by_sun)
+    by_sun = 0.0
+    if light.sun is not None:
+        by_sun = (1.0 - light.sun.shown) * light.sun.confidence
+    # thin water has little light of its own to tell
+    told = np.maximum(by_share, by_sun) * (1.0 - _clearness(medium.unit_table))
     if not np.any(told > 0.0):
         return light
     growth = told * (np.clip(wanted / shown, 1.0, _MOST) - 1.0)
@@ -233,13 +245,13 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     of_sky = cosine_filter(1)(sky)
     in_white = growth * by_share / np.maximum(share, _LEAST_SHARE)
     in_sky = growth * (1.0 - by_share) * shown / np.maximum(environment_lookup(of_sky, up), _LEAST_LIGHT)
-    of_sun = np.ones(3)
+    stronger = np.ones(3)
     if light.sun is not None and not keep_sun:
         left = np.clip((whole - shown * (1.0 + growth)) / np.maximum(beam, 1e-12), 1.0 / _MOST, _MOST)
-        of_sun += told.max() * (left - 1.0)
-    if not np.any(growth > 0.0) and np.all(of_sun == 1.0):
+        stronger += told.max() * (left - 1.0)
+    if not np.any(growth > 0.0) and np.all(stronger == 1.0):
         return light
-    return _brighter(light, in_white * white + in_sky * sky, in_white * of_white + in_sky * of_sky, of_sun)
+    return _brighter(light, in_white * white + in_sky * sky, in_white * of_white + in_sky * of_sky, stronger)
 
 
 def lit_as_its_ground(light: Environment, up: Floats) -> Environment:

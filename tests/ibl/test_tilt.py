@@ -37,12 +37,12 @@ def tilted(image: np.ndarray, world_from_camera: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def dive() -> np.ndarray:
-    """One frame of a synthetic dive before it clips, (256, 512, 3); its sun stands 67 degrees high in the water.
+    """One frame of a synthetic dive before it clips, (384, 768, 3); its sun stands 67 degrees high in the water.
 
     Ripples make the sun a patch of some pixels: one of a single pixel does not stay the same when the frame is turned.
     """
     settings = DiveSettings(detail_slope=0.05, relief=0.0, rocks=0.0, grass=0.0)
-    return np.maximum(Dive(settings, 512, 256).radiance(0.3), 0.0).astype(np.float32)
+    return np.maximum(Dive(settings, 768, 384).radiance(0.3), 0.0).astype(np.float32)
 
 
 def off(got: Environment, truth: Environment) -> float:

@@ -95,10 +95,10 @@ def test_maps_about_the_sun(rng: np.random.Generator) -> None:
 
 def test_the_veil_of_sky_and_sun_is_the_solved_one_about_the_sun() -> None:
     depth, sun = 3.0, Sun(unit((0.5, 0.7, -0.2)), np.array([3.0, 2.5, 2.0]), 0.005, 1.0)
-    water = WaterLight.of(Water.jerlov("IB"), Dome(np.full((4, 8, 3), 0.2)), sun, 1.34).seen_from(depth)
+    water = WaterLight.of(Water.jerlov("IB"), Dome(np.full((4, 8, 3), 0.2)), sun, 1.34, 9.0, np.zeros(3))
+    water = water.seen_from(depth)
     assert water.sky is not None
     assert water.sun is not None
-    assert water.from_camera_around is not None
     towards = optics.refract_to_water(sun.direction, 1.34)
     for v in unit([(1.0, 0.0, -0.4), (-1.0, -0.2, 0.1), (0.1, -0.8, 1.0)]):
         angle = np.arctan2(v[0] * towards[2] - v[2] * towards[0], v[0] * towards[0] + v[2] * towards[2])
@@ -108,9 +108,7 @@ def test_the_veil_of_sky_and_sun_is_the_solved_one_about_the_sun() -> None:
             for light in (water.sky, water.sun)
         )
         mean = water.along(np.array([np.inf]), v[1:2], True)[1][0]
-        np.testing.assert_allclose(
-            mean * environment_lookup(water.from_camera_around, v), expected, rtol=tol.AROUND_SUN
-        )
+        np.testing.assert_allclose(mean * environment_lookup(water.sun_maps[1], v), expected, rtol=tol.AROUND_SUN)
 
 
 def test_the_water(rng: np.random.Generator) -> None:

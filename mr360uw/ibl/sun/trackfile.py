@@ -81,8 +81,8 @@ def load_track(path: str | Path) -> SunTrack:
             table = {name: [row[name] for row in rows] for name in (rows[0] if rows else COLUMNS)}
         else:
             table = json.loads(text)["columns"]
-        table.setdefault("share", [1.0] * len(table["frame"]))  # earlier files have none
-        data = {n: np.array([np.nan if v in (None, "") else float(v) for v in table[n]]) for n in COLUMNS}
+        whole = {"share": [1.0] * len(table["frame"])}  # earlier files have none
+        data = {n: np.array([np.nan if v in (None, "") else float(v) for v in (whole | table)[n]]) for n in COLUMNS}
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError, csv.Error) as error:
         raise ParameterError(
             f"{path} - not a readable sun track (got: {error!s:.120}) - write it with save_track"

@@ -34,19 +34,23 @@ _COARSE = 0.05
 _LEVEL = np.zeros(1)
 
 
-def irradiance_from_level(medium: Medium, sun_up: float | None, direct: float, upwelling: Floats) -> Array:
+def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats | float, upwelling: Floats) -> Array:
     """Return the irradiance (3,) of a level plane at the camera, sun included, in the medium's light times its gain.
 
-    sun_up: y of the sun's direction in the water, in (0, 1], or None where it is not known. direct: fraction of the
-    light just below the surface that is its beam. upwelling: (3,) the plate's light on a level plane that faces down,
-    which tells the floor's. A medium that was solved for a sun, or without a surface, keeps its own. medium: of mode
+    sun_up: y of the sun's direction in the water, in (0, 1], or None where it is not known. direct: fraction, (3,) or
+    of all channels, of the light just below the surface that is its beam. upwelling: (3,) the plate's light on a level
+    plane that faces down, which tells the floor's. A medium that was solved for a sun keeps its height. medium: of mode
     "table".
     """
-    sky = medium.sky
-    if sun_up is not None and sky == "uniform" and medium.surface != "none":
-        sky = ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), direct)
+    sky: Sky = medium.sky
+    if isinstance(sky, tuple):
+        sun_up, sky = sky[1], "uniform"
     of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index
-    of_sky, of_floor = _lights(*of_water, sky, medium.camera_depth_m, medium.floor_m)
+    at = medium.camera_depth_m, medium.floor_m
+    of_sky, of_floor = _lights(*of_water, sky, *at)
+    if sun_up is not None and medium.surface != "none":
+        of_sun, _ = _lights(*of_water, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0), *at)
+        of_sky = (1.0 - direct) * of_sky + direct * of_sun
     shown = medium.gain * medium.level_radiance(_LEVEL)[0]
     strength, floor = two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(upwelling, np.float64))
     return np.asarray(strength * of_sky[2] + floor * of_floor[2])
@@ -68,7 +72,7 @@ def _lights(
     of_sky = medium.light.display(np.concatenate([level, facing]))
     if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
         coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)
-        if (around := around_sun(medium.under(("sun", coarse, sky[2])))) is not None:
+        if (around := around_sun(medium.under(("sun", coarse, 1.0)))) is not None:
             of_sky[0] *= typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
     if floor_m is None:
         return of_sky, np.zeros((3, 3))
