@@ -19,8 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import exact, inlined
+from mr360uw.texels import between_four
 from mr360uw.types import CausticStack, Floats
+
+_between_four = inlined(between_four)
 
 
 def mip_levels(ratio: Floats) -> list[Floats]:
@@ -45,9 +48,9 @@ def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: A
             i0, i1, j0, j1 = i % size, (i + 1) % size, j % size, (j + 1) % size
             for c in range(3):
                 k = c % channels
-                above = image[p, j0, i0, k] * (1.0 - fx) + image[p, j0, i1, k] * fx
-                below = image[p, j1, i0, k] * (1.0 - fx) + image[p, j1, i1, k] * fx
-                result[n, c] += weight[n] * (above * (1.0 - fy) + below * fy)
+                result[n, c] += weight[n] * _between_four(
+                    image[p, j0, i0, k], image[p, j0, i1, k], image[p, j1, i0, k], image[p, j1, i1, k], fx, fy
+                )
 
 
 def periodic_trilinear(

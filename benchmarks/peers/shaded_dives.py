@@ -65,6 +65,19 @@ class FloorShade:
     halo: Floats
 
 
+def _floor_parts(plate: Dive, time_s: float) -> list[Floats]:
+    """Return the light of the level floor below the horizon, each (H/2, W, 3), exposed and as the camera sees it: that
+    without the waves' pattern, and of the beam those of light that has been turned by small angles, and that has not.
+    """
+    x, z, footprint, distance, up = plate.on_level_floor(time_s)
+    stage = plate.scene.stage(plate.settings.view(WIDTH, WIDTH // 2, time_s), time_s, 1)
+    seen = plate.scene.floor.albedo(x, z, footprint) / np.pi * stage.water.along(distance, up, True)[0] * plate.exposure
+    patterns = [seen * factor * tiled.at(x, z, footprint) for tiled, factor in stage.floor_light.patterns]
+    none = np.zeros_like(seen)
+    sharp, soft = (*patterns, none, none)[:2]
+    return [part.reshape(-1, WIDTH, 3) for part in (seen * stage.floor_light.even, soft, sharp)]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadedDive:
     """A dive and the light that the ball leaves on its floor. loaded: its scene as a user would write it."""
@@ -91,8 +104,10 @@ class ShadedDive:
         time_s = index / RATE_HZ
         image = self.plate.radiance(time_s).astype(np.float64)
         if shade is not None:
-            lost, parts = image[WIDTH // 4 :], self.plate.floor_parts(time_s)
-            for share, part in ((shade.ambient, parts.even), (shade.halo, parts.soft), (shade.disc, parts.sharp)):
+            lost = image[WIDTH // 4 :]
+            for share, part in zip(
+                (shade.ambient, shade.halo, shade.disc), _floor_parts(self.plate, time_s), strict=True
+            ):
                 lost -= (1.0 - share)[..., None] * part
         return self.exposure * image
 

@@ -175,8 +175,8 @@ def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
     return texture
 
 
-def read_framebuffer(target: moderngl.Framebuffer, channels: int, attachment: int = 0) -> np.ndarray:
-    """Return a float attachment as (H, W, channels) float32, row 0 = the row drawn at gl_FragCoord.y = .5."""
+def read_framebuffer(target: moderngl.Framebuffer, channels: int) -> np.ndarray:
+    """Return the first float attachment as (H, W, channels) float32, row 0 = the row drawn at gl_FragCoord.y = .5."""
     width, height = target.size
-    data = target.read(components=channels, attachment=attachment, dtype="f4", alignment=1)
+    data = target.read(components=channels, dtype="f4", alignment=1)
     return np.frombuffer(data, np.float32).reshape(height, width, channels)

@@ -63,15 +63,15 @@ def region_ramp(elevation: ArrayLike, edge: float, ramp: float) -> Array:
     return t * t * (3.0 - 2.0 * t)
 
 
-def checked_plate(plate: ArrayLike, where: str = "plate") -> NDArray[np.float32]:
+def checked_plate(plate: ArrayLike) -> NDArray[np.float32]:
     """Return a plate as float32 with negative samples (lossy codecs make them) at 0; raise on anything else."""
-    image = real(where, plate)
+    image = real("plate", plate)
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ParameterError(f"{where} - must be an RGB image (got shape {image.shape}) - give (H, W, 3)")
+        raise ParameterError(f"plate - must be an RGB image (got shape {image.shape}) - give (H, W, 3)")
     if not np.issubdtype(image.dtype, np.floating):
-        raise ParameterError(f"{where} - must be linear floats (got {image.dtype}) - decode the code values first")
+        raise ParameterError(f"plate - must be linear floats (got {image.dtype}) - decode the code values first")
     if not is_finite(image):
-        raise ParameterError(f"{where} - holds NaN or infinite samples - repair the picture")
+        raise ParameterError("plate - holds NaN or infinite samples - repair the picture")
     return np.maximum(image, 0.0, dtype=np.float32)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.sphere import frame_from_direction
+from mr360uw.texels import between_four, texels_around
 from mr360uw.types import Floats
 
 Indices = NDArray[np.int64]
@@ -34,9 +35,8 @@ def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
     Beyond the centre of the first or last row the neighbour is the same row half a turn away, as over a pole.
     """
     i, j, fx, fy = _between(map_.shape, direction)
-    upper = environment_texel(map_, i, j) * (1.0 - fx) + environment_texel(map_, i + 1, j) * fx
-    lower = environment_texel(map_, i, j + 1) * (1.0 - fx) + environment_texel(map_, i + 1, j + 1) * fx
-    return upper * (1.0 - fy) + lower * fy
+    a, b, c, d = (environment_texel(map_, i + right, j + down) for down in (0, 1) for right in (0, 1))
+    return np.asarray(between_four(a, b, c, d, fx, fy))
 
 
 def lookup_matrix(shape: tuple[int, ...], direction: ArrayLike) -> Any:
@@ -57,14 +57,9 @@ def lookup_matrix(shape: tuple[int, ...], direction: ArrayLike) -> Any:
 
 
 def _between(shape: tuple[int, ...], direction: ArrayLike) -> tuple[Indices, Indices, Floats, Floats]:
-    """Return column and row (...,) of the pixel to the upper left of directions (..., 3) in a map of a shape, and their
-    places (..., 1) between its centre and those of the next column and row.
-    """
-    height, width = shape[:2]
-    x, y = frame_from_direction(direction, width, height)
-    column, row = np.floor(x - 0.5), np.floor(y - 0.5)
-    fx, fy = (x - 0.5 - column)[..., None], (y - 0.5 - row)[..., None]
-    return column.astype(np.int64), row.astype(np.int64), fx, fy
+    """Return `texels_around` directions (..., 3) in a map of a shape."""
+    x, y = frame_from_direction(direction, shape[1], shape[0])
+    return texels_around(x - 0.5, y - 0.5)
 
 
 def glossy_lookup(levels: Floats, level_roughness: Floats, direction: ArrayLike, roughness: ArrayLike) -> Floats:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.settings import Sea
-from mr360uw.match.floor_region import FloorRegion
 from mr360uw.match.floor_series import FloorSeries, NoMatchError, floor_series
 from mr360uw.match.modelled_floor import ModelledFloor
 from mr360uw.match.pattern_measures import FloorPattern, PatternMeasures, bands, pattern_measures, relative_light
@@ -112,20 +111,17 @@ def spectral_distance(one: PatternMeasures, other: PatternMeasures) -> float:
 
 
 def match_caustics(
-    scene: Scene,
-    frames: tuple[int, int] | None = None,
-    region: FloorRegion | None = None,
-    progress: Progress | None = None,
+    scene: Scene, frames: tuple[int, int] | None = None, progress: Progress | None = None
 ) -> CausticMatch:
     """Return the sea whose caustics are like those of the plate on the floor in frames [a, b).
 
-    frames: the first two seconds by default. region: of the floor in the world, by default the square below and around
-    the camera. The depths of camera and floor are the scene's: a floor that is really deeper makes a pattern of the
-    same angle larger. The plate must show a level floor, whose receiver is a plane. Raises `VideoError` and
-    `ParameterError`; where the floor shows no caustics the result says so.
+    frames: the first two seconds by default. The floor is seen in the square below and around the camera. The
+    depths of camera and floor are the scene's: a floor that is really deeper makes a pattern of the same angle larger.
+    The plate must show a level floor, whose receiver is a plane. Raises `VideoError` and `ParameterError`; where the
+    floor shows no caustics the result says so.
     """
     try:
-        series = floor_series(scene, frames, region, progress)
+        series = floor_series(scene, frames, progress)
     except NoMatchError as refused:
         return CausticMatch(f"Nothing is matched. {refused}")
     edges = bands(series.grid.region.size_m, _FINEST * float(np.median(series.footprint_m)))

@@ -68,15 +68,10 @@ class FloorSeries:
         return float(self.time_s[1] - self.time_s[0])
 
 
-def floor_series(
-    scene: Scene,
-    frames: tuple[int, int] | None = None,
-    region: FloorRegion | None = None,
-    progress: Progress | None = None,
-) -> FloorSeries:
+def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: Progress | None = None) -> FloorSeries:
     """Return the light of a scene's floor over frames [a, b), by default the first two seconds.
 
-    region: by default the square below and around the camera. Raises `NoMatchError` with a reason where the scene or
+    It is that of the square below and around the camera. Raises `NoMatchError` with a reason where the scene or
     the plate shows no floor, no water or no sun; `VideoError`, `ParameterError`.
     """
     floor_y = _floor_of(scene)
@@ -102,7 +97,7 @@ def floor_series(
         positions = np.array([position for position, _ in places])
         if positions[:, 1].min() - floor_y < _LEAST_HEIGHT_M:
             raise NoMatchError("The floor is not below the camera; set receiver.height_m.")
-        grid = FloorGrid(region or FloorRegion.below(positions, floor_y), floor_y, _COUNT)
+        grid = FloorGrid(FloorRegion.below(positions, floor_y), floor_y, _COUNT)
         views = _views(grid, places, video.width, video.height)
         seen, suns, gains = [], [], []
         for frame in video.frames(start, stop):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mr360uw.constants import BRIGHTEST_LOG
+from mr360uw.texels import between_four
 from mr360uw.types import Floats, MediumTable
 
 
@@ -26,9 +27,7 @@ def bilinear(table: Floats, u: ArrayLike, v: ArrayLike) -> Floats:
     x, y = np.clip(u, 0.0, 1.0) * (rows - 1), np.clip(v, 0.0, 1.0) * (columns - 1)
     i, j = np.minimum(x.astype(np.int64), rows - 2), np.minimum(y.astype(np.int64), columns - 2)
     fx, fy = (x - i)[..., None], (y - j)[..., None]
-    return (table[i, j] * (1.0 - fy) + table[i, j + 1] * fy) * (1.0 - fx) + (
-        table[i + 1, j] * (1.0 - fy) + table[i + 1, j + 1] * fy
-    ) * fx
+    return np.asarray(between_four(table[i, j], table[i, j + 1], table[i + 1, j], table[i + 1, j + 1], fy, fx))
 
 
 def linear(table: Floats, u: ArrayLike) -> Floats:

@@ -53,13 +53,6 @@ class Perspective:
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
         return np.asarray(ray @ self._rotation.T)
 
-    def coordinates_of(self, direction: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the continuous coordinates (x, y) that show directions (..., 3) of any length; NaN behind the view."""
-        ray = np.asarray(direction, np.float64) @ self._rotation
-        ahead = np.where(ray[..., 2] < 0.0, -ray[..., 2], np.nan)
-        x = 0.5 * self.width * (ray[..., 0] / (self._reach * ahead) + 1.0)
-        return x, 0.5 * (self.height - self.width * ray[..., 1] / (self._reach * ahead))
-
     @property
     def _reach(self) -> float:
         """Tangent of half the field of view."""

@@ -7,7 +7,6 @@ Units: the irradiance just below a level surface, see `dive_sky`. Frames are tim
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +39,6 @@ five times as bright as the mean do not clip, and the sun's glitter does."""
 _CAUSTICS = CausticSettings(size=512, grid=192)
 _FAR_M = 1e6
 """Length [m] of a ray through open water: nothing passes."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorParts:
-    """Light of the floor in a frame's pixels below the horizon, each (H/2, W, 3), exposed and as the camera sees it.
-
-    Only pixels that see the level floor itself have any. even: light without the waves' pattern. soft, sharp: that of
-    the beam which the water has turned by small angles, and which it has not.
-    """
-
-    even: Floats
-    soft: Floats
-    sharp: Floats
 
 
 class Dive:
@@ -122,22 +108,10 @@ class Dive:
     @functools.cached_property
     def albedo(self) -> Floats:
         """Albedo (H/2, W, 3) of the floor in the lower half of the first frame, as if it was level."""
-        x, z, footprint, _, _ = self._on_level_floor(0.0)
+        x, z, footprint, _, _ = self.on_level_floor(0.0)
         return self.scene.floor.albedo(x, z, footprint).reshape(-1, self._size[0], 3)
 
-    def floor_parts(self, time_s: float) -> FloorParts:
-        """Return the light of the floor in a frame's lower half by its way through the water, for a level camera."""
-        x, z, footprint, distance, up = self._on_level_floor(time_s)
-        view = self.settings.view(*self._size, time_s)
-        stage = self.scene.stage(view, time_s, self._samples**2)
-        seen = self.scene.floor.albedo(x, z, footprint) / PI * stage.water.along(distance, up, True)[0] * self.exposure
-        light = stage.floor_light
-        patterns = [seen * factor * tiled.at(x, z, footprint) for tiled, factor in light.patterns]
-        none = np.zeros_like(seen)
-        sharp, soft = (*patterns, none, none)[:2]
-        return FloorParts(*(part.reshape(-1, self._size[0], 3) for part in (seen * light.even, soft, sharp)))
-
-    def _on_level_floor(self, time_s: float) -> tuple[Array, Array, Array, Array, Array]:
+    def on_level_floor(self, time_s: float) -> tuple[Array, Array, Array, Array, Array]:
         """Return x, z, footprint, distance [m] and y of the direction (n,) of the pixels below the horizon."""
         width, height = self._size
         view = self.settings.view(width, height, time_s)

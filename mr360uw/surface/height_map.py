@@ -15,8 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import exact, inlined
 from mr360uw.surface.spline import rest_position
+from mr360uw.texels import between_four, periodic_four
+
+_between_four = inlined(between_four)
+_periodic_four = inlined(periodic_four)
 
 Array = NDArray[np.float64]
 
@@ -98,29 +102,19 @@ def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float)
 
 @exact
 def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) -> float:
-    per_m, last = size / tile_m, size - 1
-    u, v = x * per_m, z * per_m
-    column, row = math.floor(u), math.floor(v)
-    i, j = int(column), int(row)
-    above, below = first + (j & last) * size, first + ((j + 1) & last) * size
-    i0, i1, fx, fy = i & last, (i + 1) & last, u - column, v - row
-    upper = (1.0 - fx) * h[above + i0] + fx * h[above + i1]
-    return (1.0 - fy) * upper + fy * ((1.0 - fx) * h[below + i0] + fx * h[below + i1])
+    per_m = size / tile_m
+    a, b, c, d, fx, fy = _periodic_four(first, size, x * per_m, z * per_m)
+    value: float = _between_four(h[a], h[b], h[c], h[d], fx, fy)
+    return value
 
 
 @exact
 def read_shift(s: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> tuple[float, float]:
     """Return the shift over (x, z) [m] of the particle above (x, z) at the next lower level. s: `shift` of the maps."""
     lower = min(int(level), len(n) - 1)
-    size = n[lower, 1]
-    last, per_m = size - 1, size / tile_m
-    u, v = x * per_m, z * per_m
-    column, row = math.floor(u), math.floor(v)
-    i, j, fx, fy = int(column), int(row), u - column, v - row
-    above, below = n[lower, 0] + (j & last) * size, n[lower, 0] + ((j + 1) & last) * size
-    i0, i1 = i & last, (i + 1) & last
-    a, b, c, d = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    per_m = n[lower, 1] / tile_m
+    a, b, c, d, fx, fy = _periodic_four(n[lower, 0], n[lower, 1], x * per_m, z * per_m)
     return (
-        a * s[above + i0, 0] + b * s[above + i1, 0] + c * s[below + i0, 0] + d * s[below + i1, 0],
-        a * s[above + i0, 1] + b * s[above + i1, 1] + c * s[below + i0, 1] + d * s[below + i1, 1],
+        _between_four(s[a, 0], s[b, 0], s[c, 0], s[d, 0], fx, fy),
+        _between_four(s[a, 1], s[b, 1], s[c, 1], s[d, 1], fx, fy),
     )

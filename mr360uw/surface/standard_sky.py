@@ -29,10 +29,10 @@ LOWEST_SINE = 0.02
 """Least sine of an elevation: the exponent has a pole at the horizon."""
 
 
-def standard_sky(shape: Shape, sun: Floats, rows: int = SKY_ROWS) -> NDArray[np.float64]:
-    """Return the relative radiance (rows, 2 rows) of a sky, and its mirror image below. sun: (3,) towards it."""
+def standard_sky(shape: Shape, sun: Floats) -> NDArray[np.float64]:
+    """Return the relative radiance (SKY_ROWS, 2 SKY_ROWS) of a sky and its mirror image. sun: (3,) towards it."""
     a, b, c, d, e = shape
-    view = directions(2 * rows, rows)
+    view = directions(2 * SKY_ROWS, SKY_ROWS)
     view = view * np.where(view[..., 1:2] < 0.0, [1.0, -1.0, 1.0], 1.0)
     cosine = np.clip(view @ sun, -1.0, 1.0)
     gradation = 1.0 + a * np.exp(b / np.maximum(view[..., 1], LOWEST_SINE))

@@ -31,17 +31,16 @@ Matches = Mapping[tuple[int, int], tuple[Floats, Floats]]
 """Directions (n, 3) in the axes of frame i and of frame j, of the same points, for pairs (i, j)."""
 
 
-def wahba(a: Floats, b: Floats, weight: Floats | None = None) -> Floats:
-    """Return the rotation R (3, 3) that minimises sum w |a - R b|^2 of unit vectors a, b (n, 3)."""
-    weighted = a if weight is None else a * weight[:, None]
-    u, _, vt = np.linalg.svd(weighted.T @ b)
+def wahba(a: Floats, b: Floats) -> Floats:
+    """Return the rotation R (3, 3) that minimises sum |a - R b|^2 of unit vectors a, b (n, 3)."""
+    u, _, vt = np.linalg.svd(a.T @ b)
     fitted: Floats = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return fitted
 
 
-def robust_rotation(a: Floats, b: Floats, limit_rad: float, seed: int = 0) -> tuple[Floats, np.ndarray]:
+def robust_rotation(a: Floats, b: Floats, limit_rad: float) -> tuple[Floats, np.ndarray]:
     """Return the rotation with a = R b that most matches (n, 3) agree on within `limit_rad`, and which do (n,)."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     best: Floats = np.eye(3)
     most = -1
     for pair in rng.integers(0, len(a), (_TRIALS, 2)):

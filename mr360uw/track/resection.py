@@ -37,12 +37,11 @@ class Landmarks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Position (3,), rotation from camera axes to the world (3, 3), median residual [rad] and observed directions."""
+    """Position (3,), rotation from camera axes to the world (3, 3) and median residual [rad]."""
 
     position: Floats
     rotation: Floats
     residual_rad: float
-    observed: Floats
 
 
 def predicted(landmarks: Landmarks, position: Floats, rotation: Floats) -> Floats:
@@ -86,7 +85,7 @@ def resect(landmarks: Landmarks, observed: Floats, position: Floats, rotation: F
     agree = residual < 3.0 * scale_rad
     if np.count_nonzero(agree) < LEAST_FEATURES or not np.all(np.isfinite(position)):
         return None
-    return Pose(position, rotation, float(np.median(residual[agree])), observed[agree])
+    return Pose(position, rotation, float(np.median(residual[agree])))
 
 
 def _cross_matrix(vector: Floats) -> Floats:

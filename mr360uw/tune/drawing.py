@@ -54,15 +54,14 @@ def text_width(text: str, size: float = 0.5) -> int:
     return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)[0][0])
 
 
-def label(image: Codes, text: str, at: tuple[float, float], size: float = 0.5) -> None:
+def label(image: Codes, text: str, at: tuple[float, float]) -> None:
     """Write white text on a dark ground, readable over any picture."""
     import cv2
 
     x, y = round(at[0]), round(at[1])
-    width, height = text_width(text, size), round(24 * size)
-    part = image[max(y - height - 2, 0) : y + round(12 * size), max(x - 5, 0) : x + width + 5]
+    part = image[max(y - 14, 0) : y + 6, max(x - 5, 0) : x + text_width(text) + 5]
     part[:] = cv2.addWeighted(part, 0.3, np.zeros_like(part), 0.7, 0.0)
-    write(image, text, (x, y), _WHITE, size)
+    write(image, text, (x, y), _WHITE)
 
 
 def round_length(most: float) -> float:
@@ -96,9 +95,9 @@ def false_colour(values: Floats) -> Codes:
     return np.ascontiguousarray(colours.reshape(*codes.shape, 3))
 
 
-def legend(image: Codes, words: list[tuple[float, str]], at: tuple[int, int], width: int, height: int = 14) -> None:
+def legend(image: Codes, words: list[tuple[float, str]], at: tuple[int, int], width: int) -> None:
     """Draw the false colours from 0 to 1 with words below at their values; top left corner at (x, y) [px]."""
-    x, y = at
+    (x, y), height = at, 14
     room = image[y - 8 : y + height + 26, x - 12 : x + width + 30]
     room[:] = (0.3 * room).astype(np.uint8)
     image[y : y + height, x : x + width] = false_colour(np.linspace(0.0, 1.0, width))

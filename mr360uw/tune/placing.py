@@ -3,7 +3,7 @@
 
 A point of a picture is a direction in the camera's axes, given by longitude and latitude [rad] as `mr360uw.sphere`
 defines them: right of the centre and up are positive. Positions are in the world [m]; an object that is attached to the
-camera has its own in the camera's axes (`in_camera`, `in_world`). A view into the panorama is a `Perspective`.
+camera has its own in the camera's axes (`in_camera`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.preview.perspective import Perspective
-from mr360uw.sphere import direction_from_angles, direction_from_frame, frame_from_direction, unit
+from mr360uw.sphere import direction_from_angles, frame_from_direction, unit
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
@@ -48,26 +47,10 @@ class Shown:
     distance_m: float
 
 
-def point_of_pixel(x: float, y: float, width: int, height: int) -> Point:
-    """Return the point at continuous coordinates (x, y) of an equirectangular picture, pixel centres at i + .5."""
-    return _point(direction_from_frame(x, y, width, height))
-
-
 def pixel_of_point(point: Point, width: int, height: int) -> tuple[float, float]:
     """Return the continuous coordinates (x, y) of a point in an equirectangular picture."""
     x, y = frame_from_direction(point.direction, width, height)
     return float(x), float(y)
-
-
-def point_of_view(x: float, y: float, view: Perspective) -> Point:
-    """Return the point at continuous coordinates (x, y) of a view into the panorama."""
-    return _point(view.direction_at(x, y))
-
-
-def view_of_point(point: Point, view: Perspective) -> tuple[float, float] | None:
-    """Return the continuous coordinates (x, y) of a point in a view, which may lie outside it; None behind it."""
-    x, y = view.coordinates_of(point.direction)
-    return None if np.isnan(x) else (float(x), float(y))
 
 
 def ray(camera: View, point: Point) -> Floats:
@@ -82,10 +65,9 @@ def at_distance(camera: View, point: Point, distance_m: float) -> Floats:
     return camera.position + distance_m * ray(camera, point)
 
 
-def swim_to(camera: View, point: Point, position: Floats, distance_m: float | None = None) -> Floats:
-    """Return the position (3,) in the direction of a point, as far from the camera as `position`, or as is given."""
-    reach = float(np.linalg.norm(position - camera.position)) if distance_m is None else distance_m
-    return at_distance(camera, point, reach)
+def swim_to(camera: View, point: Point, position: Floats) -> Floats:
+    """Return the position (3,) in the direction of a point, as far from the camera as `position`."""
+    return at_distance(camera, point, float(np.linalg.norm(position - camera.position)))
 
 
 def shown_at(camera: View, position: Floats) -> Shown:
@@ -100,11 +82,6 @@ def shown_at(camera: View, position: Floats) -> Shown:
 def in_camera(camera: View, position: Floats) -> Floats:
     """Return a position of the world in the camera's axes, as objects have it that are attached to the camera."""
     return camera.world_from_camera.T @ (position - camera.position)
-
-
-def in_world(camera: View, position: Floats) -> Floats:
-    """Return a position in the camera's axes in the world."""
-    return camera.position + camera.world_from_camera @ position
 
 
 def meets(camera: View, point: Point, receiver: Receiver) -> Floats:

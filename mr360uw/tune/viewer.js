@@ -34,7 +34,6 @@ export default {
     selected: String, // name of the marker with handles
     look: Boolean,
     compare: { type: String, default: "none" }, // none, wipe, side
-    bar: { type: Boolean, default: true },
   },
   emits: ["pick", "drag", "view", "select", "mode", "compare", "shown", "failed"],
   data() {

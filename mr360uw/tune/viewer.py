@@ -58,34 +58,15 @@ class Drag:
     keys: Keys
 
 
-@dataclass(frozen=True, slots=True)
-class ViewState:
-    """The view. look: whether it looks around: yaw_deg (+ = right), pitch_deg, fov_deg from its left to its right edge.
-
-    u, v, zoom: of a flat picture: its middle, as fractions from the top left, and how often it is enlarged.
-    """
-
-    look: bool
-    yaw_deg: float
-    pitch_deg: float
-    fov_deg: float
-    u: float
-    v: float
-    zoom: float
-
-
 class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
-    """A picture that is looked at and clicked on. It fills its parent, which needs a height.
+    """A picture that is looked at and clicked on, and has buttons. It fills its parent, which needs a height."""
 
-    bar: whether it has buttons of its own for the projection, the size and the comparison.
-    """
-
-    def __init__(self, *, bar: bool = True) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self._serial, self._others = 0, 0
         self._props.update(
             {"picture": None, "other": None, "expected": 0, "markers": [], "horizon": [], "selected": "",
-             "look": False, "compare": "none", "bar": bar}
+             "look": False, "compare": "none"}
         )  # fmt: skip
         self.classes("w-full h-full")
         # what its own buttons change is what Python has set
@@ -103,7 +84,7 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self, url: str, *, stale: bool = False, coarse: bool = False, stand_in: bool = False, panorama: bool = True,
         name: str = "composite",
     ) -> int:  # fmt: skip
-        """Show the picture at a URL of this server; return its serial number, which `on_shown` tells.
+        """Show the picture at a URL of this server; return its serial number.
 
         It is shown once it is loaded, unless a newer one is there by then; the view stays. stale: the settings have
         changed since it was rendered. coarse: a draft of the picture that will follow. stand_in: a draft of the nearest
@@ -176,10 +157,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
         self.on("drag", told)
 
-    def on_view(self, handler: Callable[[ViewState], Any]) -> None:
-        """Call a handler when the view has changed, at most 7 times a second and for the last change."""
-        self.on("view", lambda event: handler(ViewState(**event.args)))
-
     def on_select(self, handler: Callable[[str], Any]) -> None:
         """Call a handler with the name of a marker that is clicked on."""
         self.on("select", lambda event: handler(event.args["name"]))
@@ -190,14 +167,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         The name is `SNAPSHOT` where the second picture is one that was kept in the viewer alone.
         """
         self.on("compare", lambda event: handler(event.args["compare"], event.args["second"]))
-
-    def on_shown(self, handler: Callable[[int], Any]) -> None:
-        """Call a handler with the serial number of each picture once it is on the screen."""
-        self.on("shown", lambda event: handler(event.args["serial"]))
-
-    def on_failed(self, handler: Callable[[str], Any]) -> None:
-        """Call a handler with the reason when a picture cannot be loaded; the viewer says it too."""
-        self.on("failed", lambda event: handler(event.args["reason"]))
 
 
 def _keys(told: dict[str, Any]) -> Keys:

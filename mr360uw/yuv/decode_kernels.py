@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 
 from mr360uw.jit import fast, inlined
+from mr360uw.texels import between_four
 from mr360uw.yuv.coefficients import DECODE_HIGH, DECODE_LOW, DECODE_STEPS, POLYNOMIAL_TOP
+
+_between_four = inlined(between_four)
 
 # Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
 
@@ -109,9 +112,7 @@ def _bilinear(plane: Any, x: Any, y: Any) -> Any:
     fx, fy = x - left, y - top
     right, bottom = left + 1 if left + 1 < width else 0, min(top + 1, height - 1)
     left = left if left >= 0 else width - 1
-    upper = plane[top, left] * (1.0 - fx) + plane[top, right] * fx
-    lower = plane[bottom, left] * (1.0 - fx) + plane[bottom, right] * fx
-    return upper * (1.0 - fy) + lower * fy
+    return _between_four(plane[top, left], plane[top, right], plane[bottom, left], plane[bottom, right], fx, fy)
 
 
 @fast

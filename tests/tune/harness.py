@@ -95,8 +95,11 @@ def build() -> None:
         viewer = Viewer()
     timeline = Timeline(COUNT, RATE)
     NOW.update(viewer=viewer, timeline=timeline)
-    for name in ("pick", "drag", "view", "select", "shown", "failed"):
+    for name in ("pick", "drag", "select"):
         getattr(viewer, f"on_{name}")(note(name))
+    viewer.on("view", lambda event: note("view")(event.args))
+    viewer.on("shown", lambda event: note("shown")(event.args["serial"]))
+    viewer.on("failed", lambda event: note("failed")(event.args["reason"]))
     viewer.on_select(viewer.select)
     for name in ("seek", "play", "range", "keys"):
         getattr(timeline, f"on_{name}")(note(name))

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.texels import between_four, texels_around
+
 Array = NDArray[np.float64]
 
 DETAIL_SIZE = 64
@@ -79,14 +81,10 @@ def make_detail(
 def periodic_slope(slopes: Array, u: Array, v: Array) -> Array:
     """Return the periodic bilinear sample (..., 2) at (u, v) in repeats, texel i centred at i/DETAIL_SIZE."""
     n = slopes.shape[0]
-    x, y = u * n, v * n
-    i, j = np.floor(x), np.floor(y)
-    fx, fy = (x - i)[..., None], (y - j)[..., None]
-    i0, j0 = i.astype(np.int64) % n, j.astype(np.int64) % n
-    i1, j1 = (i0 + 1) % n, (j0 + 1) % n
-    top = slopes[j0, i0] * (1.0 - fx) + slopes[j0, i1] * fx
-    bottom = slopes[j1, i0] * (1.0 - fx) + slopes[j1, i1] * fx
-    return top * (1.0 - fy) + bottom * fy
+    i, j, fx, fy = texels_around(u * n, v * n)
+    i0, j0, i1, j1 = i % n, j % n, (i + 1) % n, (j + 1) % n
+    value: Array = between_four(slopes[j0, i0], slopes[j0, i1], slopes[j1, i0], slopes[j1, i1], fx, fy)
+    return value
 
 
 def detail_slope(detail: Detail, x_m: Array, z_m: Array) -> Array:

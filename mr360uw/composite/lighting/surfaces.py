@@ -78,12 +78,9 @@ class Radiance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Coat:
-    """Reflection of surfaces: direction to the camera (n, 3), n.v (n,), reflectance at normal incidence (n, 3), diffuse
-    albedo (n, 3).
-    """
+    """Reflection of surfaces (n, 3): direction to the camera, reflectance at normal incidence, diffuse albedo."""
 
     view: Floats
-    n_dot_v: Floats
     f0: Floats
     albedo: Floats
 
@@ -117,7 +114,7 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     else:
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
-    coat = _Coat(view, n_dot_v, dielectric * (1.0 - metal) + hits.base * metal, albedo)
+    coat = _Coat(view, dielectric * (1.0 - metal) + hits.base * metal, albedo)
     bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
     return Radiance(
         diffuse=hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import decode
+from mr360uw.texels import between_four, texels_around
 from mr360uw.types import Floats
 
 Wrap = Literal["repeat", "clamp", "mirror"]
@@ -84,14 +85,10 @@ def bilinear_level(texture: Texture, level: int, uv: Floats) -> Floats:
     """Return one level (..., 4) at texture coordinates (..., 2), bilinear between texel centres."""
     image = texture.levels[level]
     height, width = image.shape[:2]
-    x, y = uv[..., 0] * width - 0.5, uv[..., 1] * height - 0.5
-    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    fx, fy = (x - i)[..., None], (y - j)[..., None]
+    i, j, fx, fy = texels_around(uv[..., 0] * width - 0.5, uv[..., 1] * height - 0.5)
     i0, i1 = wrapped(i, width, texture.wrap[0]), wrapped(i + 1, width, texture.wrap[0])
     j0, j1 = wrapped(j, height, texture.wrap[1]), wrapped(j + 1, height, texture.wrap[1])
-    upper = image[j0, i0] * (1.0 - fx) + image[j0, i1] * fx
-    lower = image[j1, i0] * (1.0 - fx) + image[j1, i1] * fx
-    return upper * (1.0 - fy) + lower * fy
+    return np.asarray(between_four(image[j0, i0], image[j0, i1], image[j1, i0], image[j1, i1], fx, fy))
 
 
 def texture_taps(texture: Texture, du: ArrayLike, dv: ArrayLike) -> tuple[Floats, NDArray[np.int64], Floats]:

@@ -13,8 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import exact, inlined
 from mr360uw.surface.tracing.ray_optics import Vector
+from mr360uw.texels import between_four, periodic_four
+
+_between_four = inlined(between_four)
+_periodic_four = inlined(periodic_four)
 
 
 class WaterTable(NamedTuple):
@@ -85,12 +89,8 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
 
 @exact
 def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector:
-    x, y = u * size - 0.5, v * size - 0.5
-    column, row = math.floor(x), math.floor(y)
-    i, j, last = int(column), int(row), size - 1
-    above, below = first + (j & last) * size, first + ((j + 1) & last) * size
-    i0, i1 = i & last, (i + 1) & last
-    return four(t, above + i0, above + i1, below + i0, below + i1, x - column, y - row)
+    a, b, c, d, fx, fy = _periodic_four(first, size, u * size - 0.5, v * size - 0.5)
+    return four(t, a, b, c, d, fx, fy)
 
 
 @exact
@@ -147,22 +147,12 @@ def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
     """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
     x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
     i, j = min(int(x), table.shape[1] - 2), min(int(y), table.shape[2] - 2)
-    fx, fy = x - i, y - j
-    a, b, c, d = (1.0 - fx) * (1.0 - fy), (1.0 - fx) * fy, fx * (1.0 - fy), fx * fy
-    return (
-        a * table[at, i, j, 0]
-        + b * table[at, i, j + 1, 0]
-        + c * table[at, i + 1, j, 0]
-        + d * table[at, i + 1, j + 1, 0],
-        a * table[at, i, j, 1]
-        + b * table[at, i, j + 1, 1]
-        + c * table[at, i + 1, j, 1]
-        + d * table[at, i + 1, j + 1, 1],
-        a * table[at, i, j, 2]
-        + b * table[at, i, j + 1, 2]
-        + c * table[at, i + 1, j, 2]
-        + d * table[at, i + 1, j + 1, 2],
-    )
+    return _channel(table, at, i, j, x, y, 0), _channel(table, at, i, j, x, y, 1), _channel(table, at, i, j, x, y, 2)
+
+
+@inlined
+def _channel(t: Any, at: int, i: int, j: int, x: float, y: float, k: int) -> Any:
+    return _between_four(t[at, i, j, k], t[at, i, j + 1, k], t[at, i + 1, j, k], t[at, i + 1, j + 1, k], y - j, x - i)
 
 
 @exact

@@ -71,23 +71,16 @@ class FloorMesh:
 
     def height_at(self, x_m: Floats, z_m: Floats) -> Floats:
         """Return heights [m] at places on the floor, NaN beyond its end."""
-        return self._between(self.height_m, x_m, z_m)
+        from scipy.interpolate import RegularGridInterpolator
 
-    def confidence_at(self, x_m: Floats, z_m: Floats) -> Floats:
-        """Return the confidence at places on the floor, NaN beyond its end."""
-        return self._between(self.confidence, x_m, z_m)
+        look = RegularGridInterpolator((self.z_m, self.x_m), self.height_m, bounds_error=False)
+        return np.asarray(look(np.stack(np.broadcast_arrays(z_m, x_m), axis=-1)))
 
     @property
     def known_m2(self) -> float:
         """Area of the floor [m2] whose confidence is a half or more."""
         area = np.gradient(self.z_m)[:, None] * np.gradient(self.x_m)
         return float(area[self.confidence >= 0.5].sum())
-
-    def _between(self, values: Floats, x_m: Floats, z_m: Floats) -> Floats:
-        from scipy.interpolate import RegularGridInterpolator
-
-        look = RegularGridInterpolator((self.z_m, self.x_m), values, bounds_error=False)
-        return np.asarray(look(np.stack(np.broadcast_arrays(z_m, x_m), axis=-1)))
 
     def save(self, out: str | Path, *, overwrite: bool = False) -> Path:
         """Write a mesh (.glb or .ply) and return its path; the grey of its vertices is the confidence.

@@ -3,7 +3,7 @@
 
 export const template = `
 <div class="uw uw-viewer">
-  <div v-if="bar" class="uw-bar" role="toolbar" aria-label="View of the picture">
+  <div class="uw-bar" role="toolbar" aria-label="View of the picture">
     <span class="uw-group" role="group" aria-label="Projection">
       <button type="button" :aria-pressed="!lookNow" @click="setMode(false)" title="The whole picture">Flat</button>
       <button type="button" :aria-pressed="lookNow" :disabled="!wraps" @click="setMode(true)"
