@@ -64,6 +64,9 @@ _FROM, _TO = 0.8, 0.95
 wholly clipped. A sky that is as bright without clipping is raised too, as far as the whole light is too weak."""
 _MOST = 2.0
 """Greatest ratio of restored to shown light: one stop. A type of water that is not the plate's misleads by no more."""
+_LEAST_SUN = 0.7
+"""Least ratio of a sun's strength by the whole light to that by its share of it: where the water is not the plate's
+own, shadows get no fainter."""
 _LEAST_SHARE = 0.02
 """Fraction of the ambient light that clipped pixels must bring for them to be raised; wholly from twice as much on."""
 _GREATEST_ALBEDO = 0.6
@@ -247,7 +250,7 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     in_sky = growth * (1.0 - by_share) * shown / np.maximum(environment_lookup(of_sky, up), _LEAST_LIGHT)
     stronger = np.ones(3)
     if light.sun is not None and not keep_sun:
-        left = np.clip((whole - shown * (1.0 + growth)) / np.maximum(beam, 1e-12), 1.0 / _MOST, _MOST)
+        left = np.clip((whole - shown * (1.0 + growth)) / np.maximum(beam, 1e-12), _LEAST_SUN, _MOST)
         stronger += told.max() * (left - 1.0)
     if not np.any(growth > 0.0) and np.all(stronger == 1.0):
         return light
