@@ -127,7 +127,8 @@ class SeaScene:
         in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
         water = self.light_in_water(depth)
         if in_water:
-            water = water.seen_from(max(-over, _SHALLOWEST_M))
+            below = max(-over, _SHALLOWEST_M)
+            water = self._cache.get("water at camera", (depth, below), functools.partial(water.seen_from, below))
         index, floor = self.refractive_index, self.floor
         depths = [depth]
         if floor.lowest_m < floor.highest_m:
