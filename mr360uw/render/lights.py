@@ -42,7 +42,7 @@ from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.level_light import irradiance_from_level
+from mr360uw.medium.fit.level_light import irradiance_from_level, light_below_horizon
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
@@ -226,8 +226,8 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
         of_sun = medium.sky[2] if isinstance(medium.sky, tuple) else max(direct_share(in_air), _LEAST_DIRECT_SHARE)
         beam_part = beam_below(of_sun, in_air)
         direct = np.asarray(beam_part / (beam_part + (1.0 - of_sun) * CLEAR_SKY))
-    shown, below = (np.maximum(environment_lookup(light.ambient, way), 1e-12) for way in (up, -up))
-    whole = irradiance_from_level(medium, sun_up, direct, below)
+    shown = np.maximum(environment_lookup(light.ambient, up), 1e-12)
+    whole = irradiance_from_level(medium, sun_up, direct, light_below_horizon(light.residual, up))
     beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
     wanted = whole - beam if keep_sun else shown * whole / (shown + beam)
     above = (directions(*light.residual.shape[1::-1]) @ up > 0.0)[..., None]
