@@ -7,8 +7,9 @@ l, b: light that the plate shows along the horizon, and as a mean about 17 degre
 the irradiance of a level plane that faces up, in the same water under a sun of that height over a black floor; l_f,
 b_f, e_f: of a floor of radiance 1. Level light is what is typical of the azimuths, as the gain is. It comes from a wide
 part of the floor: what lies straight below, with its own colour and lines of light, is no measure of that, and up to a
-fifth of E off. Without a floor E = l e_s/l_s. A high sun sends less of its light along the horizon than a uniform sky: under a uniform sky alone E
-would be a fifth too low. How strong the sun is beside the sky matters less: a beam of 0.6 instead of 0.75 makes 5 %.
+fifth of E off. Without a floor E = l e_s/l_s. A high sun sends less of its light along the horizon than a uniform sky:
+under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less: a beam of 0.6
+instead of 0.75 makes 5 %.
 """
 
 from __future__ import annotations
