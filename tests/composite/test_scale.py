@@ -19,7 +19,8 @@ from tests.composite.scenes import box, placed, shot
 def table(unit_m: float) -> Mesh:
     """Return a plate 0.2 m above a larger one, which it shades, in units of some metres: one mesh."""
     top, floor = box((0.5, 0.05, 0.5)), box((1.2, 0.05, 1.2))
-    points = np.concatenate([top.positions.reshape(-1, 3) + [0.0, 0.2, 0.0], floor.positions.reshape(-1, 3)])
+    raised = np.add(top.positions.reshape(-1, 3), [0.0, 0.2, 0.0])
+    points = np.concatenate([raised, floor.positions.reshape(-1, 3)])
     return make_mesh([Part("table", points / unit_m, np.arange(len(points)).reshape(-1, 3))], top.materials[:1])
 
 

@@ -183,7 +183,7 @@ def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
 
 @pytest.mark.parametrize("mode", ["table", "kd"])
 def test_a_white_floor_over_a_black_one_has_what_comes_back_through_the_water(mode: Any) -> None:
-    """1/(1 - R(tau)): the floor's light crosses the water twice, at every angle, and is mirrored between; no scattering."""
+    """1/(1 - R(tau)): the floor's light crosses the water up and down at all angles; it scatters nothing."""
     depth, absorption = 4.0, 0.1
     clear = Water.from_arrays([380.0, 780.0], [absorption] * 2, [0.0] * 2)
     given = Medium(clear, mode=mode, refractive_index=N)
