@@ -15,6 +15,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pytest
+
+from mr360uw.errors import ParameterError
 
 Batch = tuple[int, ...]
 Returns = dict[str, tuple[Callable[[Batch], Any], Callable[[Batch], Any]]]
@@ -51,3 +54,19 @@ def functions_of(package: ModuleType) -> set[str]:
 def called(names: Iterable[str]) -> set[str]:
     """Return what is called: "Water" of "Water.absorption", "caustic_map" of "caustic_map, a plane"."""
     return {re.split(r"\W", name, maxsplit=1)[0] for name in names}
+
+
+def check_returned(table: Returns, subtests: pytest.Subtests) -> None:
+    """Check the shapes that come out of every call of a table, for every batch shape that the call takes."""
+    for name, (call, expected) in table.items():
+        takes_batches = "_" not in inspect.signature(call).parameters
+        for batch in BATCHES if takes_batches else BATCHES[:1]:
+            with subtests.test(name, batch=batch):
+                assert shapes(call(batch)) == expected(batch)
+
+
+def check_refused(table: Refused, subtests: pytest.Subtests) -> None:
+    """Check that every call of a table is refused with *where - what is wrong (got ...) - what to do*."""
+    for name, call in table.items():
+        with subtests.test(name), pytest.raises(ParameterError, match=r" - .*\(got .* - "):
+            call()

@@ -87,12 +87,13 @@ def imports(path: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("package", sorted(ALLOWED))
-def test_packages_import_only_what_they_may(package: str) -> None:
-    allowed = GROUND | {package} | ALLOWED[package]
-    for path in (ROOT / package).rglob("*.py"):
-        used = {name.split(".")[1] for name in imports(path) if name.startswith("mr360uw.")}
-        assert used <= allowed, f"{path.relative_to(ROOT)} imports {used - allowed}"
+def test_packages_import_only_what_they_may(subtests: pytest.Subtests) -> None:
+    for package in sorted(ALLOWED):
+        with subtests.test(package):
+            allowed = GROUND | {package} | ALLOWED[package]
+            for path in (ROOT / package).rglob("*.py"):
+                used = {name.split(".")[1] for name in imports(path) if name.startswith("mr360uw.")}
+                assert used <= allowed, f"{path.relative_to(ROOT)} imports {used - allowed}"
 
 
 def test_no_module_name_stands_twice() -> None:
@@ -101,12 +102,13 @@ def test_no_module_name_stands_twice() -> None:
     assert {name for name in names if names.count(name) > 1} == {"settings", "lookup"}
 
 
-@pytest.mark.parametrize("package", ["ibl", "caustics", "medium", "composite", "surface"])
-def test_only_gl_modules_of_a_physics_package_import_opengl(package: str) -> None:
-    for path in (ROOT / package).rglob("*.py"):
-        if "gl" not in path.relative_to(ROOT).parts:
-            runtime = {n for n in imports(path) if n.startswith("mr360uw.gl") or n == "moderngl"}
-            assert not runtime, f"{path.relative_to(ROOT)} imports {runtime}"
+def test_only_gl_modules_of_a_physics_package_import_opengl(subtests: pytest.Subtests) -> None:
+    for package in ["ibl", "caustics", "medium", "composite", "surface"]:
+        with subtests.test(package):
+            for path in (ROOT / package).rglob("*.py"):
+                if "gl" not in path.relative_to(ROOT).parts:
+                    runtime = {n for n in imports(path) if n.startswith("mr360uw.gl") or n == "moderngl"}
+                    assert not runtime, f"{path.relative_to(ROOT)} imports {runtime}"
 
 
 def test_the_ground_floor_stands_on_numpy_alone() -> None:

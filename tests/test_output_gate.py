@@ -27,27 +27,28 @@ from mr360uw.output_gate import (
 COMMANDS = {info.callback.__name__: inspect.unwrap(info.callback) for info in cli.app.registered_commands}
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_file_of_the_command_line_is_declared_and_every_written_one_passes_the_gate(
-    name: str, tmp_path: Path
+    tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
     """Each parameter that is a path says what becomes of its file; the gate stops each that would replace an input."""
-    command = COMMANDS[name]
-    roles = dict(roles_of(command))
-    paths = [one for one, hint in get_type_hints(command).items() if hint in (Path, Path | None)]
-    assert set(paths) <= set(roles), "a path without a role"
-    registered = next(info.callback for info in cli.app.registered_commands if info.callback.__name__ == name)
-    (tmp_path / "mine").write_text("mine")
-    for written in (one for one, role in roles.items() if role is not Role.READ):
-        for overwrite in (False, True):
-            values: dict[str, Any] = dict.fromkeys(roles, None) | {"overwrite": overwrite}
-            read = next((one for one, role in roles.items() if role is Role.READ), None)
-            values |= {written: tmp_path / "mine"} | ({} if read is None else {read: tmp_path / "mine"})
-            if roles[written] is Role.WRITTEN and read is None and overwrite:
-                values[written] = tmp_path / "nowhere" / "out"
-            with pytest.raises(OutputError):
-                registered(**values)
-    assert (tmp_path / "mine").read_text() == "mine"
+    for name in sorted(COMMANDS):
+        with subtests.test(name):
+            command = COMMANDS[name]
+            roles = dict(roles_of(command))
+            paths = [one for one, hint in get_type_hints(command).items() if hint in (Path, Path | None)]
+            assert set(paths) <= set(roles), "a path without a role"
+            registered = next(info.callback for info in cli.app.registered_commands if info.callback.__name__ == name)
+            (tmp_path / "mine").write_text("mine")
+            for written in (one for one, role in roles.items() if role is not Role.READ):
+                for overwrite in (False, True):
+                    values: dict[str, Any] = dict.fromkeys(roles, None) | {"overwrite": overwrite}
+                    read = next((one for one, role in roles.items() if role is Role.READ), None)
+                    values |= {written: tmp_path / "mine"} | ({} if read is None else {read: tmp_path / "mine"})
+                    if roles[written] is Role.WRITTEN and read is None and overwrite:
+                        values[written] = tmp_path / "nowhere" / "out"
+                    with pytest.raises(OutputError):
+                        registered(**values)
+            assert (tmp_path / "mine").read_text() == "mine"
 
 
 def refused(*outputs: Path, **options: Any) -> str:

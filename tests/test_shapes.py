@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw import color, sphere
-from mr360uw.errors import ParameterError
-from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, shapes, towards
+from tests.shapes import Refused, Returns, called, check_refused, check_returned, filled, towards
 
 RETURNS: Returns = {
     "direction_from_frame": (lambda b: sphere.direction_from_frame(filled(*b), 2.0, 64, 32), lambda b: (*b, 3)),
@@ -60,17 +59,12 @@ def test_every_public_function_is_here() -> None:
     assert public - called(RETURNS) == {"code_range"}
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-@pytest.mark.parametrize("name", RETURNS)
-def test_what_comes_out(name: str, batch: Batch) -> None:
-    call, expected = RETURNS[name]
-    assert shapes(call(batch)) == expected(batch)
+def test_what_comes_out(subtests: pytest.Subtests) -> None:
+    check_returned(RETURNS, subtests)
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_other_shapes_are_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match=r" - .*\(got .* - "):
-        REFUSED[name]()
+def test_other_shapes_are_refused(subtests: pytest.Subtests) -> None:
+    check_refused(REFUSED, subtests)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -168,7 +168,8 @@ class WaterLight:
             return self.sky.medium.floor_irradiance(min(depth_m, floor_m))
         tau = np.zeros(3)
         if self.sky is not None:
-            tau = -np.log(np.maximum(self.sky.medium.transmittance(floor_m + depth_m, floor_m, 1.0), _LEAST))
+            # all of the way up and down again; a ray that pointed up would end at the surface
+            tau = -np.log(np.maximum(self.sky.medium.transmittance(floor_m + depth_m, floor_m, 0.0), _LEAST))
         return np.asarray(PI * diffuse_reflectance_from_below(self.index, tau))
 
     def _table(self, camera_depth_m: float | None) -> MediumTable:

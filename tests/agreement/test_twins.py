@@ -347,17 +347,19 @@ def test_a_shader_function_is_its_python_partner(shader: str, function: str, rng
     np.testing.assert_allclose(got, case.expected, rtol=case.tolerance, atol=case.tolerance)
 
 
-@pytest.mark.parametrize("shader", shader_files(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_every_shader_function_has_a_partner_of_its_name(shader: Path) -> None:
-    tree = ast.parse(shader.with_suffix(".py").read_text("utf-8"))
-    python = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    assert functions_of(shader)
-    assert set(functions_of(shader)) <= python
+def test_every_shader_function_has_a_partner_of_its_name(subtests: pytest.Subtests) -> None:
+    for shader in shader_files():
+        with subtests.test(str(shader.relative_to(ROOT))):
+            tree = ast.parse(shader.with_suffix(".py").read_text("utf-8"))
+            python = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+            assert functions_of(shader)
+            assert set(functions_of(shader)) <= python
 
 
-@pytest.mark.parametrize("shader", shader_files(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_a_constant_of_a_shader_is_its_partners(shader: Path) -> None:
-    name = ".".join(shader.relative_to(ROOT.parent).with_suffix("").parts)
-    constants = re.findall(r"^const (?:float|int) (\w+) = ([^;]+);", shader.read_text("utf-8"), re.MULTILINE)
-    for constant, value in constants:
-        assert float(value) == getattr(importlib.import_module(name), constant), constant
+def test_a_constant_of_a_shader_is_its_partners(subtests: pytest.Subtests) -> None:
+    for shader in shader_files():
+        with subtests.test(str(shader.relative_to(ROOT))):
+            name = ".".join(shader.relative_to(ROOT.parent).with_suffix("").parts)
+            constants = re.findall(r"^const (?:float|int) (\w+) = ([^;]+);", shader.read_text("utf-8"), re.MULTILINE)
+            for constant, value in constants:
+                assert float(value) == getattr(importlib.import_module(name), constant), constant

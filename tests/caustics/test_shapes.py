@@ -7,8 +7,7 @@ import pytest
 
 from mr360uw import caustics
 from mr360uw.caustics import CausticSettings, GerstnerSea, SpectralSea
-from mr360uw.errors import ParameterError
-from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes, towards
+from tests.shapes import Batch, Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards
 
 UP = (0.0, 1.0, 0.0)
 SEA = GerstnerSea(wave_count=4)
@@ -55,14 +54,9 @@ def test_every_public_function_is_here() -> None:
     assert functions_of(caustics) <= called(RETURNS) | called(REFUSED)
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-@pytest.mark.parametrize("name", RETURNS)
-def test_what_comes_out(name: str, batch: Batch) -> None:
-    call, expected = RETURNS[name]
-    assert shapes(call(batch)) == expected(batch)
+def test_what_comes_out(subtests: pytest.Subtests) -> None:
+    check_returned(RETURNS, subtests)
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_other_shapes_are_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match=r" - .*\(got .* - "):
-        REFUSED[name]()
+def test_other_shapes_are_refused(subtests: pytest.Subtests) -> None:
+    check_refused(REFUSED, subtests)

@@ -12,7 +12,7 @@ import scipy.sparse
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.among import pair_view
-from mr360uw.composite.ambient.light import ambient_layout, ambient_light
+from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.mesh.material import Material
@@ -107,17 +107,6 @@ def test_light_solved_at_knots_in_time_is_interpolated() -> None:
         parts = [(*one.values, *one.sent, one.table, one.ambient) for one in (light, first, last)]
         for found, a, b in zip(*parts, strict=True):
             np.testing.assert_allclose(found, (1.0 - share) * a + share * b, rtol=FLOAT32, atol=FLOAT32)
-    assert cache.made["ambient at knot"] == len(knots)
-
-
-def test_bodies_that_move_together_keep_what_they_see() -> None:
-    cache = Cache()
-    first = ambient_layout(reef((0.0, 0.0, 0.0)), cache)
-    moved = ambient_layout(reef((0.37, 0.0, -0.21)), cache)
-    assert all(a is b for a, b in zip(first.views, moved.views, strict=True))
-    swum = ambient_layout(reef((0.37, 0.0, -0.21), 0.0, 0.1), cache)
-    pairs = [(a is b) for a, b in zip(first.views, swum.views, strict=True)]
-    assert not any(pairs)
 
 
 def test_objects_that_shade_nothing_have_no_part_in_ambient_light() -> None:

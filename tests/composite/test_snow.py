@@ -315,6 +315,41 @@ def test_particles_in_a_body_s_shadow_get_no_sun_and_lamps_light_them() -> None:
     np.testing.assert_allclose(lit, expected, rtol=FLOAT64, atol=FLOAT64)
 
 
+PHASES: list[Any] = [("hg", 0.7), "petzold", "grain"]  # forwards, forwards, back
+
+
+@pytest.mark.parametrize("phase", PHASES, ids=str)
+def test_the_sun_turns_by_the_angle_between_its_ray_and_the_way_to_the_camera(phase: Any) -> None:
+    """Seen towards the sun light goes straight on, away from it it turns round."""
+    sun = Sun(unit([0.6, 0.8, 0.0]), np.full(3, 2.0), 0.004, 1.0)
+    angles = np.radians([10.0, 60.0, 120.0, 175.0])  # of the particles from the sun, as the camera sees them
+    across = np.array([0.8, -0.6, 0.0])
+    direction = np.cos(angles)[:, None] * sun.direction + np.sin(angles)[:, None] * across
+    shot = Shot(View(64, 32), (), scenes.environment(0.0), lights=(sun,))
+    found = particle_radiance(shot, 0.5, phase, 0.7 * direction, Cache())
+    after, before = -direction, -sun.direction  # directions of travel
+    expected = 0.5 * 2.0 * particle_phase(phase, after @ before)
+    np.testing.assert_allclose(found, np.repeat(expected[:, None], 3, axis=1), rtol=FLOAT64)
+    assert (found[0, 0] > 3.0 * found[-1, 0]) == (phase != "grain")
+    assert (found[-1, 0] > 3.0 * found[0, 0]) == (phase == "grain")
+
+
+@pytest.mark.parametrize("phase", PHASES, ids=str)
+def test_a_lamp_behind_particles_is_scattered_forwards_and_one_beside_the_camera_back(phase: Any) -> None:
+    point = np.array([[0.0, 0.0, -2.0]])
+    shot = Shot(View(64, 32), (), scenes.environment(0.0))
+
+    def lit_from(z: float) -> float:
+        lamp = Lamp(np.array([0.0, 0.0, z]), np.array([0.0, 0.0, -1.0 if z > -2.0 else 1.0]), np.full(3, 4.0))
+        return float(particle_radiance(replace(shot, lights=(lamp,)), 0.5, phase, point, Cache())[0, 0])
+
+    forwards, back = lit_from(-4.0), lit_from(0.0)  # both 2 m away from it
+    straight_on, round_about = particle_phase(phase, np.array([1.0, -1.0]))
+    assert forwards == pytest.approx(0.5 * straight_on, rel=FLOAT64)
+    assert back == pytest.approx(0.5 * round_about, rel=FLOAT64)
+    assert (forwards > 3.0 * back, back > 3.0 * forwards) == (phase != "grain", phase == "grain")
+
+
 def test_nothing_is_drawn_behind_the_plate_s_surfaces_or_above_the_water() -> None:
     view = View(64, 32, surface_y_m=0.4)
     shot = Shot(view, (), scenes.environment(0.3), receiver=Receiver(plane_y=-0.3))

@@ -115,13 +115,13 @@ ARGUMENTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ARGUMENTS)
-def test_arguments(name: str, bench: Bench) -> None:
-    arguments, says = ARGUMENTS[name]
+def test_arguments(bench: Bench, subtests: pytest.Subtests) -> None:
     bench.put("there.png", bench.material.files["plate.png"])
-    if arguments[0] == "caustics":
-        bench.put("scene.toml", SCENE + '[light]\nsun = "given"\n[caustics]\nsize = 16\ngrid = 4\n')
-    bench.refuses(*arguments, says=says)
+    for name, (arguments, says) in ARGUMENTS.items():
+        given = '[light]\nsun = "given"\n[caustics]\nsize = 16\ngrid = 4\n' if arguments[0] == "caustics" else ""
+        bench.put("scene.toml", SCENE + given)
+        with subtests.test(name):
+            bench.refuses(*arguments, says=says)
 
 
 PLATES = {
@@ -161,17 +161,18 @@ def put_odd_files(bench: Bench) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="makes pipes and sockets")
-@pytest.mark.parametrize("name", PLATES)
-def test_plates_that_are_no_files(name: str, bench: Bench) -> None:
+def test_plates_that_are_no_files(bench: Bench, subtests: pytest.Subtests) -> None:
     put_odd_files(bench)
-    found_later = any(sign in PLATES[name] for sign in "%*")
-    bench.refuses_with(f'plate.path="{PLATES[name]}"', says=(PLATES[name] if found_later else "--set plate.path - ",))
+    for name, plate in PLATES.items():
+        found_later = any(sign in plate for sign in "%*")
+        with subtests.test(name):
+            bench.refuses_with(f'plate.path="{plate}"', says=(plate if found_later else "--set plate.path - ",))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="makes pipes and sockets")
-@pytest.mark.parametrize(
-    ("setting", "place"),
-    [
+def test_other_inputs_that_are_no_files(bench: Bench, subtests: pytest.Subtests) -> None:
+    put_odd_files(bench)
+    for setting, place in [
         ('object.0.mesh="pipe.glb"', "object[0].mesh"),
         ('object.0.mesh="/dev/zero"', "object[0].mesh"),
         ('object.0.texture="pipe.png"', "object[0].texture"),
@@ -186,11 +187,9 @@ def test_plates_that_are_no_files(name: str, bench: Bench) -> None:
         ('light.track="pipe.csv"', "light.track"),
         ('water={type="csv", csv="pipe.csv"}', "water.csv"),
         ('water={sensor="pipe.csv"}', "water.sensor"),
-    ],
-)
-def test_other_inputs_that_are_no_files(setting: str, place: str, bench: Bench) -> None:
-    put_odd_files(bench)
-    bench.refuses_with(setting, says=(f"{place} - ",))
+    ]:
+        with subtests.test(place):
+            bench.refuses_with(setting, says=(f"{place} - ",))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="makes pipes")
@@ -218,10 +217,11 @@ PLAYLISTS = {
 }
 
 
-@pytest.mark.parametrize("name", PLAYLISTS)
-def test_files_that_name_other_files_are_no_plates(name: str, bench: Bench) -> None:
-    bench.put(name, PLAYLISTS[name])
-    bench.refuses_with(f'plate.path="{name}"', says=(name,))
+def test_files_that_name_other_files_are_no_plates(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, text in PLAYLISTS.items():
+        with subtests.test(name):
+            bench.put(name, text)
+            bench.refuses_with(f'plate.path="{name}"', says=(name,))
 
 
 @pytest.mark.parametrize("name", ["a:b", "50%", "100%d", "file:x", "tcp:x", "a b", "ü", "-", "#1", "'", "x\ty"])
@@ -266,20 +266,20 @@ def test_names_that_are_no_text_are_refused(bench: Bench) -> None:
     assert sorted(os.listdir(bench.folder)) == before  # noqa: PTH208
 
 
-@pytest.mark.parametrize("value", ["many", "-1", "0", "nan", "inf", "1e999"])
-@pytest.mark.parametrize("limit", LIMITS, ids=lambda limit: limit.variable)
-def test_limits_that_are_no_numbers(limit: object, value: str, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(limit.variable, value)
-    settings = {"DATA": ['camera.track="track.csv"'], "PARTICLES": ['water.type="II"', "snow.enabled=true"]}.get(
-        limit.variable.removeprefix("MR360UW_MAX_"), []
-    )
+def test_limits_that_are_no_numbers(bench: Bench, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests) -> None:
+    needed = {"DATA": ['camera.track="track.csv"'], "PARTICLES": ['water.type="II"', "snow.enabled=true"],
+              "PRIMS": ['object.0.mesh="empty.usda"']}  # fmt: skip
     bench.put("track.csv", "time_s\n")
-    if limit.variable.endswith("PRIMS"):
-        pytest.importorskip("pxr", reason="needs mr360uw[usd]")
-        bench.put("empty.usda", "#usda 1.0\n")
-        settings = ['object.0.mesh="empty.usda"']
-    texture = ['object.0.texture="plate.png"']
-    bench.refuses_with(*settings, *texture, says=(limit.variable, f"got '{value}'"))
+    bench.put("empty.usda", "#usda 1.0\n")
+    for number, limit in enumerate(LIMITS):
+        kind = limit.variable.removeprefix("MR360UW_MAX_")
+        for value in ["many", "-1", "0", "nan", "inf", "1e999"][: None if number == 0 else 1]:  # all are read alike
+            with subtests.test(limit.variable, value=value), monkeypatch.context() as patch:
+                if kind == "PRIMS":
+                    pytest.importorskip("pxr", reason="needs mr360uw[usd]")
+                patch.setenv(limit.variable, value)
+                settings = [*needed.get(kind, []), 'object.0.texture="plate.png"']
+                bench.refuses_with(*settings, says=(limit.variable, f"got '{value}'"))
 
 
 def test_limits_are_in_the_manual() -> None:

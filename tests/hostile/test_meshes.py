@@ -151,22 +151,21 @@ HARMLESS = {"deep extras", "a skin of nowhere", "view of a stride back", "sparse
 """What some readers refuse and others may pass over: an error of the right kind, or a picture."""
 
 
-@pytest.mark.parametrize("name", GLTF)
-def test_gltf(name: str, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    damage, says = GLTF[name]
-    if name == "many of one":
-        monkeypatch.setenv("MR360UW_MAX_TRIANGLES", "0.0001")
-    file = one_square()
-    damage(file)
-    for suffix in (".glb", ".gltf"):
-        path = file.write(bench.folder / f"mesh{suffix}")
-        expected = says.replace(".glb", suffix)
-        if name in HARMLESS:
-            code, _, err = bench.run("check", "scene.toml", "--set", f'object.0.mesh="{path.name}"')
-            assert code in (0, 2), err
-            assert "Traceback" not in err
-        else:
-            bench.refuses_with(f'object.0.mesh="{path.name}"', says=(path.name, expected))
+def test_gltf(bench: Bench, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests) -> None:
+    monkeypatch.setenv("MR360UW_MAX_TRIANGLES", "0.0001")
+    for name, (damage, says) in GLTF.items():
+        with subtests.test(name):
+            file = one_square()
+            damage(file)
+            for suffix in (".glb", ".gltf"):
+                path = file.write(bench.folder / f"mesh{suffix}")
+                expected = says.replace(".glb", suffix)
+                if name in HARMLESS:
+                    code, _, err = bench.run("check", "scene.toml", "--set", f'object.0.mesh="{path.name}"')
+                    assert code in (0, 2), err
+                    assert "Traceback" not in err
+                else:
+                    bench.refuses_with(f'object.0.mesh="{path.name}"', says=(path.name, expected))
 
 
 CLIP = ("animations", 0)
@@ -191,12 +190,13 @@ ANIMATIONS: dict[str, Callable[[GltfFile], None]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ANIMATIONS)
-def test_animations(name: str, bench: Bench) -> None:
-    file = swimming()
-    ANIMATIONS[name](file)
-    file.write(bench.folder / "fish.glb")
-    bench.refuses_with('object.0.mesh="fish.glb"', says=("fish.glb",))
+def test_animations(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, damage in ANIMATIONS.items():
+        with subtests.test(name):
+            file = swimming()
+            damage(file)
+            file.write(bench.folder / "fish.glb")
+            bench.refuses_with('object.0.mesh="fish.glb"', says=("fish.glb",))
 
 
 def glb(
@@ -237,10 +237,12 @@ CONTAINERS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CONTAINERS)
-def test_files(name: str, bench: Bench) -> None:
-    bench.put(name, CONTAINERS[name])
-    bench.refuses_with(f'object.0.mesh="{name}"', says=(name,))
+def test_files(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, data in CONTAINERS.items():
+        path = bench.put(name, data)
+        with subtests.test(name):
+            bench.refuses_with(f'object.0.mesh="{name}"', says=(name,))
+        path.unlink()
 
 
 def outside_gltf(bench: Bench, uri: str, what: str) -> None:

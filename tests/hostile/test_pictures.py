@@ -64,12 +64,13 @@ def announced(data: bytes, suffix: str, width: int, height: int) -> bytes:
     return bytes(changed)
 
 
-@pytest.mark.parametrize("suffix", KINDS[:-1])
-def test_the_size_of_a_picture_is_read_from_its_head(suffix: str, bench: Bench) -> None:
-    data = bench.material.files[f"plate{suffix}"]
-    assert picture_size(data) == (64, 32)
-    for length in range(0, 64, 3):
-        assert picture_size(data[:length]) in (None, (64, 32))
+def test_the_size_of_a_picture_is_read_from_its_head(bench: Bench, subtests: pytest.Subtests) -> None:
+    for suffix in KINDS[:-1]:
+        with subtests.test(suffix):
+            data = bench.material.files[f"plate{suffix}"]
+            assert picture_size(data) == (64, 32)
+            for length in range(0, 64, 3):
+                assert picture_size(data[:length]) in (None, (64, 32))
 
 
 DAMAGE: dict[str, Callable[[bytes], bytes]] = {
@@ -89,18 +90,20 @@ BLACK = (".bmp", "zeros after its head")
 """A whole picture, for it is not compressed."""
 
 
-@pytest.mark.parametrize(("suffix", "damage"), [pair for pair in itertools.product(KINDS, DAMAGE) if pair != BLACK])
-def test_damaged_plates(suffix: str, damage: str, bench: Bench) -> None:
-    name = f"broken{suffix}"
-    bench.put(name, DAMAGE[damage](bench.material.files[f"plate{suffix}"]))
-    bench.refuses_with(f'plate.path="{name}"', says=(name,))
+def test_damaged_plates(bench: Bench, subtests: pytest.Subtests) -> None:
+    for suffix, damage in [pair for pair in itertools.product(KINDS, DAMAGE) if pair != BLACK]:
+        with subtests.test(suffix=suffix, damage=damage):
+            name = f"broken{suffix}"
+            bench.put(name, DAMAGE[damage](bench.material.files[f"plate{suffix}"]))
+            bench.refuses_with(f'plate.path="{name}"', says=(name,))
 
 
-@pytest.mark.parametrize("suffix", KINDS)
-def test_pictures_that_announce_more_than_memory_holds(suffix: str, bench: Bench) -> None:
-    name = f"bomb{suffix}"
-    bench.put(name, announced(bench.material.files[f"plate{suffix}"], suffix, 100_000, 50_000))
-    bench.refuses_with(f'plate.path="{name}"', says=(name, "set MR360UW_MAX_PICTURE to allow more"))
+def test_pictures_that_announce_more_than_memory_holds(bench: Bench, subtests: pytest.Subtests) -> None:
+    for suffix in KINDS:
+        with subtests.test(suffix):
+            name = f"bomb{suffix}"
+            bench.put(name, announced(bench.material.files[f"plate{suffix}"], suffix, 100_000, 50_000))
+            bench.refuses_with(f'plate.path="{name}"', says=(name, "set MR360UW_MAX_PICTURE to allow more"))
 
 
 ROLES = {
@@ -113,12 +116,14 @@ ROLES = {
 }
 
 
-@pytest.mark.parametrize("damage", ["half", "text", "bomb", "zeros after its head"])
-@pytest.mark.parametrize(("role", "suffix"), [(role, suffix) for role, (_, kinds) in ROLES.items() for suffix in kinds])
-def test_pictures_in_other_roles(role: str, suffix: str, damage: str, bench: Bench) -> None:
-    data, name = bench.material.files[f"plate{suffix}"], f"broken{suffix}"
-    bench.put(name, announced(data, suffix, 100_000, 50_000) if damage == "bomb" else DAMAGE[damage](data))
-    bench.refuses_with(ROLES[role][0].format(name), says=(name, *(["MR360UW_MAX_"] if damage == "bomb" else [])))
+def test_pictures_in_other_roles(bench: Bench, subtests: pytest.Subtests) -> None:
+    for role, (setting, kinds) in ROLES.items():
+        for suffix, damage in itertools.product(kinds, ["half", "text", "bomb", "zeros after its head"]):
+            data, name = bench.material.files[f"plate{suffix}"], f"broken{suffix}"
+            bomb = damage == "bomb"
+            bench.put(name, announced(data, suffix, 100_000, 50_000) if bomb else DAMAGE[damage](data))
+            with subtests.test(role, suffix=suffix, damage=damage):
+                bench.refuses_with(setting.format(name), says=(name, *(["MR360UW_MAX_"] if bomb else [])))
 
 
 SHAPES = {
@@ -127,11 +132,11 @@ SHAPES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_plates_of_other_shapes(name: str, bench: Bench) -> None:
-    width, height, says = SHAPES[name]
-    cv2.imwrite(str(bench.folder / "shape.png"), np.zeros((height, width, 3), np.uint8))
-    bench.refuses_with('plate.path="shape.png"', says=("shape.png", says))
+def test_plates_of_other_shapes(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, (width, height, says) in SHAPES.items():
+        with subtests.test(name):
+            cv2.imwrite(str(bench.folder / "shape.png"), np.zeros((height, width, 3), np.uint8))
+            bench.refuses_with('plate.path="shape.png"', says=("shape.png", says))
 
 
 def test_sequences_with_a_picture_missing_damaged_or_of_another_size(bench: Bench) -> None:
@@ -220,12 +225,13 @@ def sized(data: bytes, width: int, height: int) -> bytes:
     return bytes(changed)
 
 
-@pytest.mark.parametrize("name", CLIPS)
 @pytest.mark.parametrize("role", ["plate.path", "holdout", "camera.gravity"])
-def test_clips(name: str, role: str, clip: bytes, bench: Bench) -> None:
-    bench.put("broken.mp4", CLIPS[name](clip))
-    setting = 'holdout=[{path="broken.mp4"}]' if role == "holdout" else f'{role}="broken.mp4"'
-    bench.refuses_with(setting, says=("broken.mp4",))
+def test_clips(role: str, clip: bytes, bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, damage in CLIPS.items():
+        with subtests.test(name):
+            bench.put("broken.mp4", damage(clip))
+            setting = 'holdout=[{path="broken.mp4"}]' if role == "holdout" else f'{role}="broken.mp4"'
+            bench.refuses_with(setting, says=("broken.mp4",))
 
 
 def test_a_video_of_too_many_pixels_is_refused_before_it_is_decoded(

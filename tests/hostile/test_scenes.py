@@ -71,23 +71,26 @@ def fields() -> Iterator[tuple[str, str, Any]]:
 FIELDS = [(table, key, *found) for table, key, found in fields()]
 
 
-@pytest.mark.parametrize(("table", "key", "model", "field"), FIELDS, ids=[f"{m.__name__}-{k}" for _, k, m, _ in FIELDS])
-def test_wrong_values_name_their_line_and_key(
-    table: str, key: str, model: type[Parameters], field: Any, bench: Bench
-) -> None:
-    values = wrong_values(field)
-    for value in values:
-        own = [line for line in TABLES.get(table, "").splitlines() if not line.startswith(f"{key} ")]
-        own += ['model = "spectral"'] if model.__name__ == "SpectralSea" and key != "model" else []
-        header = f"[[{table}]]" if table in REPEATED else f"[{table}]"
-        lines = [header, *own, f"{key} = {value}"]
-        text = "\n".join([*([] if table == "plate" else ['plate = "plate.png"']), *lines, ""])
-        line = text.splitlines().index(lines[-1]) + 1
-        place = f"{table}[0].{key}" if table in REPEATED else f"{table}.{key}"
-        with pytest.raises(SceneError) as caught:
-            load_scene(bench.put("scene.toml", text))
-        assert {f"scene.toml:{line} {place}" in problem for problem in caught.value.problems} == {True}, value
-    bench.refuses_scene(text, f"scene.toml:{line} {place}")  # the last of them as a user meets it
+def scene_with(table: str, key: str, model: type[Parameters], value: str) -> tuple[str, str]:
+    """Return a scene that is good but for one value, and the place of that value."""
+    own = [line for line in TABLES.get(table, "").splitlines() if not line.startswith(f"{key} ")]
+    own += ['model = "spectral"'] if model.__name__ == "SpectralSea" and key != "model" else []
+    header = f"[[{table}]]" if table in REPEATED else f"[{table}]"
+    lines = [*([] if table == "plate" else ['plate = "plate.png"']), header, *own, f"{key} = {value}"]
+    place = f"{table}[0].{key}" if table in REPEATED else f"{table}.{key}"
+    return "\n".join([*lines, ""]), f"scene.toml:{len(lines)} {place}"
+
+
+def test_wrong_values_name_their_line_and_key(bench: Bench, subtests: pytest.Subtests) -> None:
+    for table, key, model, field in FIELDS:
+        for value in wrong_values(field):
+            text, place = scene_with(table, key, model, value)
+            with subtests.test(f"{model.__name__}.{key}", value=value):
+                with pytest.raises(SceneError) as caught:
+                    load_scene(bench.put("scene.toml", text))
+                assert all(place in problem for problem in caught.value.problems), caught.value.problems
+        with subtests.test(f"{model.__name__}.{key}, as a user meets it"):
+            bench.refuses_scene(text, place)  # the last of them
 
 
 DEEP = 2000
@@ -134,12 +137,12 @@ TEXTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_texts_that_are_no_scene(name: str, bench: Bench) -> None:
-    text, says = TEXTS[name]
-    bench.put("scene.toml", text)
-    bench.refuses("composite", "scene.toml", "out.png", says=("scene.toml", says))
-    bench.refuses("check", "scene.toml", says=("scene.toml", says))
+def test_texts_that_are_no_scene(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, (text, says) in TEXTS.items():
+        with subtests.test(name):
+            bench.put("scene.toml", text)
+            bench.refuses("composite", "scene.toml", "out.png", says=("scene.toml", says))
+            bench.refuses("check", "scene.toml", says=("scene.toml", says))
 
 
 def test_every_problem_has_one_line(bench: Bench) -> None:

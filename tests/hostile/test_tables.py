@@ -38,19 +38,21 @@ WATERS = {
 }
 
 
-@pytest.mark.parametrize("name", TEXTS | TRACKS)
-def test_camera_tracks(name: str, bench: Bench) -> None:
-    bench.put("track.csv", (TEXTS | TRACKS)[name])
-    bench.refuses_with('camera.track="track.csv"', says=("track.csv",))
+def test_camera_tracks(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, data in (TEXTS | TRACKS).items():
+        with subtests.test(name):
+            bench.put("track.csv", data)
+            bench.refuses_with('camera.track="track.csv"', says=("track.csv",))
 
 
-@pytest.mark.parametrize("name", TEXTS | WATERS)
-def test_waters_and_sensors(name: str, bench: Bench) -> None:
-    path = bench.put("table.csv", (TEXTS | WATERS)[name])
-    bench.refuses_with('water={type="csv", csv="table.csv"}', says=("table.csv",))
-    for read in (Water.from_csv, Sensor.from_csv):
-        with pytest.raises(Mr360uwError, match=r"table\.csv"):
-            read(path)
+def test_waters_and_sensors(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, data in (TEXTS | WATERS).items():
+        with subtests.test(name):
+            path = bench.put("table.csv", data)
+            bench.refuses_with('water={type="csv", csv="table.csv"}', says=("table.csv",))
+            for read in (Water.from_csv, Sensor.from_csv):
+                with pytest.raises(Mr360uwError, match=r"table\.csv"):
+                    read(path)
 
 
 COLUMNS = json.dumps({"columns": {"frame": [0]}})
@@ -60,11 +62,12 @@ SUN_TRACKS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [*SUN_TRACKS, *(f"{name}.csv" for name in TEXTS), *(f"{name}.json" for name in TEXTS)])
-def test_sun_tracks(name: str, bench: Bench) -> None:
-    path = bench.put(name, SUN_TRACKS.get(name) or TEXTS[name.partition(".")[0]])
-    with pytest.raises(Mr360uwError, match=name):
-        load_track(path)
+def test_sun_tracks(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name in [*SUN_TRACKS, *(f"{name}.csv" for name in TEXTS), *(f"{name}.json" for name in TEXTS)]:
+        with subtests.test(name):
+            path = bench.put(name, SUN_TRACKS.get(name) or TEXTS[name.partition(".")[0]])
+            with pytest.raises(Mr360uwError, match=name):
+                load_track(path)
 
 
 GRAVITY = {
@@ -83,7 +86,8 @@ GRAVITY = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", GRAVITY)
-def test_gravity(name: str, bench: Bench) -> None:
-    bench.put("camera.bin", GRAVITY[name])
-    bench.refuses_with('camera.gravity="camera.bin"', says=("camera.bin",))
+def test_gravity(bench: Bench, subtests: pytest.Subtests) -> None:
+    for name, data in GRAVITY.items():
+        with subtests.test(name):
+            bench.put("camera.bin", data)
+            bench.refuses_with('camera.gravity="camera.bin"', says=("camera.bin",))

@@ -8,10 +8,9 @@ import pytest
 
 from mr360uw import ibl
 from mr360uw.color import ColorSpec
-from mr360uw.errors import ParameterError
 from mr360uw.types import Environment, Sun, YuvImage
 from tests.ibl.plates import sky
-from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes, towards
+from tests.shapes import Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards
 
 UP = np.array([0.0, 1.0, 0.0])
 SUN = Sun(UP, np.ones(3), 0.01, 1.0)
@@ -82,14 +81,9 @@ def test_every_public_function_is_here() -> None:
     assert called(REFUSED) >= called(RETURNS)
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-@pytest.mark.parametrize("name", RETURNS)
-def test_what_comes_out(name: str, batch: Batch) -> None:
-    call, expected = RETURNS[name]
-    assert shapes(call(batch)) == expected(batch)
+def test_what_comes_out(subtests: pytest.Subtests) -> None:
+    check_returned(RETURNS, subtests)
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_other_shapes_are_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match=r" - .*\(got .* - "):
-        REFUSED[name]()
+def test_other_shapes_are_refused(subtests: pytest.Subtests) -> None:
+    check_refused(REFUSED, subtests)

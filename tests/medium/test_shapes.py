@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from mr360uw import medium
-from mr360uw.errors import ParameterError
 from mr360uw.medium import FroxelGrid, LightField, Medium, PlateProfile, Sensor, ShaftScene, Water
 from mr360uw.medium.tabulate import ATTENUATION_SIZE, DEPTH_SIZE, NORMALS, VEIL_SIZE
 from mr360uw.types import Sun, View
-from tests.shapes import BATCHES, Batch, Refused, Returns, called, filled, functions_of, shapes, towards
+from tests.shapes import Batch, Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards
 
 WATER = Water.jerlov("IB")
 W = np.array([450.0, 550.0, 600.0, 650.0])
@@ -133,14 +132,9 @@ def test_every_public_function_is_here() -> None:
     assert functions_of(medium) - called(REFUSED) - elementwise_or_made == {"cameras"}
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-@pytest.mark.parametrize("name", RETURNS)
-def test_what_comes_out(name: str, batch: Batch) -> None:
-    call, expected = RETURNS[name]
-    assert shapes(call(batch)) == expected(batch)
+def test_what_comes_out(subtests: pytest.Subtests) -> None:
+    check_returned(RETURNS, subtests)
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_other_shapes_are_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match=r" - .*\(got .* - "):
-        REFUSED[name]()
+def test_other_shapes_are_refused(subtests: pytest.Subtests) -> None:
+    check_refused(REFUSED, subtests)

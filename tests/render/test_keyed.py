@@ -16,7 +16,7 @@ from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.caustic_tiles import export_caustics
 from mr360uw.render.first_pass import ClipFacts
 from mr360uw.render.frame import Frame, finished, frame_stages
-from mr360uw.render.loaded import Loaded, Loader, load
+from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.model import Scene
@@ -104,24 +104,6 @@ def test_a_frame_is_the_same_whatever_came_before(clip: Scene, pictures: dict[st
     loaded, backend = load(clip, *SIZE), make_backend("reference")[0]
     back = [picture(loaded, backend, time_s) for time_s in reversed(TIMES)]
     np.testing.assert_array_equal(pictures["reference"], back[::-1])
-
-
-def test_a_scene_without_keys_is_loaded_once(tmp_path: Path, whale: Path) -> None:
-    loaded = load(scene_of(tmp_path, whale, []), *SIZE)
-    assert loaded.at(3.0) is loaded
-    assert loaded.at(3.0, loaded) is loaded
-
-
-def test_what_is_not_keyed_is_kept_between_frames(tmp_path: Path, whale: Path) -> None:
-    loader = Loader(*SIZE)
-    loaded = loader.load(scene_of(tmp_path, whale, keys(("sea.wind_speed", [2, 6]), ("object.0.scale", [1, 2]))))
-    before = loader.kept.cache.made.copy()
-    one, other = loaded.at(0.5), loaded.at(1.5)
-    assert one.scene.sea.wind_speed == pytest.approx(3.0)
-    assert one.objects[0].meshes[0] is other.objects[0].meshes[0]
-    assert one.surroundings is other.surroundings is loaded.surroundings
-    assert one.receiver is loaded.receiver
-    assert set(loader.kept.cache.made - before) == {"object"}
 
 
 def test_an_object_moves_within_the_exposure(tmp_path: Path, whale: Path) -> None:

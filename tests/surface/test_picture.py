@@ -13,7 +13,7 @@ import mr360uw as uw
 from mr360uw import optics, surface
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
-from mr360uw.medium import Water
+from mr360uw.medium import Medium, Water
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.sampled_sea import SampledSea
@@ -179,6 +179,20 @@ def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
     np.testing.assert_allclose(black, expected, rtol=tol.SOLVED)
     np.testing.assert_allclose(white, lights[1].down(depth), rtol=tol.SOLVED)
     assert np.all(white > 1.02 * black)
+
+
+@pytest.mark.parametrize("mode", ["table", "kd"])
+def test_a_white_floor_over_a_black_one_has_what_comes_back_through_the_water(mode: Any) -> None:
+    """1/(1 - R(tau)): the floor's light crosses the water up and down at all angles; it scatters nothing."""
+    depth, absorption = 4.0, 0.1
+    clear = Water.from_arrays([380.0, 780.0], [absorption] * 2, [0.0] * 2)
+    given = Medium(clear, mode=mode, refractive_index=N)
+    black, white = (WaterLight.of(given, Dome(EVEN), None, N, depth, np.full(3, a)).down(depth) for a in (0.0, 1.0))
+    x, w = np.polynomial.legendre.leggauss(400)
+    cosine, weight = 0.5 + 0.5 * x, 0.5 * w
+    mirrored = optics.fresnel_from_below(cosine, N) * np.exp(-2.0 * absorption * depth / cosine)
+    back = np.sum(2.0 * cosine * weight * mirrored)
+    np.testing.assert_allclose(white / black, 1.0 / (1.0 - back), rtol=tol.TWICE_THROUGH)
 
 
 def test_water_dims_the_floor_and_hides_it_far_away() -> None:

@@ -61,3 +61,5 @@ SHADOW_STEP = 0.05
 AROUND_SUN = 0.015
 """Veil times its map about the sun against the field at an azimuth: tables in the gamut, mixed over depths, and a map of
 1.4 degrees."""
+TWICE_THROUGH = 5e-3
+"""Light that goes from the floor to the surface and back: 16 streams, and the edge of Snell's window between two of them."""

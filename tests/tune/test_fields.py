@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
-from pydantic import BaseModel
 
 from mr360uw.parameters import stated
 from mr360uw.scene.handbook import choices
@@ -49,59 +46,61 @@ def test_every_parameter_of_every_table_has_a_control() -> None:
     assert not any(key.startswith("sea.waves_of_wind") for key, _ in expected)
 
 
-@pytest.mark.parametrize(("path", "model", "field"), EVERY, ids=[f"{p}-{m.__name__}" for p, m, _ in EVERY])
-def test_a_control_says_what_the_declaration_says(path: str, model: type[BaseModel], field: Field) -> None:
-    declared = next(f for n, f in model.model_fields.items() if (f.alias or n) == field.key)
-    assert field.help == declared.description
-    assert field.required == declared.is_required()
-    assert field.default == (None if declared.is_required() else declared.default)
-    assert field.label
-    if field.kind == "choice" and path != "sea.model":
-        assert [str(c) for c in field.choices] == choices(declared.annotation)
-    if field.kind in ("number", "integer"):
-        assert field.span is not None
-        low, high = field.span
-        assert low < high
-        assert field.low is None or low >= field.low
-        assert field.high is None or high <= field.high
-        assert field.step > 0.0
-        for position in (0.01, 0.3, 1.0):
-            value = field.value_at(position)
-            assert low <= value <= high
-            nearest = 0.5 / (high - low) if field.kind == "integer" and not field.logarithmic else 0.1
-            assert field.position(value) == pytest.approx(position, abs=max(nearest, 0.006))
-        if isinstance(field.default, int | float) and low <= field.default <= high:
-            back = field.value_at(field.position(field.default))
-            assert back == pytest.approx(field.default, rel=0.01, abs=field.step)
+def test_a_control_says_what_the_declaration_says(subtests: pytest.Subtests) -> None:
+    for path, model, field in EVERY:
+        with subtests.test(path):
+            declared = next(f for n, f in model.model_fields.items() if (f.alias or n) == field.key)
+            assert field.help == declared.description
+            assert field.required == declared.is_required()
+            assert field.default == (None if declared.is_required() else declared.default)
+            assert field.label
+            if field.kind == "choice" and path != "sea.model":
+                assert [str(c) for c in field.choices] == choices(declared.annotation)
+            if field.kind in ("number", "integer"):
+                assert field.span is not None
+                low, high = field.span
+                assert low < high
+                assert field.low is None or low >= field.low
+                assert field.high is None or high <= field.high
+                assert field.step > 0.0
+                for position in (0.01, 0.3, 1.0):
+                    value = field.value_at(position)
+                    assert low <= value <= high
+                    nearest = 0.5 / (high - low) if field.kind == "integer" and not field.logarithmic else 0.1
+                    assert field.position(value) == pytest.approx(position, abs=max(nearest, 0.006))
+                if isinstance(field.default, int | float) and low <= field.default <= high:
+                    back = field.value_at(field.position(field.default))
+                    assert back == pytest.approx(field.default, rel=0.01, abs=field.step)
 
 
-@pytest.mark.parametrize(
-    ("path", "kind", "extra"),
-    [
-        ("camera.depth_m", "number", {"unit": "m", "default": 5.0, "high": 200.0, "label": "Camera depth"}),
-        ("water.bands", "integer", {"default": 61}),
-        ("water.type", "choice", {"optional": False}),
-        ("plate.transfer", "choice", {"optional": True, "default": None}),
-        ("caustics.chromatic", "choice", {"choices": (1, 3)}),
-        ("sea.model", "choice", {"choices": ("gerstner", "spectral")}),
-        ("object.visible", "switch", {"default": True}),
-        ("object.double_sided", "switch", {"optional": True}),
-        ("object.position_m", "vector", {"length": 3}),
-        ("receiver.range_m", "vector", {"length": 2}),
-        ("lamp.color", "colour", {"length": 3}),
-        ("object.mesh", "path", {"required": True}),
-        ("light.track", "path", {"optional": True}),
-        ("water.sensor", "text", {"default": "Insta360 X5"}),
-        ("water.gain", "toml", {"default": "auto"}),
-        ("object.key", "toml", {"default": ()}),
-        ("light.glossy_roughness", "toml", {}),
-        ("light.white_cd_m2", "number", {"logarithmic": True, "label": "White"}),
-    ],
-)
-def test_kinds(path: str, kind: str, extra: dict[str, Any]) -> None:
-    field = one(path)
-    assert field.kind == kind
-    assert {name: getattr(field, name) for name in extra} == extra
+KINDS = [
+    ("camera.depth_m", "number", {"unit": "m", "default": 5.0, "high": 200.0, "label": "Camera depth"}),
+    ("water.bands", "integer", {"default": 61}),
+    ("water.type", "choice", {"optional": False}),
+    ("plate.transfer", "choice", {"optional": True, "default": None}),
+    ("caustics.chromatic", "choice", {"choices": (1, 3)}),
+    ("sea.model", "choice", {"choices": ("gerstner", "spectral")}),
+    ("object.visible", "switch", {"default": True}),
+    ("object.double_sided", "switch", {"optional": True}),
+    ("object.position_m", "vector", {"length": 3}),
+    ("receiver.range_m", "vector", {"length": 2}),
+    ("lamp.color", "colour", {"length": 3}),
+    ("object.mesh", "path", {"required": True}),
+    ("light.track", "path", {"optional": True}),
+    ("water.sensor", "text", {"default": "Insta360 X5"}),
+    ("water.gain", "toml", {"default": "auto"}),
+    ("object.key", "toml", {"default": ()}),
+    ("light.glossy_roughness", "toml", {}),
+    ("light.white_cd_m2", "number", {"logarithmic": True, "label": "White"}),
+]
+
+
+def test_kinds(subtests: pytest.Subtests) -> None:
+    for path, kind, extra in KINDS:
+        with subtests.test(path):
+            field = one(path)
+            assert field.kind == kind
+            assert {name: getattr(field, name) for name in extra} == extra
 
 
 def test_the_first_controls_are_parameters() -> None:

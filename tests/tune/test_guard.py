@@ -46,42 +46,43 @@ async def page(scope: Message, _receive: Any, send: Any) -> None:
         await send({"type": "lifespan.startup.complete"})
 
 
-@pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize(
-    ("host", "headers", "expected"),
-    [
-        ("127.0.0.1", {"host": "127.0.0.1:8360"}, True),
-        ("127.0.0.1", {"host": "localhost:8360"}, True),
-        ("127.0.0.1", {"host": "[::1]:8360"}, True),
-        ("127.0.0.1", {"host": "LOCALHOST:8360", "origin": "http://localhost:8360"}, True),
-        ("127.0.0.1", {"host": "evil.example:8360"}, False),  # a name that points here
-        ("127.0.0.1", {"host": "localhost.evil.example"}, False),
-        ("127.0.0.1", {"host": "192.168.0.7:8360"}, False),
-        ("127.0.0.1", {"host": "[::1"}, False),
-        ("127.0.0.1", {}, False),
-        ("127.0.0.1", [("host", "127.0.0.1:8360"), ("host", "evil.example")], False),
-        ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://127.0.0.1:8360"}, True),
-        ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://evil.example"}, False),
-        ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://127.0.0.1:9000"}, False),  # another local server
-        ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "null"}, False),
-        ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "file://127.0.0.1:8360"}, False),
-        ("192.168.0.7", {"host": "192.168.0.7:8360"}, True),
-        ("192.168.0.7", {"host": "localhost:8360"}, False),
-        ("0.0.0.0", {"host": "192.168.0.7:8360"}, True),
-        ("0.0.0.0", {"host": "evil.example:8360"}, False),
-    ],
-)
-def test_only_own_names_and_own_pages_get_through(host: str, headers: Any, expected: bool, kind: str) -> None:
-    pairs = list(headers.items() if isinstance(headers, dict) else headers)
-    place = pairs[0][1] if pairs else ""
-    shown = ("cookie", f"mr360uw_{place.rsplit(':', 1)[-1] if ':' in place else 80}=s3cret")
-    sent, through = asked(Guard(page, host, "s3cret"), [*pairs, shown], kind=kind)
-    assert through == expected
-    if not expected and kind == "http":
-        assert sent[0]["status"] == 403
-        assert b"the page" not in sent[1]["body"]
-    elif not expected:
-        assert (sent[0]["type"], sent[0]["code"]) == ("websocket.close", 1008)
+CONNECTIONS = [
+    ("127.0.0.1", {"host": "127.0.0.1:8360"}, True),
+    ("127.0.0.1", {"host": "localhost:8360"}, True),
+    ("127.0.0.1", {"host": "[::1]:8360"}, True),
+    ("127.0.0.1", {"host": "LOCALHOST:8360", "origin": "http://localhost:8360"}, True),
+    ("127.0.0.1", {"host": "evil.example:8360"}, False),  # a name that points here
+    ("127.0.0.1", {"host": "localhost.evil.example"}, False),
+    ("127.0.0.1", {"host": "192.168.0.7:8360"}, False),
+    ("127.0.0.1", {"host": "[::1"}, False),
+    ("127.0.0.1", {}, False),
+    ("127.0.0.1", [("host", "127.0.0.1:8360"), ("host", "evil.example")], False),
+    ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://127.0.0.1:8360"}, True),
+    ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://evil.example"}, False),
+    ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "http://127.0.0.1:9000"}, False),  # another local server
+    ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "null"}, False),
+    ("127.0.0.1", {"host": "127.0.0.1:8360", "origin": "file://127.0.0.1:8360"}, False),
+    ("192.168.0.7", {"host": "192.168.0.7:8360"}, True),
+    ("192.168.0.7", {"host": "localhost:8360"}, False),
+    ("0.0.0.0", {"host": "192.168.0.7:8360"}, True),
+    ("0.0.0.0", {"host": "evil.example:8360"}, False),
+]
+
+
+def test_only_own_names_and_own_pages_get_through(subtests: pytest.Subtests) -> None:
+    for kind in ["http", "websocket"]:
+        for host, headers, expected in CONNECTIONS:
+            with subtests.test(kind, host=host, headers=headers):
+                pairs = list(headers.items() if isinstance(headers, dict) else headers)
+                place = pairs[0][1] if pairs else ""
+                shown = ("cookie", f"mr360uw_{place.rsplit(':', 1)[-1] if ':' in place else 80}=s3cret")
+                sent, through = asked(Guard(page, host, "s3cret"), [*pairs, shown], kind=kind)
+                assert through == expected
+                if not expected and kind == "http":
+                    assert sent[0]["status"] == 403
+                    assert b"the page" not in sent[1]["body"]
+                elif not expected:
+                    assert (sent[0]["type"], sent[0]["code"]) == ("websocket.close", 1008)
 
 
 OWN = {"host": "192.168.0.7:8360"}
