@@ -20,6 +20,7 @@ from mr360uw.medium import Medium, WaterSettings
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters
 from mr360uw.medium.jerlov import JERLOV_TYPES
+from mr360uw.medium.medium import Mode
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.plate_map import level_view
 from mr360uw.scene.inputs import open_plate
@@ -39,6 +40,7 @@ _ROWS, _COLUMNS = 16, 32
 _MOST_FRAMES = 6
 _DARK = 1e-4
 """Linear light of a patch below which it is black."""
+_TINY = 1e-12
 _UNLIKE = 0.4
 """Rms deviation of the logarithm from the nearest water above which no water is named: dives have 0.02 to 0.15."""
 _MOST_RED = 1.0
@@ -60,6 +62,9 @@ class WaterPatch:
             raise ParameterError(f"water - is no patch (got {got}) - give yaw,pitch,size in degrees, size 0.5 to 90")
 
 
+Changes = dict[str, str | float | tuple[float, float, float]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterMatch:
     """The result of `match_water`.
@@ -67,11 +72,12 @@ class WaterMatch:
     sentence: the result in words. changes: {key of the scene: value}; empty where the water is right or cannot be told.
     confidence: 0 to 1, see `WaterFit`. candidates: (name, likelihood, rms deviation of the logarithm), likeliest first.
     plate_code, before_code, after_code: (3,) sRGB code values, 0 to 255, of the patches in the plate and of the water
-    of the scene, before and after; rms_before, rms_after: deviation over rows and channels in code values.
+    of the scene, before and after the changes; rms_before, rms_after: deviation over rows and channels in code values,
+    the second never above the first.
     """
 
     sentence: str
-    changes: dict[str, str | float | tuple[float, float, float]] = field(default_factory=dict)
+    changes: Changes = field(default_factory=dict)
     confidence: float = 0.0
     candidates: tuple[tuple[str, float, float], ...] = ()
     plate_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -86,6 +92,37 @@ class WaterMatch:
         return tuple(f"{key}={_toml(value)}" for key, value in self.changes.items())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Veil:
+    """The veil of a setting in the patches: codes (r, 3), and their deviation from the plate's."""
+
+    changes: Changes
+    codes: Array
+    rms: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What a plate shows: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon."""
+
+    up: Array
+    light: Array
+    level: LevelView
+
+    def veil(self, medium: Medium, gain: Floats, changes: Changes) -> _Veil:
+        """Return the veil of a medium."""
+        codes = _codes(gain * medium.level_radiance(self.up))
+        return _Veil(changes, codes, float(np.sqrt(np.mean((codes - _codes(self.light)) ** 2))))
+
+    def fitted(self, medium: Medium, changes: Changes, *, from_patch: bool) -> _Veil:
+        """Return the veil of a medium with the gain of the horizon, or one of the patches, which is one more change."""
+        if not from_patch:
+            return self.veil(medium, fit_level(medium, self.level)[0], changes)
+        ratio = np.maximum(self.light, _DARK) / np.maximum(medium.level_radiance(self.up), _TINY)
+        red, green, blue = (float(f"{g:.4g}") for g in np.exp(np.log(ratio).mean(axis=0)))
+        return self.veil(medium, np.array([red, green, blue]), changes | {"water.gain": (red, green, blue)})
+
+
 def match_water(
     scene: Scene, patch: WaterPatch | Sequence[WaterPatch], frames: int | tuple[int, int] = 0
 ) -> WaterMatch:
@@ -93,54 +130,47 @@ def match_water(
 
     frames: one, or a range [a, b) that a few are taken of. A scene with `water.visibility_m` and no type gets another
     visibility, any other a Jerlov type. The gain of the veil is found as well where the scene's is fixed, or the
-    horizon shows no open water and the veil of long ways is not the plate's. Raises `ParameterError` for patches that
-    are black or no water, `VideoError`.
+    horizon shows no open water and the veil of long ways is not the plate's. Changes that bring the veil, in the
+    scene's own mode, no nearer to the plate are not proposed. Raises `ParameterError` for patches that are black or no
+    water, `VideoError`.
     """
     patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
     if not patches:
         raise ParameterError("water - has no patch (got none) - mark one")
-    if scene.water.type == "none":
+    water, depth = scene.water, scene.camera.depth_m
+    if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
-    up, measured, levels = _read(scene, patches, frames)
-    if float(measured.max()) < _DARK:
-        raise ParameterError(f"water - the patch is black (got {measured.max():.2g} of white) - mark a lighter one")
-    if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
-        raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
-    depth = scene.camera.depth_m
-    media = {name: _medium(water, depth) for name, water in _candidates(scene.water).items()}
-    found = compare_waters(measured, {name: np.maximum(m.level_radiance(up), 1e-12) for name, m in media.items()})
-    before = _medium(scene.water, depth)
-    best = media[found.nearest]
-    doubtful = not scene.water.fits_ratio and fit_level(best, levels)[1] >= DOUBTFUL
-    given = scene.water.gain != "auto"
-    was = np.array(scene.water.gain) if given else fit_level(before, levels)[0]
-    now = found.gain if given or doubtful else fit_level(best, levels)[0]
-    changes: dict[str, str | float | tuple[float, float, float]] = {}
-    if found.residual[found.nearest] > _UNLIKE:
-        pass  # no water has this colour
-    elif scene.water.of_visibility_alone:
-        if float(found.nearest) != scene.water.visibility_m:
-            changes["water.visibility_m"] = float(found.nearest)
-    elif found.nearest != scene.water.type:
-        changes["water.type"] = found.nearest
-    if given or doubtful:
-        red, green, blue = (float(f"{g:.4g}") for g in now)
-        changes["water.gain"] = red, green, blue
-    plate, old, new = (
-        _codes(light) for light in (measured, was * before.level_radiance(up), now * best.level_radiance(up))
-    )
-    rms_before, rms_after = (float(np.sqrt(np.mean((codes - plate) ** 2))) for codes in (old, new))
+    view = _read(scene, patches, frames)
+    tried = _candidates(water)
+    media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
+    found = compare_waters(view.light, {n: np.maximum(m.level_radiance(view.up), _TINY) for n, m in media.items()})
+    doubtful = not water.fits_ratio and fit_level(media[found.nearest], view.level)[1] >= DOUBTFUL
+    from_patch = water.gain != "auto" or doubtful
+    own = _medium(water, depth, water.mode)
+    before = view.veil(own, fit_level(own, view.level)[0] if water.gain == "auto" else np.array(water.gain), {})
+    proposed = [view.fitted(own, {}, from_patch=from_patch)]
+    if found.residual[found.nearest] <= _UNLIKE and (changes := _change(water, found.nearest)):
+        other = _medium(tried[found.nearest], depth, water.mode)
+        proposed.insert(0, view.fitted(other, changes, from_patch=from_patch))
+    after = next((veil for veil in proposed if veil.rms < before.rms), before)
     return WaterMatch(
-        _sentence(scene.water, found, rms_before, rms_after, doubtful),
-        changes,
+        _sentence(water, found, before, after, doubtful),
+        after.changes,
         found.confidence,
         tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
-        plate_code=_mean(plate),
-        before_code=_mean(old),
-        after_code=_mean(new),
-        rms_before=rms_before,
-        rms_after=rms_after,
+        plate_code=_mean(_codes(view.light)),
+        before_code=_mean(before.codes),
+        after_code=_mean(after.codes),
+        rms_before=before.rms,
+        rms_after=after.rms,
     )
+
+
+def _change(water: WaterSettings, nearest: str) -> Changes:
+    """Return the change that makes a scene's water the nearest one; nothing where it is."""
+    if water.of_visibility_alone:
+        return {} if float(nearest) == water.visibility_m else {"water.visibility_m": float(nearest)}
+    return {} if nearest == water.type else {"water.type": nearest}
 
 
 def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
@@ -150,16 +180,15 @@ def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
     return {name: water.model_copy(update={"type": name}) for name in JERLOV_TYPES}
 
 
-def _medium(water: WaterSettings, depth_m: float) -> Medium:
-    """Return the solved medium of a water, without a gain."""
-    solved = water.model_copy(update={"bands": _BANDS, "mode": "table", "gain": (1.0, 1.0, 1.0)})
-    medium = solved.medium(depth_m)
+def _medium(water: WaterSettings, depth_m: float, mode: Mode) -> Medium:
+    """Return the medium of a water in a mode, without a gain."""
+    medium = water.model_copy(update={"bands": _BANDS, "mode": mode, "gain": (1.0, 1.0, 1.0)}).medium(depth_m)
     assert medium is not None
     return medium
 
 
-def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, int]) -> tuple[Array, Array, LevelView]:
-    """Return the y of the rows' directions (r,), their light (r, 3), and the horizon: means over the frames."""
+def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, int]) -> _View:
+    """Return the mean over the frames; raise `ParameterError` for patches that are black or no water."""
     start, stop = (frames, frames + 1) if isinstance(frames, int) else frames
     camera = CameraPath.of(scene)
     elevation, azimuth = _directions(patches)
@@ -172,8 +201,13 @@ def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, 
             rotation = camera.at(frame.time_s)[1]
             light.append(_rows(frame, rotation, elevation, azimuth))
             levels.append(level_view(frame.pixels, rotation[1]))
+    measured = np.mean(light, axis=0)
+    if float(measured.max()) < _DARK:
+        raise ParameterError(f"water - the patch is black (got {measured.max():.2g} of white) - mark a lighter one")
+    if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
+        raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
     level = LevelView(levels[0].up, np.mean([one.radiance for one in levels], axis=0))
-    return np.sin(elevation), np.mean(light, axis=0), level
+    return _View(np.sin(elevation), measured, level)
 
 
 def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
@@ -215,9 +249,7 @@ def _toml(value: str | float | tuple[float, ...]) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def _sentence(
-    water: WaterSettings, found: WaterComparison[str], rms_before: float, rms_after: float, doubtful: bool
-) -> str:
+def _sentence(water: WaterSettings, found: WaterComparison[str], before: _Veil, after: _Veil, doubtful: bool) -> str:
     """Return the result in plain words."""
     if found.residual[found.nearest] > _UNLIKE:
         return (
@@ -227,10 +259,12 @@ def _sentence(
         )
     name = f"a visibility of {found.nearest} m" if water.of_visibility_alone else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
-    text = (
-        f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); its veil then differs from the "
-        f"patch by {rms_after:.1f} code values, before by {rms_before:.1f}."
-    )
+    text = f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); "
+    if not after.changes:
+        return (
+            text + f"the veil differs from the patch by {before.rms:.1f} code values, and no change brings it nearer."
+        )
+    text += f"the veil then differs from the patch by {after.rms:.1f} code values, before by {before.rms:.1f}."
     if doubtful:
         text += " The horizon shows little open water, so the gain of the veil is taken from the patch."
     return text

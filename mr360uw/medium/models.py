@@ -19,7 +19,7 @@ from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.ray_field import RayField
-from mr360uw.medium.transfer import AZIMUTH_ORDERS, LambertFloor, LightField, Sky, SurfaceKind
+from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LambertFloor, LightField, Sky, SurfaceKind
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
 
@@ -141,7 +141,7 @@ class FieldModel:
 
         depth = np.full(up.shape, depth_m)
         whole = np.stack([gained(azimuth, "beam") for azimuth in azimuth_rad], axis=1)
-        for order in range(AZIMUTH_ORDERS + 1):
+        for order in self.field.azimuth_orders:
             whole += np.cos(order * azimuth_rad)[:, None] * gained(0.0, order)[:, None]
         return np.maximum(whole, 0.0)
 
@@ -214,10 +214,6 @@ _WINDOW_BLEND = 0.06
 
 Twice as wide, more of the water outside the window lacks the light of small angles.
 """
-_STREAMS, _STREAMS_UNDER_SUN = 16, 32
-"""Directions per hemisphere: an error of 0.2 %, below what a picture shows. The time grows with the cube. Under a beam,
-16 would be 17 % off straight down in clear water."""
-
 SpectralMode = Literal["kd", "kd+", "table"]
 CLOSED_FORMS = ("kd", "kd+", "rgb")
 """Modes of a medium whose veil is a closed form: they scatter isotropically and count all scattered light as lost.
@@ -255,9 +251,8 @@ def _field_model(
     floor: LambertFloor | None,
 ) -> FieldModel:
     w = np.array(wavelength_nm)
-    streams = _STREAMS_UNDER_SUN if isinstance(sky, tuple) else _STREAMS
     whole, wide = water.phases(w), water.phases(w, wide_angle=True)
     a, b = water.absorption(w), water.scattering(w)
-    field = LightField(a, b, whole, surface, sky, refractive_index, streams, floor)
-    of_phase = whole.particles, whole.molecular, whole.moments(2 * streams)
-    return FieldModel.of(field, wide, (a, b, *of_phase, surface, sky, refractive_index, streams, floor, w))
+    field = LightField(a, b, whole, surface, sky, refractive_index, floor=floor)
+    of_phase = whole.particles, whole.molecular, whole.moments(2 * STREAMS_PER_HEMISPHERE)
+    return FieldModel.of(field, wide, (a, b, *of_phase, surface, sky, refractive_index, floor, w))

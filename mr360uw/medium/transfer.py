@@ -43,8 +43,11 @@ SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
-AZIMUTH_ORDERS = 10
-"""Orders of cos(m azimuth) of light under a sun that has been scattered more than once."""
+_NEGLIGIBLE = 2e-3
+"""Light of an order of cos(m azimuth) over that of order 0 from which on further orders are left out.
+
+High suns then have 10 to 15, low ones 40, and radiances are right to 0.2 %. Half as much costs two more.
+"""
 
 
 Sky = Literal["uniform", "floor"] | tuple[Literal["sun"], float, float]
@@ -216,17 +219,41 @@ class LightField:
 
     @functools.cached_property
     def _around(self) -> dict[int, _Component]:
-        """The light of every order of cos(m azimuth), that of order 0, which has the mode of the sun's beam, last."""
-        dark = np.zeros(len(self._mu))
-        orders = range(1, AZIMUTH_ORDERS + 1) if np.any(self._beam > 0.0) else ()
-        return {order: self._component(order, self._beam, dark) for order in orders} | {0: self._even}
+        """The light of every order of cos(m azimuth) that counts, that of order 0, which has the beam's mode, last."""
+        around: dict[int, _Component] = {}
+        if np.any(self._beam > 0.0):
+            mean, dark, seen = self._scattered(0, self._even), np.zeros(len(self._mu)), 0
+            for order in range(1, self._chi.shape[1]):
+                around[order] = self._component(order, self._beam, dark)
+                if np.any(self._scattered(order, around[order]) > _NEGLIGIBLE * mean):
+                    seen = order
+                elif order > seen + 1:  # two in a row: the first of molecules hardly has any light, the second has
+                    break
+        return around | {0: self._even}
+
+    def _scattered(self, order: int, light: _Component) -> Array:
+        """Return how much of an order's light (n, k) is scattered into directions, where the beam is 1/e of its light.
+
+        Into Snell's window little is: there `models.FieldModel` leaves out the light of small angles.
+        """
+        mu = self._mu[self._mu <= (critical_cosine(self.refractive_index) or 1.0)]
+        degree = np.arange(self._chi.shape[1])
+        legendre = legendre_polynomials(np.append(mu, -mu), len(degree), order)
+        depth = np.minimum(self._sun_mu / self._faded, self._floor_m)[:, None]
+        moments = np.einsum("nlj,nj->nl", light.moments, np.exp(-light.modes.rate * (depth - light.modes.origin_m)))
+        return np.abs((2 * degree + 1) * self._chi * moments @ legendre.T)
+
+    @property
+    def azimuth_orders(self) -> tuple[int, ...]:
+        """Orders of cos(m azimuth) whose light is not negligible."""
+        return tuple(self._around)
 
     def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> LightField:
         """Return the same light seen at an azimuth from the sun's, to which radiances and in-scatter then belong.
 
         Without it they are means over the azimuth. The light that the beam scatters directly keeps its angle to the sun
-        exactly; what was scattered before has `AZIMUTH_ORDERS` orders of cos(m azimuth). only: one of the parts that
-        add up to the whole: an order m, or what the beam scatters directly.
+        exactly; what was scattered before has the `azimuth_orders`. only: one of the parts that add up to the whole: an
+        order m of them, or what the beam scatters directly.
         """
         _ = self._around  # for all azimuths
         other = copy.copy(self)

@@ -57,6 +57,36 @@ def test_a_fixed_gain_is_fitted_too(tmp_path: Path) -> None:
     np.testing.assert_allclose(match.changes["water.gain"], 0.4, rtol=0.01)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("mode", ["plate", "kd"])
+@pytest.mark.parametrize("gain", ["auto", "fitted"])
+@pytest.mark.parametrize(
+    ("shown", "given", "balance", "tilt"),
+    [
+        ("5C", "7C", (1.0, 1.0, 1.0), 0.4),  # falls off with the height as in no water
+        ("1C", "5C", (0.6, 4.0, 0.8), 0.0),  # a colour that no water has
+        ("IB", "II", (1.1, 0.95, 1.0), -0.3),
+    ],
+)
+def test_no_change_makes_the_veil_worse(
+    tmp_path: Path, shown: str, given: str, balance: tuple[float, ...], tilt: float, gain: str, mode: str
+) -> None:
+    up = directions(128, 64)[:, 0, 1]
+    light, own = (
+        WaterSettings(type=name, mode=m, gain=(1.0, 1.0, 1.0)).medium(6.0).level_radiance(up)  # type: ignore
+        for name, m in ((shown, "table"), (given, mode))
+    )
+    light = light * np.array(balance) * np.exp(tilt * up)[:, None]
+    light *= 0.4 / light.max()
+    write_exr(tmp_path / "plate.exr", np.broadcast_to(light[:, None], (64, 128, 3)).astype(np.float32))
+    known = tuple(np.exp(np.log(light / own)[28:33].mean(axis=0)).tolist())
+    water = {"type": given, "mode": mode, "gain": "auto" if gain == "auto" else known}
+    match = match_water(scene_of(tmp_path / "plate.exr", **water), PATCH)
+    changed = {key.removeprefix("water."): value for key, value in match.changes.items()}
+    again = match_water(scene_of(tmp_path / "plate.exr", **(water | changed)), PATCH)
+    assert again.rms_before <= match.rms_before
+    assert again.rms_before == pytest.approx(match.rms_after)
+
+
 def test_patches_that_show_no_water_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "plate.exr"
     for color, words in (((0.0, 0.0, 0.0), "is black"), ((0.4, 0.3, 0.2), "redder than water")):
