@@ -31,12 +31,13 @@ from mr360uw.caustics import (
     stack_depths,
 )
 from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.caustics.flux.blurred_stack import blurred_stack
 from mr360uw.caustics.flux.irradiance import cell_flux
 from mr360uw.caustics.flux.refracted_rays import Rays, refracted_rays
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.shadowed import lit_corners
-from mr360uw.caustics.gl.renderer import CausticRenderer, caustic_renderer
 from mr360uw.caustics.gl.stack import upload
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.sphere import direction_from_angles
@@ -115,63 +116,51 @@ def truth() -> None:
     if not TRUTH.is_file():
         print("the folder of reference values is not beside the checkout: the finest grid stands in")
     limits = {"calm": (None, 0.02), "calm deep": (None, 0.02), "choppy": (0.25, 0.05), "choppy slanted": (None, 0.08)}
-    print(f"{'case':16}{'against':11}{'renderer':11}{'grid':>5}{'rmse/std':>10}{'limit':>7}{'mean - 1':>11}")
+    print(f"{'case':16}{'against':11}{'grid':>5}{'rmse/std':>10}{'limit':>7}{'mean - 1':>11}")
     for name, (sea, sun, depth, expected, origin) in cases().items():
-        for backend in ("reference", "gl"):
-            for grid, limit in zip((100, 256), limits[name], strict=True):
-                got = caustic_map(sea, sun, depth, 0.0, 512, grid, sun_half_angle_rad=0.0, backend=backend)
-                line = f"{name:16}{origin:11}{backend:11}{grid:5}{rmse(got, expected):10.4f}{limit or '-':>7}"
-                print(f"{line}{got.mean() - 1:11.1e}")
+        for grid, limit in zip((100, 256), limits[name], strict=True):
+            got = caustic_map(sea, sun, depth, 0.0, 512, grid, sun_half_angle_rad=0.0)
+            line = f"{name:16}{origin:11}{grid:5}{rmse(got, expected):10.4f}{limit or '-':>7}"
+            print(f"{line}{got.mean() - 1:11.1e}")
 
 
 def energy() -> None:
     """Energy at every depth and sun."""
     print("largest |mean - 1| over suns to 75 degrees from the zenith")
-    print(f"{'sea':10}{'renderer':11}" + "".join(f"{d:>10} m" for d in (0, 1, 5, 15, 30)))
+    print(f"{'sea':10}" + "".join(f"{d:>10} m" for d in (0, 1, 5, 15, 30)))
     seas = {"calm": sea_of(CALM), "choppy": sea_of(CHOPPY), "wind 10": GerstnerSea(wind_speed=10.0),
             "jonswap": SpectralSea(wind_speed=6.0)}  # fmt: skip
     for name, sea in seas.items():
-        for backend in ("reference", "gl"):
-            row = [
-                max(
-                    abs(caustic_map(sea, sun_at(z), d, 0.2, 256, 128, backend=backend).mean() - 1.0)
-                    for z in (0.0, 30.0, 60.0, 75.0)
-                )
-                for d in (0.0, 1.0, 5.0, 15.0, 30.0)
-            ]
-            print(f"{name:10}{backend:11}" + "".join(f"{v:12.1e}" for v in row))
+        row = [
+            max(abs(caustic_map(sea, sun_at(z), d, 0.2, 256, 128).mean() - 1.0) for z in (0.0, 30.0, 60.0, 75.0))
+            for d in (0.0, 1.0, 5.0, 15.0, 30.0)
+        ]
+        print(f"{name:10}" + "".join(f"{v:12.1e}" for v in row))
 
 
 def pareto() -> None:
     """Table and plot of error over time; energy is the mean."""
-    device = gl_device().renderer
     rows = []
     everything = cases()
     for method in METHODS:
         for size in (256, 512):
             for grid in (64, 128, 256, 512):
-                errors, energies, times = {}, {}, {}
+                errors, energies = {}, {}
                 for name, (sea, sun, depth, expected, _) in everything.items():
                     true = expected.reshape(size, 512 // size, size, 512 // size).mean(axis=(1, 3))
-                    got = caustic_map(
-                        sea, sun, depth, 0.0, size, grid, sun_half_angle_rad=0.0, method=method, backend="gl"
-                    )
+                    got = caustic_map(sea, sun, depth, 0.0, size, grid, sun_half_angle_rad=0.0, method=method)
                     errors[name], energies[name] = rmse(got, true), float(got.mean())
                 sea, sun, depth, *_ = everything["choppy"]
-                times["made"] = _stack_ms(caustic_renderer(), sea, sun, depth, size, grid, method)
-                times["drawn"] = _stack_ms(drawing_renderer(), sea, sun, depth, size, grid, method)
-                rows.append((method, size, grid, errors, energies, times))
-    print(
-        f"OpenGL: {device}; time of the choppy sea, as this device makes stacks and drawn; error / energy of each case"
-    )
-    print(f"{'method':10}{'map':>5}{'grid':>5}{'ms':>8}{'drawn':>8}" + "".join(f"{n:>24}" for n in everything))
-    for method, size, grid, errors, energies, times in rows:
+                rows.append((method, size, grid, errors, energies, _stack_ms(sea, sun, depth, size, grid, method)))
+    print("time of the choppy sea, waves to mip levels; error / energy of each case")
+    print(f"{'method':10}{'map':>5}{'grid':>5}{'ms':>8}" + "".join(f"{n:>24}" for n in everything))
+    for method, size, grid, errors, energies, ms in rows:
         cells = "".join(f"{errors[n]:12.3f} /{energies[n]:10.4f}" for n in everything)
-        print(f"{method:10}{size:5}{grid:5}{times['made']:8.1f}{times['drawn']:8.1f}{cells}")
+        print(f"{method:10}{size:5}{grid:5}{ms:8.1f}{cells}")
     for name in everything:
-        front = _front([(r[5]["made"], r[3][name], f"{r[0]} {r[1]}/{r[2]}") for r in rows if r[1] == 512])
+        front = _front([(r[5], r[3][name], f"{r[0]} {r[1]}/{r[2]}") for r in rows if r[1] == 512])
         print(f"front of {name} (map 512): " + ", ".join(label for _, _, label in front))
-    _plot_pareto(rows, list(everything), device)
+    _plot_pareto(rows, list(everything))
 
 
 def _front(points: list[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
@@ -182,7 +171,7 @@ def _front(points: list[tuple[float, float, str]]) -> list[tuple[float, float, s
     return best
 
 
-def _plot_pareto(rows: list[tuple], names: list[str], device: str) -> None:
+def _plot_pareto(rows: list[tuple], names: list[str]) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -192,7 +181,7 @@ def _plot_pareto(rows: list[tuple], names: list[str], device: str) -> None:
     figure, axes = plt.subplots(1, len(names), figsize=(4.2 * len(names), 4.2), sharex=True)
     for axis, name in zip(axes, names, strict=True):
         for method in METHODS:
-            points = [(r[5]["made"], r[3][name], r[2]) for r in rows if r[0] == method and r[1] == 512]
+            points = [(r[5], r[3][name], r[2]) for r in rows if r[0] == method and r[1] == 512]
             axis.plot(
                 [p[0] for p in points], [p[1] for p in points], "o-", label=method, lw=2.5 if method == "exact" else 1
             )
@@ -203,50 +192,32 @@ def _plot_pareto(rows: list[tuple], names: list[str], device: str) -> None:
         axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel("RMSE / standard deviation")
     axes[-1].legend()
-    figure.suptitle(f"Caustic map 512 x 512, numbers: grid; {device}", fontsize=10)
+    figure.suptitle("Caustic map 512 x 512, numbers: grid", fontsize=10)
     figure.tight_layout()
     DOCS.mkdir(exist_ok=True)
     figure.savefig(DOCS / "caustics-pareto.png", dpi=110)
     print(f"wrote {DOCS / 'caustics-pareto.png'}")
 
 
-@functools.cache
-def drawing_renderer() -> CausticRenderer:
-    """The renderer that draws stacks whatever the device."""
-    return CausticRenderer(draws_stacks=True)
+def _stack_ms(sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str) -> float:
+    """One plane from waves to mip levels."""
+    return median_ms(lambda: _make(sea, sun, [depth], CausticSettings(size=size, grid=grid, method=method)))
 
 
-def _stack_ms(
-    renderer: CausticRenderer, sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str
-) -> float:
-    """One plane from waves to mip levels, nothing read back."""
-    settings = CausticSettings(size=size, grid=grid, method=method, sun_half_angle_rad=0.0)
-    return median_ms(lambda: _make(renderer, sea, sun, [depth], settings))
-
-
-def _make(
-    renderer: CausticRenderer, sea: GerstnerSea, sun: np.ndarray, depths: Sequence[float], s: CausticSettings
-) -> None:
-    renderer.stack(sea, sun, depths, 0.0, s)
-    gl_context().finish()
+def _make(sea: GerstnerSea, sun: np.ndarray, depths: Sequence[float], s: CausticSettings) -> None:
+    stack = blurred_stack(sea, sun, np.asarray(depths), 0.0, s, REFRACTIVE_INDEX_SEA, None)
+    mip_levels(stack.ratio[..., :1])
 
 
 def speed() -> None:
     """Times of stacks."""
-    print(f"OpenGL: {gl_device().renderer}")
-    sea, renderers = GerstnerSea(), {"this device": caustic_renderer(), "drawn": drawing_renderer()}
-    print(
-        f"stacks between 3 and 5 m, {sea.wave_count} waves, sun's disc, waves to mip levels, without reading back [ms]"
-    )
+    print("stacks between 3 and 5 m, default sea, sun's disc, waves to mip levels [ms]")
     for zenith, (size, grid) in itertools.product((30.0, 60.0), ((256, 128), (512, 128), (512, 256))):
+        ms = []
         for planes in (1, 2, 3, 4):
             s, depths = CausticSettings(size=size, grid=grid), stack_depths(3.0, 5.0, planes)
-            times = {
-                name: median_ms(functools.partial(_make, r, sea, sun_at(zenith), depths, s), 9)
-                for name, r in renderers.items()
-            }
-            line = "".join(f"   {name} {ms:6.1f}" for name, ms in times.items())
-            print(f"  sun {zenith:.0f} deg, map {size}, grid {grid}, {planes} planes:{line}")
+            ms.append(median_ms(functools.partial(_make, GerstnerSea(), sun_at(zenith), depths, s), 9))
+        print(f"  sun {zenith:.0f} deg, map {size}, grid {grid}, 1 to 4 planes:" + "".join(f"{t:7.1f}" for t in ms))
 
 
 LOOKUP = """
@@ -277,7 +248,7 @@ def lookup() -> None:
         stack = upload(CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3])))
         times = {}
         for reads, shader in shaders.items():
-            for unit, (name, texture) in enumerate({"ratio": stack.texture, "plane_depth": stack.plane_depth}.items()):
+            for unit, (name, texture) in enumerate({"ratio": stack.ratio, "plane_depth": stack.plane_depth}.items()):
                 texture.use(unit)
                 set_uniforms(shader, **{name: unit})
             set_uniforms(shader, stack__tile_m=stack.tile_m, stack__sun_direction=stack.sun_direction)
@@ -508,7 +479,7 @@ def sheet() -> None:
 def animation() -> None:
     """A loop of the default sea: the change from frame to frame, and that of a frame by itself."""
     sea, frames, loop = GerstnerSea(loop_s=4.0), 96, 4.0
-    maps = [caustic_map(sea, sun_at(30.0), 4.0, loop * i / frames, 256, 128, backend="gl") for i in range(frames + 1)]
+    maps = [caustic_map(sea, sun_at(30.0), 4.0, loop * i / frames, 256, 128) for i in range(frames + 1)]
     steps = [rmse(b, a) for a, b in itertools.pairwise(maps)]
     print(
         f"24 frames a second: rmse/std from frame to frame {min(steps):.3f} to {max(steps):.3f}, "
@@ -532,22 +503,13 @@ def stress() -> None:
         ("NaN time", choppy, {"t": np.nan}),
     ]  # fmt: skip
     for label, sea, a in runs:
-        for backend in ("reference", "gl"):
-            start = time.perf_counter()
-            try:
-                ratio = caustic_map(
-                    sea,
-                    a.get("sun", ZENITH),
-                    a.get("depth", 3.0),
-                    a.get("t", 0.0),
-                    a.get("size", 256),
-                    64,
-                    backend=backend,
-                )
-                said = f"finite {bool(np.all(np.isfinite(ratio)))}, mean - 1 = {ratio.mean(dtype=float) - 1:.1e}"
-            except Mr360uwError as error:
-                said = f"{type(error).__name__}: {error}"
-            print(f"{label:20}{backend:11}{1e3 * (time.perf_counter() - start):8.0f} ms  {said}")
+        start = time.perf_counter()
+        try:
+            ratio = caustic_map(sea, a.get("sun", ZENITH), a.get("depth", 3.0), a.get("t", 0.0), a.get("size", 256), 64)
+            said = f"finite {bool(np.all(np.isfinite(ratio)))}, mean - 1 = {ratio.mean(dtype=float) - 1:.1e}"
+        except Mr360uwError as error:
+            said = f"{type(error).__name__}: {error}"
+        print(f"{label:20}{1e3 * (time.perf_counter() - start):8.0f} ms  {said}")
 
 
 _ALL = (

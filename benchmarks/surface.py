@@ -5,9 +5,7 @@ flat: Snell's window, apparent depth, Fresnel's equations, energy, round trips a
 mitsuba: a Gerstner sea under a sky without a sun from below and from above, against a path tracer on a mesh of the same
 surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954. sky: the pattern of
 an even sky on the floor against exact rays, and its time.
-footprint: few pixels against many. gl: pictures on OpenGL against the reference, and the time of a dive's frame beside
-that of a composite's medium pass and caustics. stress: cameras at the surface, waves that bare the floor, low suns,
-night, calm.
+footprint: few pixels against many. stress: cameras at the surface, waves that bare the floor, low suns, night, calm.
 pictures FOLDER: docs/surface.jpg.
 """
 
@@ -301,103 +299,6 @@ def footprint() -> None:
         print(f"  {name}: mean {a.mean() / b.mean():.4f} of theirs, PSNR {psnr(a, b):.1f} dB")
 
 
-GL_SCENES: dict[str, tuple[GerstnerSea, float, float]] = {
-    "calm, 4 m under": (GerstnerSea(wind_speed=2.0), -4.0, 50.0),
-    "breeze, 4 m under": (GerstnerSea(wind_speed=4.0), -4.0, 50.0),
-    "gale, 1.5 m under": (GerstnerSea(wind_speed=15.0), -1.5, 40.0),
-    "steep gale, 1 m under": (GerstnerSea(wind_speed=20.0, steepness=1.0), -1.0, 40.0),
-    "calm, 3 m over": (GerstnerSea(wind_speed=2.0), 3.0, 50.0),
-    "breeze, 30 m over": (GerstnerSea(wind_speed=4.0), 30.0, 20.0),
-    "gale, 3 m over": (GerstnerSea(wind_speed=15.0), 3.0, 40.0),
-    "ripples, 2 m under": (GerstnerSea(wind_speed=5.0, detail_kind="ripples"), -2.0, 50.0),
-}
-"""Sea, height of the camera [m], elevation of the sun [deg]."""
-
-
-def gl() -> None:
-    """Pictures on OpenGL against those of the reference; processor time of a dive's frame."""
-    print("gl (peak of PSNR: the 99.5th percentile of the reference's radiance)")
-    for name, (sea, y, elevation) in GL_SCENES.items():
-        scene = surface.SeaScene(sea, sky(), (-8.0, 0.35), Water.jerlov("IB"), sun=sun_at(elevation, 20.0, 8.0))
-        view = View(512, 256, np.array([0.3, y, 0.2]), surface_y_m=0.0)
-        mine, truth = scene.picture(view, 0.3, backend="gl"), scene.picture(view, 0.3)
-        off = np.sqrt(np.mean((mine.radiance - truth.radiance) ** 2))
-        say(f"{name}: PSNR", float(20.0 * np.log10(np.percentile(truth.radiance, 99.5) / off)), 40.0, "dB", least=True)
-        same = (mine.surface == truth.surface) & (mine.floor == truth.floor)
-        same &= np.isclose(mine.distance_m, truth.distance_m, rtol=0.01)
-        say(f"{name}: same hit, distance within 1 %", 100.0 * float(same.mean()), 99.9, "%", least=True)
-    dive_time()
-
-
-def dive_time() -> None:
-    """Processor time of frames of a dive, medians of five, all of it: sea, caustics, both passes, read back."""
-    from mr360uw.caustics import CausticSettings
-    from mr360uw.caustics.gl.renderer import caustic_renderer
-    from mr360uw.gl.context import gl_context
-    from mr360uw.medium import Medium
-    from mr360uw.medium.small_angles import spread_of
-
-    context, sea, sun, size = gl_context(), GerstnerSea(wind_speed=4.0), sun_at(50.0, 20.0, 8.0), (2048, 1024)
-    medium = Medium(Water.jerlov("IB"), camera_depth_m=4.0)
-    spread, draw = spread_of(medium), medium_pass(medium, size)
-
-    def caustics(time_s: float) -> None:
-        caustic_renderer().stack(sea, sun.direction, [8.0], time_s, CausticSettings(), N, spread)
-
-    scene = surface.SeaScene(sea, sky(), (-8.0, 0.35), Water.jerlov("IB"), sun=sun)
-    view = View(*size, np.array([0.0, -4.0, 0.0]), surface_y_m=0.0)
-    jobs: dict[str, Callable[[float], Any]] = {
-        "composite's medium pass, read back": draw,
-        "caustics of one plane": caustics,
-        "picture, 1 ray to a pixel": lambda t: scene.picture(view, t, samples=1, backend="gl"),
-        "picture, 4 rays": lambda t: scene.picture(view, t, samples=2, backend="gl"),
-        "reference, 1 ray": lambda t: scene.picture(view, t, samples=1),
-    }
-    taken: dict[str, list[float]] = {name: [] for name in jobs}
-    for k in range(6):
-        for name, job in jobs.items():
-            began = time.process_time()
-            job(0.04 * k)
-            context.finish()
-            taken[name].append(time.process_time() - began)
-    cost = {name: float(np.median(times[1:])) for name, times in taken.items()}
-    base = cost["composite's medium pass, read back"] + cost["caustics of one plane"]
-    print("  " + "; ".join(f"{name} {1e3 * seconds:.0f} ms" for name, seconds in cost.items()))
-    say("frame of a dive, 1 ray, over medium pass and caustics", cost["picture, 1 ray to a pixel"] / base, 3.0)
-
-
-def medium_pass(medium: Any, size: tuple[int, int]) -> Callable[[float], Any]:
-    """Return a function that draws veil and transmittance of every pixel of a frame, and reads it back."""
-    from mr360uw.gl.context import (
-        draw_fullscreen,
-        gl_context,
-        program_from_text,
-        read_framebuffer,
-        set_uniforms,
-        texture_from_array,
-    )
-
-    shader = program_from_text(
-        fragment='#include "medium/lookup.glsl"\nin vec2 uv; out vec4 colour; uniform MediumTable medium;\n'
-        "uniform sampler2D veil, attenuation;\nvoid main() {\n"
-        "float up = 2.0 * uv.y - 1.0, s = 20.0 * uv.x;\n"
-        "colour = vec4(veil_lookup(medium, veil, s, up) + transmittance_lookup(medium, attenuation, s, up), 1.0);\n}\n"
-    )
-    table, context = medium.unit_table, gl_context()
-    target = context.framebuffer([context.texture(size, 4, dtype="f4")])
-    textures = {"veil": texture_from_array(table.veil), "attenuation": texture_from_array(table.attenuation)}
-
-    def draw(_: float) -> Any:
-        for number, (name, texture) in enumerate(textures.items()):
-            texture.use(number)
-            set_uniforms(shader, **{name: number})
-        set_uniforms(shader, medium__camera_depth_m=table.camera_depth_m, medium__length_m=table.length_m)
-        draw_fullscreen(target, shader)
-        return read_framebuffer(target, 4)
-
-    return draw
-
-
 def stress() -> None:
     """Unusual cameras, seas and suns: light that is finite and nowhere negative."""
     print("stress")
@@ -449,7 +350,7 @@ def pictures(folder: str = "pictures") -> None:
 
 
 SECTIONS: dict[str, Callable[[], None]] = {
-    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "sky": sky_on_floor, "footprint": footprint, "gl": gl,
+    "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "sky": sky_on_floor, "footprint": footprint,
     "stress": stress,
 }  # fmt: skip
 

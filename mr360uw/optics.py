@@ -9,7 +9,7 @@
 
 Equations: Born & Wolf 1999 section 1.5 (Snell, Fresnel); Quan & Fry 1995 eq. 3 (index of sea water). Radiance over the
 square of the index is kept across a surface but for what is reflected (the n^2 law). Directions are unit vectors that
-point towards the light; `refract_clamped` and `reflect` take the direction of travel. Twin: optics.glsl.
+point towards the light; `refract_clamped` and `reflect` take the direction of travel.
 """
 
 from __future__ import annotations
@@ -157,18 +157,6 @@ def radiance_factor(cosine: ArrayLike, relative_index: float) -> Array:
     By reciprocity the factor of the way back, at the refracted cosine and 1/m, is this one over m^4.
     """
     return (1.0 - fresnel(cosine, relative_index)) * _checked_relative(relative_index) ** 2
-
-
-def solid_angle_change(cosine: ArrayLike, relative_index: float) -> Array:
-    """Return the solid angle of a narrow cone of rays behind a flat facet over that before it (...,).
-
-    It is c/(m^2 c'), c' the cosine of refraction, as radiance over m^2 and power are kept; infinite at the edge of
-    total internal reflection and beyond.
-    """
-    c = numbers("cosine", cosine).astype(np.float64, copy=False)
-    m = _checked_relative(relative_index)
-    flux = m * m * cosine_behind(c, m)
-    return np.divide(c, flux, out=np.full(np.shape(c), np.inf), where=flux > 0.0)
 
 
 def diffuse_reflectance_from_below(refractive_index: float, optical_depth: ArrayLike = 0.0) -> Array:

@@ -98,7 +98,7 @@ def render_frame(
         image_linear=frame.picture.image_linear,
         layer=frame.layer,
         environment=frame.light.environment if frame.light is not None else None,
-        caustics=renderer.download(frame.caustics) if frame.caustics is not None else None,
+        caustics=frame.caustics,
         medium=frame.medium,
     )
 

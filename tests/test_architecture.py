@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "ibl": set(),
     "caustics": {"gl", "caustic_lookup"},
     "medium": {"rays", "caustic_lookup"},
-    "surface": {"gl", "caustic_lookup", *PHYSICS},
+    "surface": {"caustic_lookup", *PHYSICS},
     "from_above": {"surface", "scene", "sample", "composite", "video", "progress", "rays", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
     "gl": set(),

@@ -46,7 +46,6 @@ def export_tiles(
     *,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     overwrite: bool = False,
-    backend: str = "reference",
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Path, ...]:
     """Write `frames` images of caustics, heights and normals that repeat after loop_s seconds; return their paths.
@@ -55,7 +54,7 @@ def export_tiles(
     (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
     (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json holds these scales, the tile's
     size and the loop. The sea's frequencies move to multiples of 1/loop_s. refractive_index: of the water at 550 nm.
-    backend: of `caustic_map`. progress: called with (done, frames). Every file is whole or absent. Raises
+    progress: called with (done, frames). Every file is whole or absent. Raises
     `OutputExistsError` where files are there already, `ParameterError` for arguments outside their domain.
     """
     s = settings or CausticSettings()
@@ -70,7 +69,7 @@ def export_tiles(
             time_s = loop_s * i / frames
             height, normal = world_grid(looping, s.size, time_s)
             maps = [
-                caustic_map(looping, sun, depth_m, time_s, s.size, grid, index, s.sun_half_angle_rad, s.method, backend)
+                caustic_map(looping, sun, depth_m, time_s, s.size, grid, index, s.sun_half_angle_rad, s.method)
                 for index in pass_indices(s.chromatic, refractive_index)
             ]
             caustic = np.broadcast_to(np.stack(maps, axis=-1), (s.size, s.size, 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One caustic map on the world's grid, by either renderer."""
+"""One caustic map on the world's grid."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.caustics.flux.irradiance import check_arguments, reference_map
 from mr360uw.caustics.settings import Method, Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.errors import ParameterError
 
 Array = NDArray[np.floating[Any]]
 
@@ -26,20 +25,12 @@ def caustic_map(
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
     method: Method = "exact",
-    backend: str = "reference",
 ) -> Array:
     """Return the irradiance ratio (size, size), mean 1, on the plane depth_m below the mean surface.
 
     Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's origin, not shifted along the sun.
-    sun_direction_in_air: (3,) towards the sun, above the horizon. grid: cells of the surface across the tile. backend:
-    "reference" (float64) or "gl". Raises `ParameterError` for arguments outside their domain.
+    sun_direction_in_air: (3,) towards the sun, above the horizon. grid: cells of the surface across the tile.
+    Float64. Raises `ParameterError` for arguments outside their domain.
     """
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
-    if backend == "gl":
-        from mr360uw.caustics.gl.renderer import caustic_renderer
-
-        renderer = caustic_renderer()
-        return renderer.map(sea, sun, depth_m, time_s, size, grid, refractive_index, sun_half_angle_rad, method)
-    if backend != "reference":
-        raise ParameterError(f"backend - is not known (got {backend!r}) - use 'reference' or 'gl'")
     return reference_map(sea, sun, depth_m, time_s, size, grid, refractive_index, sun_half_angle_rad, method)

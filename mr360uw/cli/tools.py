@@ -86,7 +86,6 @@ def caustics(
     loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
     depth_m: Annotated[float | None, typer.Option(help="depth of the caustics; default: the receiver's")] = None,
     image_format: Annotated[ImageFormat, typer.Option("--format", help="16-bit PNG or float EXR")] = ImageFormat.png,
-    backend: BackendOption = "auto",
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -98,7 +97,7 @@ def caustics(
     with terminal_progress() as progress:
         written = export_caustics(
             load_scene(scene, overrides or ()), folder, frames=frames, loop_s=loop_s, depth_m=depth_m,
-            image_format=image_format.value, backend=backend, overwrite=overwrite, progress=progress,
+            image_format=image_format.value, overwrite=overwrite, progress=progress,
         )  # fmt: skip
     typer.echo(f"wrote {len(written)} files into {folder}")
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from mr360uw.composite.affine import scale_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.types import Environment, Floats, Light, MediumTable, View
+from mr360uw.types import CausticStack, Environment, Floats, Light, MediumTable, View
 
 SHADOW_BIAS = 0.006
 """Offset of shadow rays as a fraction of the body's longest side: 1.5 texels of a shadow map 256 texels wide. Half as
@@ -98,8 +97,7 @@ class Shot:
     """One instant of a frame: view, objects, light, water and sampling settings.
 
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
-    water. caustics: of the sun, a `types.CausticStack` or, for the gl renderer, the textures of
-    `mr360uw.caustics.gl.renderer`. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
+    water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
     holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
     receiver, which shadows remove; None leaves them. knots: the light of two knots in time about this instant, between
     which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
@@ -110,7 +108,7 @@ class Shot:
     environment: Environment
     lights: tuple[Light, ...] = ()
     medium: MediumTable | None = None
-    caustics: Any = None
+    caustics: CausticStack | None = None
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None

@@ -7,7 +7,7 @@ OpenGL 3.3.
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from mr360uw.cache import Cache
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -38,14 +38,11 @@ class Backend(Protocol):
         settings: CausticSettings,
         refractive_index: float,
         spread: BeamSpread | None,
-    ) -> Any:
-        """Return the caustics on planes, in the form that this backend's `layer` takes."""
+    ) -> CausticStack:
+        """Return the caustics on planes."""
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for (else None)."""
-
-    def download(self, stack: Any) -> CausticStack:
-        """Return the result of `caustics` as arrays."""
 
 
 class Reference:
@@ -78,10 +75,6 @@ class Reference:
 
         return render_aovs(shot, self.cache) if variables else (render_layer(shot, self.cache), None)
 
-    def download(self, stack: CausticStack) -> CausticStack:
-        """Return the stack itself."""
-        return stack
-
 
 class Gl:
     """The OpenGL renderer, for the thread that made it. cache: values kept between frames; may be emptied.
@@ -92,13 +85,11 @@ class Gl:
     name = "gl"
 
     def __init__(self, room: int = 1) -> None:
-        from mr360uw.caustics.gl.renderer import CausticRenderer
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
         from mr360uw.gl.context import gl_device
 
         self.device = gl_device().renderer
         self.cache = Cache(room)
-        self._caustics = CausticRenderer()
         self._layers = LayerRenderer(self.cache)
 
     def caustics(
@@ -110,18 +101,15 @@ class Gl:
         settings: CausticSettings,
         refractive_index: float,
         spread: BeamSpread | None,
-    ) -> Any:
-        """Return the caustics as textures on the device."""
-        return self._caustics.stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
+    ) -> CausticStack:
+        """Return the caustics of `blurred_stack`."""
+        from mr360uw.caustics.flux.blurred_stack import blurred_stack
+
+        return blurred_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""
         return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
-
-    def download(self, stack: Any) -> CausticStack:
-        """Return the textures as arrays."""
-        downloaded: CausticStack = stack.download()
-        return downloaded
 
 
 def make_backend(name: BackendName | str = "auto", room: int = 1) -> tuple[Backend, str]:

@@ -9,7 +9,6 @@ from typing import Literal
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError
 from mr360uw.progress import Progress
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
@@ -26,7 +25,6 @@ def export_caustics(
     loop_s: float = 8.0,
     depth_m: float | None = None,
     image_format: Literal["png", "exr"] = "png",
-    backend: str = "auto",
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Path, ...]:
@@ -54,7 +52,6 @@ def export_caustics(
         if scene.receiver is not None and scene.receiver.kind == "plane":
             heights.append(scene.receiver.height_m)
         depth_m = max(scene.camera.depth_m - heights[-1], 0.0)
-    renderer, _ = make_backend(backend)
     return export_tiles(
         scene.sea,
         refract_to_air(sun.direction, scene.water.refractive_index),
@@ -66,6 +63,5 @@ def export_caustics(
         image_format,
         refractive_index=scene.water.refractive_index,
         overwrite=overwrite,
-        backend=renderer.name,
         progress=progress,
     )

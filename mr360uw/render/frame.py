@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from mr360uw.render.shots import instants, layer_key, seen_by, shafts_of, shot_a
 from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
 from mr360uw.render.stages.match_stage import asked_look, ungraded, with_look
 from mr360uw.render.stages.surface_stage import with_surface
-from mr360uw.types import Layer, MediumTable
+from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
@@ -41,9 +41,8 @@ class Frame:
     """One composited frame and its intermediate results; stages that the scene does not need are None.
 
     picture: the plate with the layer over it. plate: its light is read without its grade. caustics: of the last
-    instant, in the backend's own form. variables: the layer's output variables if they were asked for; they have no
-    motion blur. right: of a stereo plate, whose left eye this is, the frame of the right one; `picture` has the right
-    eye's picture too.
+    instant. variables: the layer's output variables if they were asked for; they have no motion blur. right: of a
+    stereo plate, whose left eye this is, the frame of the right one; `picture` has the right eye's picture too.
     """
 
     picture: VideoFrame
@@ -51,7 +50,7 @@ class Frame:
     layer: Layer
     light: FrameLight | None = None
     medium: MediumTable | None = None
-    caustics: Any = None
+    caustics: CausticStack | None = None
     variables: Aovs | None = None
     right: Frame | None = None
 

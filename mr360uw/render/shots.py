@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Hashable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.render.stages.eye_stage import Eye
-from mr360uw.types import Floats, Layer, Light, MediumTable, Sun, View
+from mr360uw.types import CausticStack, Floats, Layer, Light, MediumTable, Sun, View
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
@@ -124,7 +124,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
     of_water = depths.of_water
     key = _caustics_key(loaded, of_water, sun_in_air, planes, time_s)
     make = functools.partial(_caustics, loaded, backend, of_water, sun_in_air, planes, time_s)
-    return ShaftLight(settings, medium, kept.get("water caustics", key, lambda: backend.download(make())))
+    return ShaftLight(settings, medium, kept.get("water caustics", key, make))
 
 
 def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
@@ -138,7 +138,7 @@ def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
 
 def _caustics(
     loaded: Loaded, backend: Backend, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
-) -> Any:
+) -> CausticStack:
     medium, scene = loaded.surroundings.medium, loaded.scene
     spread = spread_of(medium) if medium is not None and settings.water_blur else None
     return backend.caustics(scene.sea, sun_in_air, depths_m, time_s, settings, scene.water.refractive_index, spread)
@@ -173,8 +173,7 @@ def with_snow(
     snow = Snow(settings, particle_scattering(medium.water), sea, time_s, exposure_s, opens, closes)
 
     def drawn() -> Layer:
-        stack = None if shot.caustics is None else backend.download(shot.caustics)
-        return with_particles(snow, dataclasses.replace(shot, caustics=stack), layer, backend.cache)
+        return with_particles(snow, shot, layer, backend.cache)
 
     key = layer, shot.view.key, opens.key, closes.key, settings, snow.scattering, sea, time_s, exposure_s
     return kept.get("snow", key, drawn)

@@ -18,7 +18,7 @@ from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.errors import GlError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
@@ -88,29 +88,15 @@ class SeaScene:
         for name, value in kept.items():
             object.__setattr__(self, name, value)
 
-    def picture(
-        self, view: View, time_s: float = 0.0, *, samples: int = 2, backend: str = "reference"
-    ) -> SurfacePicture:
-        """Return what a camera below or above the sea sees at a time [s]: float64, or float32 from OpenGL.
+    def picture(self, view: View, time_s: float = 0.0, *, samples: int = 2) -> SurfacePicture:
+        """Return what a camera below or above the sea sees at a time [s], float64.
 
-        view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. backend:
-        "reference", "gl", or "auto" for OpenGL where there is one. Raises `ParameterError`, also for cameras below the
-        floor, and `GlError` where "gl" is not to be had.
+        view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. Raises
+        `ParameterError`, also for cameras below the floor.
         """
         if not 1 <= samples <= _MOST_SAMPLES:
             raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
-        if backend not in ("auto", "gl", "reference"):
-            raise ParameterError(f"backend - is not known (got {backend!r}) - take auto, gl or reference")
-        stage = self.stage(view, time_s, samples * samples)
-        if backend != "reference":
-            from mr360uw.surface.gl.picture_renderer import picture_renderer
-
-            try:
-                return picture_renderer().render(stage, view, samples)
-            except GlError:
-                if backend == "gl":
-                    raise
-        return rendered(stage, view, samples)
+        return rendered(self.stage(view, time_s, samples * samples), view, samples)
 
     def stage(self, view: View, time_s: float, samples: int) -> RayStage:
         """Return what the rays of a view can meet at a time [s]. samples: rays of one pixel."""
@@ -177,11 +163,10 @@ def picture(
     samples: int = 2,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     caustics: CausticSettings | None = None,
-    backend: str = "reference",
 ) -> SurfacePicture:
     """Return one picture of a scene: see `SeaScene` and `SeaScene.picture`."""
     scene = SeaScene(sea, dome, floor, water, sun=sun, refractive_index=refractive_index, caustics=caustics)
-    return scene.picture(view, time_s, samples=samples, backend=backend)
+    return scene.picture(view, time_s, samples=samples)
 
 
 def _checked(sun: Sun | None) -> Sun | None:

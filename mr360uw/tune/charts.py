@@ -40,7 +40,7 @@ def caustic_chart(shown: ShownFrame) -> Codes:
     spread = spread_of(medium) if medium is not None and settings.water_blur else None
     in_air = refract_to_air(sun.direction, index)
     stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread)
-    ratio = shown.renderer.download(stack).ratio[0]
+    ratio = stack.ratio[0]
     white = max(float(np.percentile(ratio, 99.8)), 2.0)
     codes = np.round(255.0 * np.clip(encode(ratio / white, "srgb"), 0.0, 1.0)).astype(np.uint8)
     image = np.ascontiguousarray(cv2.resize(codes, (_SIDE, _SIDE), interpolation=cv2.INTER_CUBIC))

@@ -18,10 +18,8 @@ import numpy as np
 import pytest
 
 import mr360uw
-from mr360uw import optics, sphere
+from mr360uw import sphere
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
-from mr360uw.caustics.flux import cell, coverage, refracted_rays
-from mr360uw.caustics.sea import detail, gerstner, surface
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
 from mr360uw.ibl.splitsum import split_sum
@@ -29,7 +27,6 @@ from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable
 from tests.agreement import tolerances as tol
-from tests.caustics.seas import lattice_sea
 from tests.glsl import glsl_call
 
 ROOT = Path(mr360uw.__file__).parent
@@ -78,23 +75,6 @@ def upward(rng: np.random.Generator) -> np.ndarray:
     return rounded(unit(v))
 
 
-def optics_case(name: str, rng: np.random.Generator) -> Case:
-    index, cosine = rounded(rng.uniform(1.2, 1.5, COUNT)), rounded(rng.uniform(-0.2, 1.0, COUNT))
-    if name == "fresnel_transmittance":
-        expected = row_by_row(optics.fresnel_transmittance, cosine, index)
-        return Case(f"{name}(c, i)", {"c": cosine, "i": index}, expected, tol.FRESNEL_TWIN)
-    if name in ("cosine_behind", "fresnel", "radiance_factor", "solid_angle_change"):  # from either side
-        ratio = rounded(np.where(rng.uniform(size=COUNT) < 0.5, index, 1.0 / index))
-        c = np.clip(cosine, 1e-3, 1.0)
-        c = rounded(np.where(1.0 - (1.0 - c * c) / ratio**2 < 1e-2, 1.0, c))  # not at the edge of Snell's window
-        expected = row_by_row(getattr(optics, name), c, ratio)
-        return Case(f"{name}(c, i)", {"c": c, "i": ratio}, expected, tol.FRESNEL_TWIN)
-    travel, d, eta = -upward(rng), upward(rng), rounded(rng.uniform(0.6, 1.4, COUNT))
-    eta = np.where(np.abs(1.0 - eta**2 * (1.0 - np.sum(travel * d, axis=1) ** 2)) < 1e-2, 0.6, rounded(eta))
-    expected = row_by_row(optics.refract_clamped, travel, d, eta)
-    return Case(f"{name}(t, d, e)", {"t": travel, "d": d, "e": eta}, expected)
-
-
 def sphere_case(name: str, rng: np.random.Generator) -> Case:
     p = rounded(np.column_stack([rng.uniform(0.0, 64.0, COUNT), rng.uniform(0.1, 31.9, COUNT)]))
     d = sphere.direction_from_frame(p[:, 0], p[:, 1], 64, 32)
@@ -102,93 +82,6 @@ def sphere_case(name: str, rng: np.random.Generator) -> Case:
         return Case(f"{name}(p, vec2(64.0, 32.0))", {"p": p}, d)
     back = np.column_stack(sphere.frame_from_direction(rounded(d), 64, 32))
     return Case(f"{name}(d, vec2(64.0, 32.0))", {"d": d}, back, tol.FLOAT32_LOOKUP)
-
-
-def surface_case(name: str, rng: np.random.Generator) -> Case:
-    f = rounded(rng.uniform(-0.3, 0.3, (7, COUNT)))
-    columns = {"slope": f[0:2].T, "strain": f[2:5].T, "detail": f[5:7].T}
-    fields = "SurfaceFields(0.0, vec2(0.0), slope, strain)"
-    if name == "surface_normal":
-        return Case(f"surface_normal({fields}, detail)", columns, surface.surface_normal(*f[:5], f[5:7].T))
-    return Case(f"surface_jacobian({fields})", columns, surface.surface_jacobian(*f[2:5]))
-
-
-def detail_case(name: str, rng: np.random.Generator) -> Case:
-    maps = detail.make_detail(8.0, 0.05, 0.5, np.array([0.2, 0.1]), None, 4, 1.2)
-    uv = rounded(rng.uniform(-1.0, 2.0, (COUNT, 2)))
-    if name == "detail_slope":
-        call, expected = "detail_slope(detail, slopes, uv)", detail.detail_slope(maps, *(uv.T * 8.0))
-    else:
-        call, expected = "periodic_slope(slopes, uv)", detail.periodic_slope(maps.slopes, *uv.T)
-    return Case(
-        call, {"uv": uv}, expected, tol.FLOAT32_LOOKUP, "uniform sampler2D slopes;\nuniform Detail detail;",
-        lambda: {"slopes": texture(maps.slopes)},
-        {"detail__repeats": maps.repeats, "detail__offset": maps.offset.ravel()},
-    )  # fmt: skip
-
-
-def gerstner_case(name: str, rng: np.random.Generator) -> Case:
-    """All eight fields, squeezed into one number by random weights."""
-    from mr360uw.caustics.gl.sea_textures import wave_table
-
-    waves, tile = lattice_sea(rng).waves, 8.0
-    uv = rounded(rng.uniform(0.0, 1.0, (COUNT, 2)))
-    a, b = rounded(rng.uniform(-1.0, 1.0, (COUNT, 4))), rounded(rng.uniform(-1.0, 1.0, (COUNT, 4)))
-    fields = gerstner.gerstner(waves, *(uv.T * tile), 0.7)
-    scale = np.array([1.0 / tile] * 3 + [1.0] * 5)
-    every = np.stack([getattr(fields, n) for n in surface.FIELD_NAMES], axis=1) * scale
-    return Case(
-        "weighed(a, b, uv)", {"a": a, "b": b, "uv": uv}, np.sum(every * np.hstack([a, b]), axis=1), tol.FLOAT32_TWIN,
-        "uniform sampler2D waves;\nfloat weighed(vec4 a, vec4 b, vec2 uv) {\n"
-        f"SurfaceFields f = {name}(waves, {len(waves.amplitude_m)}, uv);\n"
-        "return dot(a, vec4(f.height, f.shift, f.slope.x)) + dot(b, vec4(f.slope.y, f.strain));\n}",
-        lambda: {"waves": texture(wave_table(waves, tile, 0.7))},
-    )  # fmt: skip
-
-
-def coverage_case(name: str, rng: np.random.Generator) -> Case:
-    at = rounded(rng.uniform(-1.0, 2.0, (COUNT, 6)))
-    columns = {n: at[:, 2 * i : 2 * i + 2] for i, n in enumerate("abc")}
-    used = at if name == "twice_area" else at[:, :4]
-    call = "twice_area(a, b, c)" if name == "twice_area" else "edge_coverage(a, b)"
-    return Case(call, columns, row_by_row(getattr(coverage, name), *used.T))
-
-
-def cell_case(name: str, rng: np.random.Generator) -> Case:
-    """Cells of every kind: open, points, and lines that a fold makes of them."""
-    corners = rng.uniform(-1.0, 2.0, (COUNT, 8))
-    corners[:40] = np.repeat(corners[:40, :2], 4, axis=0).reshape(40, 8)
-    edge = corners[40:80, 2:4]
-    corners[40:80, 2:] = np.concatenate([corners[40:80, :2] + f * edge for f in (0.3, 1.0, 0.8)], axis=1)
-    corners = rounded(corners)
-    flux = rounded(rng.uniform(0.0, 1.0, (COUNT, 2)))
-    columns = {n: corners[:, 2 * i : 2 * i + 2] for i, n in enumerate("abcd")} | {"f": flux}
-    spread = row_by_row(cell.opened, *corners.T)
-    if name == "opened":
-        pick = rounded(rng.uniform(-1.0, 1.0, (COUNT, 8)))
-        columns |= {"p": pick[:, :4], "q": pick[:, 4:]}
-        declared = "float weighed(Cell c, vec4 p, vec4 q) { return dot(p, vec4(c.a, c.b)) + dot(q, vec4(c.c, c.d)); }"
-        return Case(
-            "weighed(opened(Cell(a, b, c, d)), p, q)", columns, np.sum(spread * pick, axis=1), declarations=declared
-        )
-    if name == "intensities":
-        call, expected = (
-            "intensities(opened(Cell(a, b, c, d)), f.x, f.y)",
-            row_by_row(cell.intensities, *spread.T, *flux.T),
-        )
-        return Case(call, columns, expected, tol.COVERAGE_TWIN)
-    return Case("cell_light(Cell(a, b, c, d), f)", columns, row_by_row(cell.cell_light, *corners.T, *flux.T))
-
-
-def rays_case(name: str, rng: np.random.Generator) -> Case:
-    sun, index = upward(rng), rounded(rng.uniform(1.2, 1.5, COUNT))
-    normal = rounded(unit(upward(rng) + np.array([0.0, 2.0, 0.0])))
-    columns = {"n": normal, "s": sun, "i": index}
-    if name == "facet_flux":
-        a, b, c = rounded(rng.uniform(-1.0, 1.0, (3, COUNT, 3)))
-        expected = refracted_rays.facet_flux(a, b, c, index, sun)
-        return Case("facet_flux(a, b, c, i, s)", columns | {"a": a, "b": b, "c": c}, expected)
-    return Case(f"{name}(n, s, i)", columns, row_by_row(getattr(refracted_rays, name), normal, sun, index))
 
 
 def caustic_case(name: str, rng: np.random.Generator) -> Case:
@@ -207,7 +100,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         from mr360uw.caustics.gl.stack import upload
 
         on_device = upload(stack)
-        return {"ratio": on_device.texture, "plane_depth": on_device.plane_depth}
+        return {"ratio": on_device.ratio, "plane_depth": on_device.plane_depth}
 
     return Case(
         f"{name}(stack, ratio, plane_depth, v.xyz, v.w{more})", columns, expected, tol.FILTER_WEIGHTS,
@@ -315,14 +208,7 @@ def shading_case(name: str, rng: np.random.Generator) -> Case:
 
 
 CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
-    "optics.glsl": optics_case,
     "sphere.glsl": sphere_case,
-    "caustics/sea/surface.glsl": surface_case,
-    "caustics/sea/detail.glsl": detail_case,
-    "caustics/sea/gerstner.glsl": gerstner_case,
-    "caustics/flux/coverage.glsl": coverage_case,
-    "caustics/flux/cell.glsl": cell_case,
-    "caustics/flux/refracted_rays.glsl": rays_case,
     "caustic_lookup.glsl": caustic_case,
     "composite/lighting/shading.glsl": shading_case,
     "ibl/lookup.glsl": environment_case,

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,30 +18,21 @@ from mr360uw.caustics import (
     refract_to_water,
     stack_depths,
 )
-from mr360uw.caustics.flux.cell import cell_light, intensities, opened
-from mr360uw.caustics.flux.coverage import edge_coverage
+from mr360uw.caustics.flux.cell import intensities, opened
 from mr360uw.caustics.flux.deposit import deposit_exact
 from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
-from mr360uw.caustics.gl.atlas import mip_atlas
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
+from tests.caustics.pixel_coverage import cell_light, edge_coverage
 from tests.caustics.seas import SEAS, lattice_sea, photon_sea
 from tests.reference import reference_arrays
 
 ZENITH = (0.0, 1.0, 0.0)
 SLANTED = direction_from_angles(0.7, np.radians(50.0))
-MEAN = {"reference": tol.CAUSTICS_MEAN_REFERENCE, "gl": tol.CAUSTICS_MEAN_GL}
 FLAT = GerstnerSea(wind_speed=0.0)
-
-
-@pytest.fixture(params=["reference", "gl"])
-def backend(request) -> str:
-    if request.param == "gl":
-        request.getfixturevalue("gl")
-    return request.param
 
 
 def relative_rmse(got: np.ndarray, expected: np.ndarray) -> float:
@@ -51,18 +40,18 @@ def relative_rmse(got: np.ndarray, expected: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("sun", [ZENITH, SLANTED])
-def test_a_flat_sea_casts_no_caustics(backend, sun):
-    ratio = caustic_map(FLAT, sun, 7.3, 0.0, 64, 48, backend=backend)
-    np.testing.assert_allclose(ratio, 1.0, atol=tol.FLAT_SEA_GL if backend == "gl" else tol.CAUSTICS_MEAN_REFERENCE)
+def test_a_flat_sea_casts_no_caustics(sun):
+    ratio = caustic_map(FLAT, sun, 7.3, 0.0, 64, 48)
+    np.testing.assert_allclose(ratio, 1.0, atol=tol.CAUSTICS_MEAN_REFERENCE)
 
 
 @pytest.mark.parametrize("name", SEAS)
-def test_energy_at_every_depth_and_sun(backend, name):
+def test_energy_at_every_depth_and_sun(name):
     for depth in (0.0, 1.0, 5.0, 30.0):
         for zenith_deg in (0.0, 40.0, 75.0):
             sun = direction_from_angles(1.0, np.radians(90.0 - zenith_deg))
-            ratio = caustic_map(SEAS[name], sun, depth, 0.3, 64, 48, backend=backend)
-            assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+            ratio = caustic_map(SEAS[name], sun, depth, 0.3, 64, 48)
+            assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
             assert ratio.min() >= 0.0
 
 
@@ -85,41 +74,12 @@ def test_energy_of_any_sea(seed, folding, count, zenith_deg, azimuth, depth, til
     assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
 
 
-@pytest.mark.usefixtures("gl")
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(
-    seed=st.integers(0, 10_000),
-    folding=st.floats(0.0, 1.0),
-    zenith_deg=st.floats(0.0, 89.0),
-    depth=st.floats(0.0, 60.0),
-    tile_m=st.floats(0.1, 1000.0),
-)
-def test_energy_of_any_sea_on_opengl(seed, folding, zenith_deg, depth, tile_m):
-    sea = lattice_sea(np.random.default_rng(seed), 6, folding, tile_m)
-    sun = direction_from_angles(0.4, np.radians(90.0 - zenith_deg))
-    stack = gl_stack(sea, sun, [depth, depth + 1.0], 0.0, CausticSettings(size=32, grid=16)).download()
-    assert np.all(np.isfinite(stack.ratio))
-    np.testing.assert_allclose(stack.ratio.mean(axis=(1, 2, 3)), 1.0, atol=tol.CAUSTICS_MEAN_GL)
-
-
-@functools.cache
-def drawing_renderer():
-    """Return a renderer that draws stacks, as graphics hardware does, on whatever device there is."""
-    from mr360uw.caustics.gl.renderer import CausticRenderer
-
-    return CausticRenderer(draws_stacks=True)
-
-
-def gl_stack(*arguments):
-    return drawing_renderer().stack(*arguments)
-
-
 @pytest.mark.parametrize("name", ["calm", "choppy"])
-def test_photons(backend, name):
+def test_photons(name):
     expected = reference_arrays("photons.npz")[name].astype(float)
     sea = photon_sea(name)
     for grid, limit in ((256, tol.CAUSTICS_TRUTH[name]), (100, tol.CAUSTICS_TRUTH_COARSE)):
-        got = caustic_map(sea, ZENITH, 3.0, 0.0, len(expected), grid, sun_half_angle_rad=0.0, backend=backend)
+        got = caustic_map(sea, ZENITH, 3.0, 0.0, len(expected), grid, sun_half_angle_rad=0.0)
         assert relative_rmse(got, expected) < limit
 
 
@@ -152,33 +112,10 @@ def test_finer_grids_converge_where_dividing_areas_does_not():
     assert errors["ratio"][1] > 5.0 * errors["exact"][1]
 
 
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("name", SEAS)
-@pytest.mark.parametrize(
-    ("half_angle", "limit"), [(0.0, tol.CAUSTICS_AGREEMENT), (0.00465, tol.CAUSTICS_AGREEMENT_DISC)]
-)
-def test_renderers_agree(name, half_angle, limit):
-    for depth in (0.5, 3.0, 12.0):
-        a, b = (
-            caustic_map(SEAS[name], SLANTED, depth, 0.6, 128, 96, sun_half_angle_rad=half_angle, backend=x)
-            for x in ("reference", "gl")
-        )
-        assert relative_rmse(b, a) < (max(limit, tol.SHEARED_GAUSSIAN) if name == "blurred" else limit)
-
-
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("method", ["ratio", "fan", "scrolling"])
-def test_other_methods_agree_before_the_first_fold(method):
-    a, b = (
-        caustic_map(SEAS["gerstner"], SLANTED, 0.4, 0.6, 128, 64, method=method, backend=x) for x in ("reference", "gl")
-    )
-    assert relative_rmse(b, a) < tol.SAMPLED_AGREEMENT
-
-
-def test_methods_are_one_without_waves(backend):
+def test_methods_are_one_without_waves():
     for method in ("exact", "ratio", "fan", "jacobian", "scrolling"):
-        ratio = caustic_map(FLAT, SLANTED, 3.0, 0.2, 32, 16, method=method, backend=backend)
-        assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_GL)
+        ratio = caustic_map(FLAT, SLANTED, 3.0, 0.2, 32, 16, method=method)
+        assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
 
 
 def test_light_moves_along_the_sun_not_the_map():
@@ -298,24 +235,6 @@ def test_kernels_have_the_discs_variance(radius):
     assert np.sum(weights * reach**2) == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
 
 
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("planes", [1, 2, 3, 6])
-@pytest.mark.parametrize("chromatic", [1, 3])
-@pytest.mark.parametrize("method", ["exact", "scrolling"])
-def test_stacks_agree(chromatic, method, planes):
-    s = CausticSettings(size=64, grid=64, chromatic=chromatic, method=method)
-    depths = stack_depths(1.0, 9.0, planes)
-    sea = SEAS["ripples"]
-    reference, on_gl = caustic_stack(sea, SLANTED, depths, 0.5, s), gl_stack(sea, SLANTED, depths, 0.5, s)
-    downloaded = on_gl.download()
-    np.testing.assert_allclose(downloaded.sun_direction, reference.sun_direction)
-    np.testing.assert_array_equal(downloaded.depth_m, depths)
-    assert reference.ratio.shape == downloaded.ratio.shape == (planes, 64, 64, 3)
-    assert relative_rmse(downloaded.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
-    same = np.ptp(reference.ratio, axis=-1).max() < tol.FALSE_COLOUR
-    assert same == (chromatic == 1)
-
-
 @pytest.mark.parametrize("method", ["exact", "scrolling"])
 def test_stacks_are_maps_below_an_overhead_sun(method):
     s = CausticSettings(size=64, grid=64, chromatic=3, method=method)
@@ -324,25 +243,6 @@ def test_stacks_are_maps_below_an_overhead_sun(method):
     for channel, index in enumerate(pass_indices(3, 1.34)):
         direct = caustic_map(SEAS["ripples"], ZENITH, depths[1], 0.5, 64, 64, index, method=method)
         np.testing.assert_allclose(stack.ratio[1, :, :, channel], direct, rtol=tol.FLOAT64)
-
-
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("planes", [1, 2, 5])
-def test_the_drawn_atlas_is_the_one_that_lookups_read(planes):
-    settings = CausticSettings(size=64, grid=32)
-    stack = gl_stack(SEAS["gerstner"], SLANTED, stack_depths(2.0, 5.0, planes), 0.5, settings)
-    expected = mip_atlas(mip_levels(stack.download().ratio[..., :1]))
-    data = np.frombuffer(stack.texture.read(alignment=1), np.float32).reshape(expected.shape)
-    np.testing.assert_allclose(data, expected, atol=tol.FLOAT32_TWIN)
-
-
-@pytest.mark.usefixtures("gl")
-def test_a_software_device_reads_the_stack_of_the_reference():
-    from mr360uw.caustics.gl.renderer import CausticRenderer
-
-    arguments = (SEAS["gerstner"], SLANTED, [2.0, 5.0], 0.5, CausticSettings(size=64, grid=32))
-    got = CausticRenderer(draws_stacks=False).stack(*arguments).download()
-    np.testing.assert_allclose(got.ratio, caustic_stack(*arguments).ratio, rtol=tol.FLOAT32_TWIN)
 
 
 def test_planes_of_a_stack_lie_along_the_beam():
@@ -413,20 +313,20 @@ def test_stack_depths():
         SpectralSea(wind_speed=40.0, choppiness=2.0, resolution=16),
     ],
 )
-def test_extreme_seas_and_depths(backend, sea):
+def test_extreme_seas_and_depths(sea):
     for depth in (0.0, 1e-6, 200.0):
         for sun in (ZENITH, direction_from_angles(0.0, 1e-3)):
-            ratio = caustic_map(sea, sun, depth, 0.0, 16, 16, backend=backend)
+            ratio = caustic_map(sea, sun, depth, 0.0, 16, 16)
             assert np.all(np.isfinite(ratio))
-            assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+            assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
 
 
-def test_one_fully_steep_wave(backend):
+def test_one_fully_steep_wave():
     k = 2.0 * np.pi
     sea = GerstnerSea.from_waves([[k, 0.0]], 1.0 / k, 1.0, 0.0, tile_m=1.0)
-    ratio = caustic_map(sea, SLANTED, 0.5, 0.0, 32, 32, backend=backend)
+    ratio = caustic_map(sea, SLANTED, 0.5, 0.0, 32, 32)
     assert np.all(np.isfinite(ratio))
-    assert ratio.mean() == pytest.approx(1.0, abs=MEAN[backend])
+    assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
 
 
 @pytest.mark.parametrize(
@@ -472,14 +372,6 @@ def test_the_index_of_the_water_bends_every_pass(chromatic):
         direct = caustic_map(SEAS["ripples"], ZENITH, 4.0, 0.5, 64, 64, index)
         np.testing.assert_allclose(overhead[0, :, :, channel], direct, rtol=tol.FLOAT64)
     assert np.all(np.diff(pass_indices(3, 1.2)) > 0.0)  # shorter waves bend more
-
-
-@pytest.mark.usefixtures("gl")
-def test_the_index_of_the_water_bends_the_drawn_light_too():
-    arguments = (SEAS["ripples"], SLANTED, [1.0, 4.0], 0.5, CausticSettings(size=64, grid=64, chromatic=3), 1.2)
-    reference, drawn = caustic_stack(*arguments), gl_stack(*arguments).download()
-    np.testing.assert_allclose(drawn.sun_direction, reference.sun_direction)
-    assert relative_rmse(drawn.ratio, reference.ratio) < tol.CAUSTICS_AGREEMENT_DISC
 
 
 def test_a_key_that_has_moved_is_told_beside_other_problems():

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.caustics import GerstnerSea, SpectralSea, caustic_map
+from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.flux.irradiance import cell_flux
 from mr360uw.caustics.flux.refracted_rays import Rays, refracted_rays
 from mr360uw.caustics.flux.shadowed import lit_corners, shadow_steps
@@ -51,12 +51,3 @@ def test_light_that_passes_is_that_of_traced_rays(elevation_deg):
     surface = sea.grid_surface(192, 0.0)
     passed = cell_flux(surface, refracted_rays(surface, sun, 1.34), sun, 8.0).sum() / (64.0 * sun[1])
     assert passed == pytest.approx(traced, rel=tol.SHADOWED_FLUX)
-
-
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("name", SEAS)
-def test_renderers_agree_at_low_suns(name):
-    for elevation_deg in (4.0, 12.0):
-        sun = direction_from_angles(0.7, np.radians(elevation_deg))
-        a, b = (caustic_map(SEAS[name], sun, 3.0, 0.6, 64, 96, backend=x) for x in ("reference", "gl"))
-        assert np.sqrt(np.mean((b - a) ** 2)) < tol.SHADOWED_AGREEMENT * a.std()

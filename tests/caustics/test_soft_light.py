@@ -55,21 +55,3 @@ def test_a_beam_is_its_sharp_and_its_soft_part():
     sharp, soft, half = (soft_caustic_lookup(stack, *levels, 1.3, 2.0, 0.4, 0.0, u) for u in (1.0, 0.0, 0.5))
     np.testing.assert_allclose(half, 0.5 * (sharp + soft), rtol=tol.FLOAT64)
     assert abs(sharp[0] - soft[0]) > 0.01
-
-
-@pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("chromatic", [1, 3])
-@pytest.mark.parametrize("count", [1, 3])
-def test_drawn_soft_light_is_that_of_the_reference(chromatic, count):
-    from mr360uw.caustics.gl.renderer import CausticRenderer
-
-    s = CausticSettings(size=64, grid=48, chromatic=chromatic)
-    arguments = (SEAS["blurred"], direction_from_angles(0.7, np.radians(50.0)), [2.0, 4.0, 6.5][:count], 0.0, s, 1.34)
-    expected = caustic_stack(*arguments, SPREAD)
-    for draws, limit in ((True, tol.DRAWN_SOFT_LIGHT), (False, tol.FLOAT32_TWIN)):
-        got = CausticRenderer(draws_stacks=draws).stack(*arguments, SPREAD)
-        assert got.softened
-        down = got.download()
-        assert np.sqrt(np.mean((down.soft - expected.soft) ** 2)) < limit * expected.soft.std()
-        np.testing.assert_allclose(down.soft.mean(axis=(1, 2)), 1.0, atol=tol.CAUSTICS_MEAN_GL)
-        assert np.sqrt(np.mean((down.ratio - expected.ratio) ** 2)) < tol.CAUSTICS_AGREEMENT_DISC * expected.ratio.std()

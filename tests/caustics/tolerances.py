@@ -33,10 +33,6 @@ DETAIL_STRENGTH = 0.15
 """Bilinear samples between texels of a wavy map lose some of its variance."""
 CAUSTICS_MEAN_REFERENCE = 1e-6
 """Energy of a map in double precision."""
-CAUSTICS_MEAN_GL = 1e-3
-"""Energy of a map in single precision, thin triangles at the folds included."""
-FLAT_SEA_GL = 2e-5
-"""A flat sea's map in single precision: corners in pixels of a few hundred, rounded to 3e-5, over cells of a few."""
 COVERAGE_TWIN = 5e-4
 """Intensity of a cell in single precision: flux over an area of 2e-3 pixel^2 or more, whose corners are rounded to 1e-7."""
 ENOUGH_CELLS = 0.05
@@ -46,30 +42,17 @@ CAUSTICS_TRUTH = {"calm": 0.007, "choppy": 0.02}
 inside each of its two triangles; the light over an area is exact, whatever the map. Dividing areas is off by 0.046."""
 CAUSTICS_TRUTH_COARSE = 0.11
 """The same at grid 100: 0.09 for the choppy sea."""
-CAUSTICS_AGREEMENT = 0.005
-"""RMSE over standard deviation between the renderers without the sun's disc: rays near a fold, rounded to 1e-4 pixels,
-fall into the next pixel, and the brightest pixels are there."""
 CAUSTICS_AGREEMENT_DISC = 0.03
 """The same with the disc: the renderers blur by a disc and by the product of its two projections, and OpenGL leaves out
 discs below a quarter of a pixel."""
-SHEARED_GAUSSIAN = 0.015
-"""The same with a Gaussian of half a pixel to two: rows moved by parts of a pixel are read between two texels."""
-DRAWN_SOFT_LIGHT = 0.03
-"""RMSE over standard deviation of drawn light that has turned: Gaussians narrower than a pixel are sampled there."""
 SHADOWED_FLUX = 0.025
 """Light through a grid whose triangles are lit by thirds, against rays: cells of 4 to 6 cm at edges of shadows."""
-SHADOWED_AGREEMENT = 0.05
-"""RMSE over standard deviation at suns of 4 degrees: points whose ray grazes a wave are lit on one renderer only."""
-SAMPLED_AGREEMENT = 0.12
-"""Methods that sample triangles at pixel centres: a centre on an edge falls to either side in single precision."""
 TILT_CONTRAST = 0.1
 """Standard deviation just below the surface, where only the squeezing of particles and their tilt count."""
 SHARED_CELL = 1e-9
 """The light of one cell over its pixels: areas of a few thousandths of a pixel divide roundings of 1e-16."""
 DISC_SHAPE = 0.03
 """Variance of a sampled disc against radius^2/4, relative: pixels are as wide as the disc."""
-FALSE_COLOUR = 1e-9
-"""Three passes with one refractive index are one pass."""
 BEAM_SHIFT = 2e-3
 """Place [m] of a ripple's light: its flux follows its tilt, which moves the pattern by a millimetre."""
 STACK_BETWEEN = {"calm": 0.05, "choppy": 0.12}

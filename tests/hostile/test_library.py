@@ -107,7 +107,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "reflectance": (medium.reflectance, {"albedo_rgb": np.full(3, 0.3), "wavelength_nm": W}),
     "fresnel_polarized": (optics.fresnel_polarized, {"cosine": ROW, "relative_index": 1.34}),
     "radiance_factor": (optics.radiance_factor, {"cosine": ROW, "relative_index": 1.34}),
-    "solid_angle_change": (optics.solid_angle_change, {"cosine": ROW, "relative_index": 1.34}),
     "Floor": (surface.Floor, {"height_m": -3.0, "albedo": np.full(3, 0.3), "tile_m": 1.0}),
     "picture": (
         lambda **a: surface.picture(LEVEL, floor=(-3.0, 0.3), view=View(4, 2, surface_y_m=1.0), samples=1, **a),

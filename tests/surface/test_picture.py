@@ -319,11 +319,6 @@ def test_what_cannot_be_drawn_is_refused(name: str) -> None:
         uw.surface.picture(*REFUSED[name])
 
 
-def test_backends_are_checked() -> None:
-    with pytest.raises(ParameterError, match=r"backend - .*\(got .* - "):
-        surface.SeaScene(CALM, EVEN, (-4.0, 0.3)).picture(small(0.5), backend="none")  # type: ignore[arg-type]
-
-
 def test_samples_and_suns_are_checked() -> None:
     for more in ({"samples": 0}, {"refractive_index": 1.0}, {"sun": sun_at(40.0, half_angle=0.0)}):
         with pytest.raises(ParameterError, match=r" - .*\(got .* - "):

@@ -43,19 +43,6 @@ SINGLE = 1e-6
 """Values up to 1 of tables in single precision: some roundings of 6e-8."""
 HALVED = 1e-6
 """Normals of facets of which one side is found by 24 bisections of 16 standard deviations of 0.2."""
-GL_DECIBELS = 40.0
-"""Pictures on OpenGL: what the project asks. Heights between points are linear and facets come from a table."""
-GL_OTHER_HIT = 1e-3
-"""Fraction of pixels whose centre may meet another wave, or none, by rounding: what the project asks."""
-GL_LENGTH = 1e-2
-"""Lengths there: heights are within 1e-4 m of the splines, which a ray at two degrees meets 3 mm away, times waves that
-are as steep."""
-GL_NORMAL = 5e-3
-"""Normals of 99 % of pixels: slopes are linear between twelve points to the shortest wave."""
-GL_HEIGHT_M = 2e-6
-"""Heights at the points of the atlas: single precision, and the last step of Newton's method, which is linear."""
-GL_SLOPE = 2e-3
-"""Slopes there: those of a particle up to 0.02 points aside, times curvatures of up to 5/m."""
 SHADOW_STEP = 0.05
 """Least step of a ray towards the sun over the distance of pixels: it may pass through the tip of a ridge there."""
 AROUND_SUN = 0.015

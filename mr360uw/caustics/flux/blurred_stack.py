@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics for renderers on the processor: `caustic_stack` in single precision, a tenth of its time where it blurs.
+"""Caustics for the OpenGL renderer: `caustic_stack` in single precision, a tenth of its time where it blurs.
 
 Where short waves blur a plane by pixels, how cells are shared over pixels no longer shows. There the light of a cell is
 summed as points (`point_kernels`), bilinearly: the map's spectrum is then that of `deposit` times sinc k_x sinc k_z, k
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_steps, transform_of_steps
-from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, pass_indices
+from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, check_arguments, pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_transform
 from mr360uw.caustics.flux.sun_disc import disc_transform, footprint, kernel_steps
@@ -52,7 +52,10 @@ def blurred_stack(
     refractive_index: float,
     spread: BeamSpread | None,
 ) -> CausticStack:
-    """Return the stack of `irradiance.caustic_stack` in single precision; its arguments must be checked."""
+    """Return the stack of `irradiance.caustic_stack` in single precision. Raises `ParameterError`."""
+    check_arguments(
+        sun_in_air, depths_m, settings.size, grid_of(settings, sea), refractive_index, settings.sun_half_angle_rad
+    )
     sun_in_water, size, tile_m = refract_to_water(sun_in_air, refractive_index), settings.size, sea.tile_m
     lights = _point_lights(sea, sun_in_air, time_s, settings, refractive_index)
     factors = [[light.transfer(depth, settings) for depth in depths_m.tolist()] for light in lights]

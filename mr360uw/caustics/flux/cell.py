@@ -3,12 +3,11 @@
 
 Corners a, b, c, d run around the cell; the triangles are (a, b, c) and (a, c, d). Each has an intensity, flux over
 signed area [1/pixel^2]. Intensity times signed coverage is the flux in a pixel, for folded triangles too. Compiled; a
-cell is eight coordinates in pixels. Twin: cell.glsl.
+cell is eight coordinates in pixels.
 """
 
 from __future__ import annotations
 
-from mr360uw.caustics.flux.coverage import edge_coverage, twice_area
 from mr360uw.jit import exact
 
 THINNEST = 2e-3
@@ -19,6 +18,12 @@ a hundredth of a pixel.
 """
 
 Cell = tuple[float, float, float, float, float, float, float, float]
+
+
+@exact
+def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return twice the signed area of a triangle, positive if a, b, c run from +x to +y."""
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 @exact
@@ -57,15 +62,3 @@ def intensities(
     if abs(d) < THINNEST:
         return 2.0 * (flux_b + flux_d) / b, 0.0
     return 2.0 * flux_b / b, 2.0 * flux_d / d
-
-
-@exact
-def cell_light(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
-    intensity_b: float, intensity_d: float,
-) -> float:  # fmt: skip
-    """Return the flux of a cell in the unit square, from the intensities of its two triangles."""
-    across = edge_coverage(cx, cy, ax, ay)
-    b = edge_coverage(ax, ay, bx, by) + edge_coverage(bx, by, cx, cy) + across
-    d = edge_coverage(cx, cy, dx, dy) + edge_coverage(dx, dy, ax, ay) - across
-    return intensity_b * b + intensity_d * d

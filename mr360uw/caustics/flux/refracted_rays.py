@@ -4,7 +4,7 @@
 A ray that enters at P with the refracted direction of travel t meets the plane at depth d at P.xz + slope (P.y + d),
 slope = t.xz/-t.y. It is stored as `origin` = P.xz + slope P.y, where it crosses the mean surface, and `slope`: at any
 depth d the hit is origin + slope d. A facet of area vector A takes in the flux T (L.A), L towards the sun in air and T
-Fresnel's transmittance; its refracted image on the plane carries that flux. Twin: refracted_rays.glsl.
+Fresnel's transmittance; its refracted image on the plane carries that flux.
 """
 
 from __future__ import annotations

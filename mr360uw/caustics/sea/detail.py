@@ -3,7 +3,7 @@
 
 One procedural, tileable slope map is read twice, the second time with its axes swapped, and scrolled in two directions
 beside the wind. Slopes are added rather than normals, so that the sum is the slope of a surface. The number of repeats
-in a tile and the scroll in a loop are whole numbers, so tile and loop close exactly. Twin: detail.glsl.
+in a tile and the scroll in a loop are whole numbers, so tile and loop close exactly.
 """
 
 from __future__ import annotations

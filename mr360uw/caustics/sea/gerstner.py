@@ -10,7 +10,7 @@
     height = sum A sin theta        shift = sum Q A k/|k| cos theta
 
 The surface cannot fold over while sum Q |k| A <= 1 (Finch 2004; Thompson et al. 2019 eq. 1 without its slips). Wave
-vectors lie on the tile's lattice and frequencies on the loop's, so both close exactly. Twin: gerstner.glsl.
+vectors lie on the tile's lattice and frequencies on the loop's, so both close exactly.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ and slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are
     T_x = (1 + s_xx, h_x, s_xz)      T_z = (s_xz, h_z, 1 + s_zz)
 
 N = T_z x T_x normalised and J = (1 + s_xx)(1 + s_zz) - s_xz^2, both exact (Finch 2004 drops terms of the normal;
-its form holds for one wave only). Twin: surface.glsl.
+its form holds for one wave only).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mr360uw.cache import Cache, Same
-from mr360uw.caustics.gl.stack import upload
+from mr360uw.caustics.gl.stack import AtlasRoom, upload
 from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
 from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_grid, sun_uniforms
@@ -49,7 +49,7 @@ class LightTextures:
         self._cache = cache
         self._uniforms: dict[str, Any] = {}
         self._arrays: dict[str, Floats] = {}
-        self._atlas = ShadowAtlas(cache, buffers)
+        self._atlas, self._caustic_room = ShadowAtlas(cache, buffers), AtlasRoom()
 
     def update(self, shot: Shot) -> None:
         """Set textures, defines and uniforms to those of a shot; unchanged textures come from the cache."""
@@ -112,13 +112,13 @@ class LightTextures:
             rows = np.stack([medium.beam, medium.unscattered, *of_lamps])
             self.textures["beam"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
 
-    def _update_caustics(self, stack: Any) -> None:
+    def _update_caustics(self, stack: CausticStack | None) -> None:
         if stack is None:
             self.textures |= self._cache.get("no caustics", None, _no_caustics)
             return
         self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
-        held = self._cache.get("caustics", stack, lambda: upload(stack)) if isinstance(stack, CausticStack) else stack
-        self.textures |= {"caustic_ratio": held.texture, "plane_depth": held.plane_depth}
+        held = self._cache.get("caustics", stack, lambda: upload(stack, self._caustic_room))
+        self.textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
 
     def _update_shadows(self, shot: Shot) -> None:
         sun, lamps = sun_of(shot), lamps_of(shot)

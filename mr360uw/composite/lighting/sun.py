@@ -91,11 +91,13 @@ class SunSource:
 
     @functools.cached_property
     def _levels(self) -> list[Floats]:
-        return mip_levels(self._shot.caustics.ratio)
+        stack = self._shot.caustics
+        return [] if stack is None else mip_levels(stack.ratio)
 
     @functools.cached_property
     def _soft_levels(self) -> list[Floats]:
-        return mip_levels(self._shot.caustics.soft)
+        stack = self._shot.caustics
+        return [] if stack is None or stack.soft is None else mip_levels(stack.soft)
 
     def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""

@@ -102,11 +102,13 @@ class _SunOnPoints(SunSource):
 
     @functools.cached_property
     def _levels(self) -> list[Floats]:
-        return [self._shot.caustics.ratio]
+        stack = self._shot.caustics
+        return [] if stack is None else [stack.ratio]
 
     @functools.cached_property
     def _soft_levels(self) -> list[Floats]:
-        return [self._shot.caustics.soft]
+        stack = self._shot.caustics
+        return [] if stack is None or stack.soft is None else [stack.soft]
 
 
 def particle_phase(phase: SnowPhase, cosine: Floats) -> Floats:

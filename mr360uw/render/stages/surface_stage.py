@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from mr360uw.cache import Cache, Same
@@ -36,9 +34,7 @@ def with_surface(
     from mr360uw.composite.at_surface.surface_layer import with_bodies
 
     def drawn() -> tuple[Layer, Floats | None]:
-        stack = None if shot.caustics is None else backend.download(shot.caustics)
-        lit = dataclasses.replace(shot, caustics=stack)
-        return with_bodies(lit, sea, time_s, at_surface, settings, layer, backend.cache)
+        return with_bodies(shot, sea, time_s, at_surface, settings, layer, backend.cache)
 
     key = layer, shot.view.key, settings, sea, time_s, Same(at_surface)
     layer, before = kept.get("surface", key, drawn)
