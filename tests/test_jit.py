@@ -80,6 +80,18 @@ def test_kernels_travel(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not (folder / "kept").exists()
 
 
+def test_a_kernel_whose_part_moved_to_another_module_is_compiled_anew(folder: Path) -> None:
+    """A kept kernel names the modules of its parts, by which they are looked up when it is loaded."""
+    part, source = "from mr360uw.jit import exact\n@exact\ndef part(x):\n    return 2.0 * x\n", folder / "part.py"
+    source.write_text(part)
+    loop = folder / "moved.py"
+    for _ in range(2):
+        loop.write_text(LOOP.format("exact", "exact") + f"from {source.stem} import part\nprint(whole(3.0))\n")
+        done = subprocess.run([sys.executable, "moved.py"], cwd=folder, capture_output=True, text=True)
+        assert done.stdout == "7.0\n", done.stderr
+        source = source.rename(folder / "elsewhere.py")
+
+
 def test_a_damaged_kernel_is_compiled_anew(folder: Path) -> None:
     assert run(folder) == (7.0, 1)
     for kept in (folder / "kept").iterdir():

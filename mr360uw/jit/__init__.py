@@ -113,7 +113,10 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
         for folder in (SHIPPED, kernel_folder()) if self._enabled else ():
             stored = None if folder is None else read_bytes(folder / name)
             if stored is not None:
-                return CompileResult._rebuild(target_context, *pickle.loads(stored))  # noqa: S301 - our own files
+                try:
+                    return CompileResult._rebuild(target_context, *pickle.loads(stored))  # noqa: S301 - our own files
+                except ModuleNotFoundError:  # a function that it names has moved, with the same code, to another module
+                    return None
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
