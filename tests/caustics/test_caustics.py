@@ -344,7 +344,6 @@ def test_one_fully_steep_wave():
         {"refractive_index": 1.0},
         {"sun_half_angle_rad": np.inf},
         {"method": "magic"},
-        {"backend": "metal"},
     ],
 )
 def test_arguments_outside_their_domain(changes):
