@@ -20,6 +20,7 @@ from mr360uw.caustics import (
 )
 from mr360uw.caustics.flux.cell import intensities, opened
 from mr360uw.caustics.flux.deposit import deposit_exact
+from mr360uw.caustics.flux.edges import add_edge
 from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
@@ -379,3 +380,11 @@ def test_a_key_that_has_moved_is_told_beside_other_problems():
     told = {error["loc"]: error["msg"] for error in caught.value.errors()}
     assert told.keys() == {("refractive_index",), ("size",), ("foo",)}
     assert told[("refractive_index",)].endswith("it is water.refractive_index now")
+
+
+def test_an_edge_whose_slope_overflows_carries_no_light() -> None:
+    """It runs over two pixels and falls by two subnormal numbers, across the border of two rows."""
+    change, start = np.zeros((4, 5)), np.zeros(4)
+    add_edge(change, start, 0.5, -5e-324, 2.5, 5e-324, 1.0)
+    np.testing.assert_allclose(change, 0.0, atol=1e-300)
+    np.testing.assert_allclose(start, 0.0, atol=1e-300)

@@ -33,7 +33,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
     size = start.shape[0]
     if ay > by:
         ax, ay, bx, by, light = bx, by, ax, ay, -light
-    run = (bx - ax) / (by - ay)
+    run, low, high = (bx - ax) / (by - ay), min(ax, bx), max(ax, bx)
     bottom = np.floor(ay)
     row = int(bottom)
     if row < 0 or row >= size:
@@ -42,7 +42,8 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
     while y0 < by:
         bottom += 1.0
         y1 = min(bottom, by)
-        x1 = ax + run * (y1 - ay) if bottom < by else bx
+        # the slope of an edge that hardly falls may overflow
+        x1 = min(high, max(low, ax + run * (y1 - ay))) if bottom < by else bx
         height = light * (y1 - y0)
         left, right = min(x0, x1), max(x0, x1)
         pixel = np.floor(left)
