@@ -79,7 +79,7 @@ COLOUR_OF_FLOOR = 0.02
 """The same over a floor 3 m below: its light enters as three numbers, each with the spectrum of daylight within its wide
 channel. Red is 1 % off, green and blue 0.1 %."""
 DIVE_FLOOR = 5e-3
-"""Irradiance of the dive's floor against the field solved with twice its 16 streams, which are right to 2e-3."""
+"""Irradiance of the dive's floor against the field solved with twice its 32 streams."""
 DIVE_SAND = 0.08
 """Sand in the lowest row, a metre across, against the mean of all sand: ripples are 10 % high and patches as wide."""
 YUV_NEAREST = 3.5e-4
