@@ -15,7 +15,6 @@ from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.lattice import knots_at, make_lattice
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
-from mr360uw.composite.ambient.on_ground.ground_kernel import gather
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
@@ -26,12 +25,12 @@ from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.gl.context import gl_available
-from mr360uw.ibl import LightSettings
 from mr360uw.ibl.cosine import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.reduce import reduce_map
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions as pixel_directions
 from mr360uw.sphere import unit, yaw_matrix
@@ -76,17 +75,8 @@ def solved(scene: Shot) -> AmbientLight:
 
 def blocked_share(layout: Layout, points: Floats) -> Floats:
     """Return the fraction (n,) of uniform light that bodies block at level places (n, 3)."""
-    rows, columns = 128, 256
-    elevation = ((np.arange(columns) + 0.5) / columns - 0.5) * np.pi
-    azimuth = (np.arange(rows) + 0.5) * 2.0 * np.pi / rows
-    e, a = np.meshgrid(elevation, azimuth)
-    d = np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1)
-    table = np.zeros((rows, columns + 1, 3, 1))
-    table[:, 1:, :, 0] = np.cumsum(d * (np.cos(e) * np.pi / columns)[..., None], axis=1)
     up = np.tile([0.0, 1.0, 0.0], (len(points), 1))
-    out = np.zeros((len(layout.ground_bodies), len(points), 1))
-    gather(up, up, *layout.sweep(points), table, out)
-    return out.sum(axis=0)[:, 0] / np.pi
+    return layout.occluders.blocked(points, up).share.sum(axis=0).astype(float)
 
 
 def hidden_from(body: PlacedObject, points: Floats) -> Floats:
@@ -349,7 +339,7 @@ def _bright_patch(foot: Floats, side_m: float) -> Environment:
     off = np.hypot(reach * d[..., 0] - foot[0], reach * d[..., 2] - foot[2])
     light = np.where((d[..., 1] > 0.0) | (off < side_m), 1.0, 0.1)
     coarse = reduce_map(np.repeat(light[..., None], 3, axis=-1), COARSE_COLUMNS, COARSE_ROWS)
-    return assemble(coarse.astype(np.float32), None, LightSettings().glossy_roughness)
+    return assemble(coarse.astype(np.float32), None, GLOSSY_ROUGHNESS)
 
 
 _FOOT, _ABOVE = np.array([0.6, -1.2, -1.6]), np.array([0.0, 0.3, 0.0])

@@ -11,7 +11,6 @@ import pytest
 import scipy.sparse
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.among import pair_view
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product
@@ -52,7 +51,22 @@ def test_a_body_that_swims_away_fades() -> None:
     light = ratios(np.linspace(6.0, 9.0, 31))
     assert np.abs(np.diff(light.mean(axis=1))).max() < tol.SWIMMING_BY
     assert light[0].min() < light[-1].min() - tol.SWIMMING_BY
-    np.testing.assert_array_equal(light[-1], light[-2])
+    alone = ratios(np.array([30.0, 40.0]))
+    np.testing.assert_array_equal(alone[0], alone[1])
+
+
+def test_a_far_body_hides_what_rays_find_of_it() -> None:
+    """A black ball in even light, seen from another: the part of the light that its solid angle takes."""
+    center, radius = np.array([5.0, 0.1, 0.0]), 0.5
+    light = ratios(center[:1])[0]
+    lattice = make_transfer(BALL).lattice
+    normal = lattice.from_sites @ lattice.normal
+    to = center - radius * normal
+    apart = np.linalg.norm(to, axis=-1)
+    cosine = np.sum(normal * to, axis=-1) / apart
+    facing = cosine > 0.5
+    want = 1.0 - cosine * (radius / apart) ** 2
+    assert np.abs(light - want)[facing].max() < tol.FAR_BODY
 
 
 def test_a_body_that_passes_changes_light_in_small_steps() -> None:
@@ -81,18 +95,6 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
         assert other is not None
         for kept, fresh in zip((*one.values, *one.sent), (*other.values, *other.sent), strict=True):
             np.testing.assert_array_equal(kept, fresh)
-
-
-def test_rays_of_pairs_find_the_same_together_and_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = shot(*(placed(BALL, (1.2 * k - 1.2, 0.1 * k, -2.0)) for k in range(3)), environment=environment(0.5))
-    together = ambient_light(scene, Cache())
-    monkeypatch.setattr(pair_view, "_RAYS_AT_ONCE", 1)
-    alone = ambient_light(scene, Cache())
-    assert together is not None
-    assert alone is not None
-    for one, other in zip(together.values, alone.values, strict=True):
-        assert one is not None
-        np.testing.assert_array_equal(one, other)
 
 
 def test_light_solved_at_knots_in_time_is_interpolated() -> None:

@@ -7,7 +7,6 @@ height: where one body moves, what the others see of each other is kept.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.among.body_looks import body_views
+from mr360uw.composite.ambient.among.body_views import body_views
+from mr360uw.composite.ambient.among.far_bodies import FarField, far_field, near_shares
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.body_view import Body, BodyView
 from mr360uw.composite.ambient.mesh_transfer import make_transfer, shape_key
-from mr360uw.composite.ambient.on_ground.coarse_nodes import CoarseNodes, Nodes, among_nodes, make_coarse_nodes
+from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, Occluders
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
-from mr360uw.composite.ambient.on_ground.height_field import HeightField, make_height_field
+from mr360uw.composite.ambient.on_ground.height_field import make_height_field
 from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
-from mr360uw.composite.ambient.on_ground.standing import Standing, Swept
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -33,78 +32,88 @@ _KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Bodies of a shot, what each sees, and where its lookouts begin (B + 1,) among all. sites: (all, all) sparse, the
-    irradiance that each lookout's radiance adds to each. nodes: places (n, 3) of each body's nodes in the world, none
-    where it does not see the ground.
+    """Bodies of a shot and what each sees.
+
+    views: of near bodies and the ground, far: of the others. first: (B + 1,) where the lookouts of each body begin
+    among all. sites: (all, all) sparse, the irradiance that each lookout's radiance adds to each. nodes: places (n, 3)
+    of each body's nodes in the world, none where it does not see the ground. occluders: bodies that the ground sees.
+    coarse, blocked: coarse nodes (n, 3) of all bodies in turn, and what bodies block there.
     """
 
     bodies: tuple[Body, ...]
     views: tuple[BodyView, ...]
+    far: tuple[FarField | None, ...]
     first: NDArray[np.int64]
     sites: Any
     nodes: tuple[Floats, ...]
+    occluders: Occluders
+    coarse: Floats
+    blocked: BlockedLight
 
     @property
     def ground_bodies(self) -> tuple[int, ...]:
         """Numbers of the bodies that the ground sees."""
         return tuple(k for k, body in enumerate(self.bodies) if body.field is not None)
 
-    @property
-    def _fields(self) -> tuple[HeightField, ...]:
-        return tuple(body.field for body in self.bodies if body.field is not None)
+    def untouched(self, number: int) -> bool:
+        """Return whether nothing is in the way of a body's light."""
+        return self.far[number] is None and self.views[number].nothing(self.bodies[number])
 
     @property
     def nothing(self) -> bool:
         """Whether nothing is in the way of any light."""
-        free = all(view.nothing(body) for body, view in zip(self.bodies, self.views, strict=True))
-        return free and not self.ground_bodies
+        return not self.ground_bodies and all(self.untouched(k) for k in range(len(self.bodies)))
 
-    def standing(self, ground_y: float) -> tuple[Standing, Floats]:
-        """Return the bodies that level ground at a height sees, and the point (3,) of the ground below the first of
-        them from which their places are.
-        """
+    def occluders_from(self, point: Floats) -> Occluders:
+        """Return the bodies that the ground sees with their places from a point (3,): the same where all move along."""
         bodies = [self.bodies[k] for k in self.ground_bodies]
-        point = np.array([bodies[0].origin[0], ground_y, bodies[0].origin[2]]) if bodies else np.zeros(3)
-        origin = np.array([rounded(body.origin - point, body.radius) for body in bodies]).reshape(-1, 3)
-        return Standing(self._fields, origin), point
+        origin = [rounded(body.origin - point, body.radius) for body in bodies]
+        return Occluders(self.occluders.fields, np.array(origin).reshape(-1, 3))
 
-    def sweep(self, points: Floats) -> Swept:
-        """Return what bodies block at places (n, 3) of the world, as `ground_kernel.gather` takes it."""
-        origin = np.array([body.origin for body in self.bodies if body.field is not None]).reshape(-1, 3)
-        return Standing(self._fields, origin).sweep(points)
+    def below(self, ground_y: float) -> Floats:
+        """Return the point (3,) of level ground below the first body that it sees."""
+        first = self.bodies[self.ground_bodies[0]].origin if self.ground_bodies else np.zeros(3)
+        return np.array([first[0], ground_y, first[2]])
 
-    def coarse_nodes(self, cache: Cache) -> CoarseNodes:
-        """Return what bodies block at the coarse nodes of all; kept while all stand as they do to each other."""
-        standing, _ = self.standing(0.0)
-        seeing = tuple((m, self.bodies[k]) for m, k in enumerate(self.ground_bodies) if len(self.nodes[k]))
-        key = (standing.key, tuple((m, body.ground_key) for m, body in seeing))
-        places = [Nodes(m, _nodes(body, NODES), _nodes(body, COARSE_NODES)) for m, body in seeing]
-        radii = tuple(self.bodies[k].radius for k in self.ground_bodies)
-        kept = functools.partial(cache.get, "ambient nodes", keep=_kept(len(self.bodies)))
-        return cache.get("ambient coarse nodes", key, lambda: make_coarse_nodes(standing, places, radii, kept), keep=2)
+    def bounced(self, blocked: BlockedLight, points: Floats, sent: Sequence[Floats]) -> Floats:
+        """Return the irradiance (n, 3) that bodies send to places (n, 3) of the ground, where they block `blocked`.
+
+        sent: mean radiance (NODES, NODES, 3) of each body that the ground sees, at its nodes.
+        """
+        total = np.zeros((len(points), 3))
+        for k, radiance, share in zip(self.ground_bodies, sent, blocked.share, strict=True):
+            some = np.flatnonzero(share)
+            total[some] += np.pi * share[some, None] * self.at_nodes(k, radiance, points[some])
+        return total
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
         """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): cubic, those of the edge beyond."""
         out = np.zeros((len(points), values.shape[-1]))
         if len(self.nodes[number]):
-            place = among_nodes(self.nodes[number], points)
+            low, high = self.nodes[number][[0, -1]]
+            place = (points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1)
             between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
         return out
 
-    def sent_down(self, number: int, sent: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean radiance (NODES^2, 3) of what the nodes of a body see of it, spread to all of them.
+    def sent_down(self, sent: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+        """Return for each body that the ground sees the mean radiance (NODES, NODES, 3) of what its nodes see of it.
 
         sent: (all lookouts, 3) radiance that they send.
         """
-        down = self.views[number].down
-        if len(down) == 0:
-            return np.zeros((NODES**2, 3), np.float32)
-        return np.asarray(down @ sent[self.first[number] : self.first[number + 1]])
+        found = []
+        for k in self.ground_bodies:
+            down = self.views[k].down
+            seen = down @ sent[self.first[k] : self.first[k + 1]] if len(down) else np.zeros((NODES**2, 3), np.float32)
+            found.append(np.asarray(seen).reshape(NODES, NODES, 3))
+        return tuple(found)
 
-    def shaded(self, points: Floats, direction: Floats, cache: Cache) -> NDArray[np.bool_]:
-        """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,): kept
-        of each body under where the points are in its axes.
-        """
+    def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
+        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all lookouts, 3)."""
+        ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
+        return np.array([body.transfer.sides.seen @ sent[begin:end] for body, begin, end in ends])
+
+    def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
+        """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""
         shaded, casting = np.zeros(len(points), np.bool_), [b for b in self.bodies if b.placed.casts_shadow]
         if len(points) == 0 or not casting:
             return shaded
@@ -119,22 +128,10 @@ class Layout:
             along = to @ direction
             off = np.sum(to * to, axis=-1) - along**2
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
-            if len(near) == 0:
-                continue
-            local, ray = body.inside(points[near]), rounded(direction @ body.rotation)
-            make = functools.partial(_occluded, body, local, ray)
-            key = (body.transfer.lattice, local.tobytes(), ray.tobytes())
-            shaded[near] |= cache.get("ambient sun", key, make, keep=_kept(len(self.bodies)))
+            if len(near):
+                ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
+                shaded[near] |= body.transfer.scene.occluded(body.inside(points[near]), ray)
         return shaded
-
-
-def _kept(bodies: int) -> int:
-    """Return how many values of pairs of bodies are kept: those of two frames."""
-    return max(_KEPT_VIEWS, 4 * bodies * bodies)
-
-
-def _occluded(body: Body, points: Floats, direction: Floats) -> NDArray[np.bool_]:
-    return body.transfer.scene.occluded(points, np.broadcast_to(direction, points.shape))
 
 
 def make_layout(
@@ -145,11 +142,18 @@ def make_layout(
 
     bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
     first = np.concatenate([[0], np.cumsum([len(body.transfer.lookouts.site) for body in bodies])]).astype(np.int64)
-    views = body_views(bodies, first, cache, _kept(len(bodies)))
+    near, far = near_shares(bodies)
+    views = body_views(bodies, first, near, cache)
     own = block_diag([body.own.sites[body.transfer.lookouts.site] for body in bodies], format="csr")
     sites = vstack([view.lookouts.sites for view in views], format="csr") + own
-    nodes = tuple(_nodes(body, NODES) + body.origin for body in bodies)
-    return Layout(bodies, views, first, sites, nodes)
+    fields_far = tuple(far_field(k, bodies, share) for k, share in enumerate(far))
+    nodes, coarse = (tuple(_nodes(body, side) + body.origin for body in bodies) for side in (NODES, COARSE_NODES))
+    places = np.concatenate(coarse)
+    seen = [body for body in bodies if body.field is not None]
+    fields = tuple(body.field for body in seen if body.field is not None)
+    occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
+    blocked = occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
+    return Layout(bodies, views, fields_far, first, sites, nodes, occluders, places, blocked)
 
 
 def _nodes(body: Body, side: int) -> Floats:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.among.pair_view import PairView
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.directions import COUNT
 from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer
@@ -126,15 +125,16 @@ class BodyView:
 
 
 def outlook(
-    cosine: NDArray[np.float32], node: NDArray[np.int16] | None, pairs: list[tuple[PairView, int]], total: int
+    cosine: NDArray[np.float32], node: NDArray[np.int16] | None, hits: list[tuple[NDArray[Any], ...]], total: int
 ) -> Outlook:
     """Return what r sites of a body see. cosine: (r, COUNT) irradiance that open directions add; node: (r, COUNT) the
-    node of the ground behind each, -1 for none, or None without nodes; pairs: views of others, and where the lookouts
-    of each begin among all, `total`.
+    node of the ground behind each, -1 for none, or None without nodes; hits: of `Neighbour.seen_from` for each other
+    body; total: number of all lookouts.
     """
     from scipy.sparse import csr_matrix
 
-    site, direction, met, distance, share = (np.concatenate([np.zeros(0, a[0].dtype), *a]) for a in _columns(pairs))
+    none = *(np.zeros(0, np.int32) for _ in range(3)), *(np.zeros(0, np.float32) for _ in range(2))
+    site, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
     begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(site), np.int32)
@@ -147,16 +147,6 @@ def outlook(
     used = int(begin[-1])
     sites = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
     return Outlook(lost, sites, way[:used], ground)
-
-
-def _columns(pairs: list[tuple[PairView, int]]) -> list[list[Any]]:
-    return [
-        [pair.site for pair, _ in pairs] or [np.zeros(0, np.int32)],
-        [pair.direction for pair, _ in pairs] or [np.zeros(0, np.int32)],
-        [pair.met + np.int32(first) for pair, first in pairs] or [np.zeros(0, np.int32)],
-        [pair.distance for pair, _ in pairs] or [np.zeros(0, np.float32)],
-        [np.full(len(pair.site), pair.share, np.float32) for pair, _ in pairs] or [np.zeros(0, np.float32)],
-    ]
 
 
 @exact

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relative change of the light on the ground at the nodes below bodies, and the radiance that they send.
 
-    r - 1 = -(F (W Q - D B) + S v)/(E + S)
+    r - 1 = -(F L + S v)/(E + S)
 
-with W, Q, D and B those of coarse_nodes.py, F the interpolation from coarse nodes, E the ambient irradiance, S the
-sun's and v the fraction of it that bodies block. A node sends r G, and G is as bright from all sides:
+with L the ambient light that bodies block at coarse nodes less what they send there, F the interpolation from these, E
+the ambient irradiance, S the sun's and v the fraction of it that bodies block. A node sends r G, and G is as bright
+from all sides:
 
     G = w P + (1 - w) L        w = T^20
 
@@ -18,11 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.directions import seen_by_camera
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, from_coarse
-from mr360uw.composite.ambient.on_ground.light_table import level_table
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
@@ -36,19 +35,17 @@ _THIN_POWER = 20.0
 class GroundLight:
     """Light of one shot at the nodes of the bodies of a layout; what does not depend on what bodies send is found once.
 
-    table: of `light_table` of the shot's environment. cache: keeps what bodies block while they stand as they do.
+    table: of the shot's environment (sky_table.py).
     """
 
-    def __init__(self, shot: Shot, layout: Layout, table: Floats, sunlight: Sunlight, cache: Cache) -> None:
+    def __init__(self, shot: Shot, layout: Layout, table: Floats, sunlight: Sunlight) -> None:
         self._layout = layout
         self._numbers = [k for k, node in enumerate(layout.nodes) if len(node)]
         self._empty = np.zeros((0, 3), np.float32)
         if not self._numbers:
             return
-        self._coarse, light = layout.coarse_nodes(cache), shot.environment
+        self._lost, light = layout.blocked.irradiance(table), shot.environment
         map_ = light.residual if light.detail is None else light.detail
-        sky = level_table(table[..., :3], up=True).reshape(-1, 3).astype(np.float32)
-        self._lost = self._coarse.weights @ sky
         beam, shaded = (np.concatenate(a) for a in zip(*(sunlight.at_nodes(k) for k in self._numbers), strict=True))
         whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
         self._whole, self._shade = whole + beam, beam * shaded[:, None]
@@ -58,9 +55,10 @@ class GroundLight:
 
     def _taken(self, sent: NDArray[np.float32]) -> Floats:
         """Return 1 - r (all nodes, 3), at most 1. sent: (all lookouts, 3) radiance that they send."""
-        down = np.concatenate([self._layout.sent_down(k, sent) for k in self._numbers])
-        lost = (self._lost - self._coarse.sent @ down).reshape(-1, COARSE_NODES**2, 3)
-        return np.minimum(((from_coarse() @ lost).reshape(-1, 3) + self._shade) / self._whole, 1.0)
+        layout = self._layout
+        lost = self._lost - layout.bounced(layout.blocked, layout.coarse, layout.sent_down(sent))
+        at_nodes = (from_coarse() @ lost.reshape(-1, COARSE_NODES**2, 3)).reshape(-1, 3)
+        return np.minimum((at_nodes + self._shade) / self._whole, 1.0)
 
     def radiance(self, sent: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
         """Return the radiance (NODES^2, 3) that the nodes of each body send, none of bodies that do not see the ground.

@@ -11,19 +11,15 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
 from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
-from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left
-from mr360uw.composite.ambient.on_ground.light_table import level_table
-from mr360uw.composite.ambient.on_ground.patches import Patches, camera_place, make_patches
+from mr360uw.composite.ambient.on_ground.quadtree import Quadtree, camera_place, make_quadtree
 from mr360uw.composite.ambient.solved_light import AmbientLight, interpolated
 from mr360uw.composite.ambient.solver import Solver
 from mr360uw.composite.shot import KnotLight, PlacedObject, Shot
-from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
-_PLACES_AT_ONCE = 1 << 14
+_PLACES_AT_ONCE, _KEPT_PLACES = 1 << 13, 8
+"""Places of the ground that are looked at together, 3 kB each, and how many such sets are kept."""
 _KEPT_KNOTS = 2
-_KEPT_PLACES, _KEPT_SWEEPS = 1 << 17, 8
-"""Sets of places, 650 bytes a place and body, whose sweeps are kept."""
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
@@ -48,10 +44,7 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
     if not _bodies(shot):
         return None
     layout = ambient_layout(shot, cache)
-    if (
-        all(view.nothing(body) for body, view in zip(layout.bodies, layout.views, strict=True))
-        and not layout.ground_bodies
-    ):
+    if layout.nothing:
         return None
     knots = shot.knots
     if knots is None:
@@ -76,28 +69,28 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
     if light is None or shot.receiver is None or not shot.receiver.occlusion:
         return free.reshape(point.shape)
     places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
-    layout, some = light.layout, len(places) * len(light.sent) <= _KEPT_PLACES
     for start in range(0, len(places), _PLACES_AT_ONCE):
         part = slice(start, start + _PLACES_AT_ONCE)
-        key, keep = (layout, places[part].tobytes()), _KEPT_SWEEPS if some else 1
-        swept = cache.get("ambient sweep", key, functools.partial(layout.sweep, places[part]), keep)
-        free[part] = light.free(places[part], normals[part], swept)
+        key = light.layout, places[part].tobytes(), normals[part].tobytes()
+        make = functools.partial(light.layout.occluders.blocked, places[part], normals[part])
+        free[part] = light.free(cache.get("ambient blocked", key, make, _KEPT_PLACES), places[part])
     return free.reshape(point.shape)
 
 
 def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
-    """Return what `free_of_bodies` does; on level ground interpolated between samples, within `patches.TOLERANCE`.
+    """Return what `free_of_bodies` does; on level ground interpolated between samples, within `quadtree.TOLERANCE`.
 
     Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
     cache: keeps the samples and what bodies block there.
     """
-    around = _patches(shot, light, cache)
+    around = _quadtree(shot, light, cache)
     if light is None or around is None:
         return free_of_bodies(shot, light, point, normal, cache)
-    patches, middle = around
-    values = cache.get("ambient at patches", (light, patches), lambda: patches.joined(_free_at(light, patches, middle)))
+    tree, origin = around
+    make = functools.partial(light.free, tree.blocked, tree.place + origin)
+    values = cache.get("ambient at quadtree", (light, tree), lambda: tree.joined(make()))
     place = point.reshape(-1, 3)
-    free, jump = patches.between(values, place + (shot.view.position - middle), 1.0)
+    free, jump = tree.between(values, place + (shot.view.position - origin), 1.0)
     if np.any(jump):
         free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
     return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
@@ -107,38 +100,22 @@ def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floa
     """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
     ambient light that bodies leave jumps.
     """
-    around = _patches(shot, light, cache)
+    around = _quadtree(shot, light, cache)
     if around is None:
         return np.zeros((0, 3))
-    patches, middle = around
-    return patches.jumps() + (middle - shot.view.position)
+    tree, origin = around
+    return tree.jumps() + (origin - shot.view.position)
 
 
-def _patches(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Patches, Floats] | None:
-    """Return the patches of a shot's level ground, and the place (3,) of their origin in the world; None where bodies
-    block nothing, or the ground is not level.
+def _quadtree(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Quadtree, Floats] | None:
+    """Return the quadtree of a shot's level ground, and the place (3,) of its origin in the world; None where bodies
+    block nothing, or the ground is not level. Kept while bodies stand still to each other.
     """
     receiver = shot.receiver
     if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
         return None
-    height, width, extent_m = receiver.plane_y, shot.view.width, receiver.extent_m
-    standing, middle = cache.get("ambient standing", (light.layout, height), lambda: light.layout.standing(height))
-    camera = camera_place(shot.view.position - middle)
-    key = (standing.key, camera.tobytes(), width, extent_m)
-    make = functools.partial(make_patches, standing, camera, 2.0 * np.pi / width, extent_m)
-    return cache.get("ambient patches", key, make), middle
-
-
-def _free_at(light: AmbientLight, patches: Patches, middle: Floats) -> Floats:
-    """Return the fraction (samples, 3) of the ambient light that bodies leave at the samples of patches.
-
-    middle: (3,) place of the patches' origin in the world.
-    """
-    blocked, layout, up = patches.blocked, light.layout, patches.up
-    table = level_table(light.table[..., :3], up=up).reshape(-1, 3)
-    lost = (blocked.weights @ table.astype(np.float32)).astype(np.float64)
-    for k, radiance, share in zip(layout.ground_bodies, light.sent, blocked.share, strict=True):
-        some = np.flatnonzero(share)
-        lost[some] -= np.pi * share[some, None] * layout.at_nodes(k, radiance, patches.place[some] + middle)
-    normal = np.array([[0.0, 1.0 if up else -1.0, 0.0]])
-    return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(light.ambient, normal))
+    origin, width, extent_m = light.layout.below(receiver.plane_y), shot.view.width, receiver.extent_m
+    occluders, camera = light.layout.occluders_from(origin), camera_place(shot.view.position - origin)
+    key = (occluders.key, camera.tobytes(), width, extent_m)
+    make = functools.partial(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m)
+    return cache.get("ambient quadtree", key, make), origin

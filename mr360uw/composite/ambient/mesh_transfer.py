@@ -18,7 +18,7 @@ from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
 from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
-from mr360uw.composite.ambient.shape_arrays import Pairs, arrays_of, parts_of
+from mr360uw.composite.ambient.shape_arrays import Pairs, Sides, arrays_of, parts_of
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
@@ -32,6 +32,8 @@ from mr360uw.types import Floats
 _RAYS_AT_ONCE = 200_000
 _TYPICAL_COSINE = 2.0 / 3.0
 """Mean cosine at which diffuse light arrives: what a coat reflects of it is taken there."""
+_ACROSS = 32
+"""Rays along each side of the square around a mesh that find a silhouette: those of balls are then within 1 %."""
 _BURIED = 0.5
 """A site that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
 
@@ -58,7 +60,7 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
     lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. along_x: (S, 3) places of the sites, ascending in x. Meshes of one
+    triangles for rays, and their numbers. sides: silhouettes. tree: places of the sites. Meshes of one
     `shape_key` share the lattice, which is the key of all that their shape alone decides.
     """
 
@@ -75,7 +77,8 @@ class Transfer:
     scene: RayScene
     solid: NDArray[np.int64]
     mesh: Mesh
-    along_x: Floats
+    sides: Sides
+    tree: Any
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_key`."""
@@ -120,24 +123,45 @@ def shape_key(mesh: Mesh) -> Hashable:
 
 def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its sites are chosen and its rays are shot once, and kept on the disk."""
+    from scipy.spatial import cKDTree
+
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
     depends_on = mesh.positions, mesh.normals, mesh.hull, solid, any(m.double_sided for m in mesh.materials)
-    lattice, lookouts, own = parts_of(
+    lattice, lookouts, own, sides = parts_of(
         kept_arrays("ambient", depends_on, lambda: arrays_of(*_sites(mesh, scene, solid)))
     )  # fmt: skip
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
     return Transfer(lattice, lookouts, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
-                    scene, solid, mesh, lattice.position[np.argsort(lattice.position[:, 0])])  # fmt: skip
+                    scene, solid, mesh, sides, cKDTree(lattice.position))  # fmt: skip
 
 
-def _sites(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, Lookouts, Pairs]:
-    """Return sites, lookouts and the pairs that the mesh blocks itself."""
+def _sites(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, Lookouts, Pairs, Sides]:
+    """Return sites, lookouts, the pairs that the mesh blocks itself, and silhouettes."""
     lattice = make_lattice(mesh)
     cosine = _cosines(lattice)
     lattice, own, seen = _without_buried_sites(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
-    return lattice, make_lookouts(lattice, float(np.max(mesh.extent_m)), seen), own
+    lookouts = make_lookouts(lattice, float(np.max(mesh.extent_m)), seen)
+    return lattice, lookouts, own, _sides(mesh, lattice, lookouts, scene, solid)
+
+
+def _sides(mesh: Mesh, lattice: Lattice, lookouts: Lookouts, scene: RayScene, solid: NDArray[np.int64]) -> Sides:
+    """Return the silhouettes of a mesh from six sides."""
+    line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
+    u, v = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
+    area, seen = np.zeros(3), np.zeros((6, len(lookouts.site)), np.float32)
+    for side in range(6):
+        axis, towards = side // 2, 1.0 - 2.0 * (side % 2)
+        origin, rays = np.zeros((2, len(u), 3))
+        origin[:, axis], origin[:, (axis + 1) % 3], origin[:, (axis + 2) % 3] = 2.0 * towards * mesh.radius_m, u, v
+        origin, rays[:, axis] = origin + mesh.center_m, -towards
+        triangle = scene.first_hit(origin, rays)
+        hit = np.flatnonzero(triangle >= 0)
+        met, _, _ = _met(lattice, scene, solid, origin[hit], rays[hit], triangle[hit])
+        np.add.at(seen[side], lookouts.of[met], np.float32(1.0 / max(len(hit), 1)))
+        area[axis] = len(hit) / len(u) * (2.0 * mesh.radius_m) ** 2
+    return Sides(area, seen)
 
 
 def _cosines(lattice: Lattice) -> NDArray[np.float32]:

@@ -26,16 +26,27 @@ class Pairs:
     hit: NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """A mesh from +x, -x, +y, -y, +z and -z. area_m2: (3,) of its silhouettes along the axes. seen: (6, C) float32,
+    rows of sum 1: part of each lookout in the mean of what is seen from each side.
+    """
+
+    area_m2: NDArray[np.float64]
+    seen: NDArray[np.float32]
+
+
 _PARTS: Sequence[tuple[str, type[Any], str]] = (
     ("lattice", Lattice, "from_sites"), ("lookouts", Lookouts, "spread"), ("own", Pairs, ""),
+    ("sides", Sides, ""),
 )  # fmt: skip
 """Names of the parts, their types, and the field of each that is sparse."""
 
 
-def arrays_of(lattice: Lattice, lookouts: Lookouts, own: Pairs) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a mesh's sites, of its lookouts and of the pairs that it blocks itself."""
+def arrays_of(lattice: Lattice, lookouts: Lookouts, own: Pairs, sides: Sides) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a mesh's sites, of its lookouts, of the pairs that it blocks itself, and of its sides."""
     arrays: dict[str, NDArray[Any]] = {}
-    for (part, kind, sparse), value in zip(_PARTS, (lattice, lookouts, own), strict=True):
+    for (part, kind, sparse), value in zip(_PARTS, (lattice, lookouts, own, sides), strict=True):
         for field in fields(kind):
             entry, name = getattr(value, field.name), f"{part}.{field.name}"
             if field.name == sparse:
@@ -51,7 +62,7 @@ def _small(array: NDArray[Any]) -> NDArray[Any]:
     return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
 
 
-def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs]:
+def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs, Sides]:
     """Return what `arrays_of` was given."""
     from scipy.sparse import csr_matrix
 
@@ -68,5 +79,5 @@ def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs]:
                 whole = array.dtype.kind == "u"
                 values[field.name] = array.item() if not array.ndim else array.astype(np.int64) if whole else array
         made.append(kind(**values))
-    lattice, lookouts, own = made
-    return lattice, lookouts, own
+    lattice, lookouts, own, sides = made
+    return lattice, lookouts, own, sides

@@ -10,31 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.on_ground.ground_kernel import fraction_left, gather
+from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, fraction_left
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
-    """Solved ambient light of a shot. values: for each object those of its knots (knot_values.py), float32, or None
-    where nothing is in its way. table: of the environment, as `ground_kernel.gather` takes it; empty without a
-    receiver. sent: for each body that the ground sees the mean radiance (NODES, NODES, 3) of what it hides, at the
-    nodes below it. ambient: (H, W, 3).
+    """Solved ambient light of a shot.
+
+    values: for each object those of its knots (knot_values.py), float32, or None where nothing is in its way. table: of
+    the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the mean radiance
+    (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
     """
 
     layout: Layout
     values: tuple[NDArray[np.float32] | None, ...]
-    table: NDArray[np.float64]
+    table: Floats
     sent: tuple[Floats, ...]
     ambient: Floats
 
-    def free(self, point: Floats, normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
-        """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world with
-        normals (n, 3), with what bodies send there; `swept` is the layout's sweep of the places.
+    def free(self, blocked: BlockedLight, points: Floats) -> Floats:
+        """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
+        with what bodies send there.
         """
-        lost, share = light_lost(self.layout, self.table, self.sent, point, normal, swept)
-        return fraction_left(share, lost, environment_lookup(self.ambient, normal))
+        lost = blocked.irradiance(self.table) - self.layout.bounced(blocked, points, self.sent)
+        return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(self.ambient, blocked.normal))
 
 
 def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
@@ -53,33 +54,3 @@ def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> Amb
     sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
     table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
     return AmbientLight(before.layout, values, table, sent, ambient)
-
-
-def light_lost(
-    layout: Layout,
-    table: NDArray[np.float64],
-    sent: tuple[Floats, ...],
-    point: Floats,
-    normal: Floats,
-    swept: tuple[NDArray[Any], NDArray[Any]],
-) -> tuple[Floats, Floats]:
-    """Return the irradiance (n, 3) that bodies take from places of the ground less what they send there, and the
-    fraction (n,) of uniform light that they block. The arguments are those of `AmbientLight` and `AmbientLight.free`.
-    """
-    blocked = blocked_light(table, normal, swept)
-    lost = blocked[..., :3].sum(axis=0)
-    for k, radiance, of in zip(layout.ground_bodies, sent, blocked, strict=True):
-        if np.any(of[:, 3]):
-            lost -= of[:, 3:] * layout.at_nodes(k, radiance, point)
-    return lost, blocked[..., 3].sum(axis=0) / np.pi
-
-
-def blocked_light(table: NDArray[np.float64], normal: Floats, swept: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
-    """Return what each body blocks (bodies, n, 4) of light and of a radiance of 1; the arguments are `light_lost`'s."""
-    blocked = np.zeros((len(swept[0]), len(normal), 4))
-    normal = np.ascontiguousarray(normal, np.float64)
-    weights = normal
-    if len(normal) and np.all(normal == normal[0]):
-        table, weights = np.tensordot(table, normal[0], axes=(2, 0))[:, :, None], np.ones((len(normal), 1))
-    gather(normal, weights, *swept, table, blocked)
-    return blocked

@@ -24,8 +24,7 @@ from mr360uw.composite.ambient.directions import blurred, directions, radiance_t
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
 from mr360uw.composite.ambient.knot_values import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
-from mr360uw.composite.ambient.on_ground.ground_view import NODES
-from mr360uw.composite.ambient.on_ground.light_table import light_table
+from mr360uw.composite.ambient.on_ground.sky_table import sky_table
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.ambient.sunlight import Sunlight
@@ -41,12 +40,12 @@ _ROWS_AT_ONCE = 256
 """Rows of a product of matrices that is too small for BLAS to wake other threads, which cost more than they save."""
 _BRIGHTEST = 16.0
 """Most that neighbours multiply the ambient light of a place by."""
-_NO_TABLE = np.zeros((0, 0, 3, 4))
+_NO_TABLE = np.zeros((0, 3, 3))
 """Table of the environment of shots without a receiver, which is what it is for."""
 
 
 class Solver:
-    """Solves the ambient light of one shot; the layout's shadow rays and sweeps of its nodes are kept in `cache`."""
+    """Solves the ambient light of one shot; the layout's shadow rays are kept in `cache`."""
 
     def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
         self._shot, self._layout, self._cache = shot, layout, cache
@@ -55,7 +54,7 @@ class Solver:
         towards = {body.rotation.tobytes(): directions() @ body.rotation.T for body in bodies}
         light = {key: radiance_towards(map_, way) for key, way in towards.items()}
         self._radiance = [light[body.rotation.tobytes()] for body in bodies]
-        self._around = [
+        self._open = self._around = [
             self._at_body(body, towards[body.rotation.tobytes()], of)
             for body, of in zip(bodies, self._radiance, strict=True)
         ]
@@ -63,7 +62,7 @@ class Solver:
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
         self._sun = np.concatenate([self._sunlight.at_lookouts(k) for k in range(len(bodies))])
-        self._table = _NO_TABLE if shot.receiver is None else light_table(shot.environment)
+        self._table = _NO_TABLE if shot.receiver is None else sky_table(shot.environment)
 
     def _at_body(self, body: Body, direction: Floats, radiance: Floats) -> Floats:
         """Return the radiance (COUNT, 3) of the environment as a body sees it, from its middle: where it looks at level
@@ -81,39 +80,40 @@ class Solver:
         return around
 
     def solve(self) -> AmbientLight:
-        """Return the light after the last step; the ground's shade is found from the first."""
-        layout, around = self._layout, self._around
+        """Return the light after the last step; what the ground and far bodies send is found from the first two."""
+        layout, open_ = self._layout, self._open
         bodies, views = layout.bodies, layout.views
-        plain = [body.own.plain @ of for body, of in zip(bodies, self._radiance, strict=True)]
-        at_body = [
-            of_camera if of is radiance else body.own.plain @ of
-            for of_camera, body, of, radiance in zip(plain, bodies, around, self._radiance, strict=True)
-        ]
-        direct = np.concatenate([
-            (known if body.own.lost is None else body.own.direct @ of) - view.lookouts.lost @ of
-            for known, body, view, of in zip(at_body, bodies, views, around, strict=True)
-        ])  # fmt: skip
-        irradiance = np.concatenate(at_body) * self._first_guess()
-        sent = self._sent(irradiance)
-        ground = GroundLight(self._shot, layout, self._table, self._sunlight, self._cache)
-        steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) else 0
+        at_body = [body.own.plain @ of for body, of in zip(bodies, open_, strict=True)]
+        first_guess = self._first_guess()
+        sent = self._sent(np.concatenate(at_body) * first_guess)
+        irradiance = np.concatenate(at_body) * first_guess
+        ground = GroundLight(self._shot, layout, self._table, self._sunlight)
+        steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) or any(layout.far) else 0
         for step in range(steps):
             if step < 2:
+                self._around = self._with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
-                below = np.concatenate([view.lookouts.ground @ of for view, of in zip(views, nodes, strict=True)])
-            before, irradiance = irradiance, direct + product(layout.sites, sent) + below
+                direct = np.concatenate([
+                    (body.own.direct - view.lookouts.lost) @ around + view.lookouts.ground @ of
+                    for body, view, around, of in zip(bodies, views, self._around, nodes, strict=True)
+                ])  # fmt: skip
+            before, irradiance = irradiance, direct + product(layout.sites, sent)
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
         values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
         if self._shot.draw.ambient_occlusion:
+            self._around = self._with_far(open_, sent)
             nodes = ground.radiance(sent)
             everywhere = self._everywhere()
-            values = tuple(
-                self._values(k, (plain[k], at_body[k], *everywhere[k]), sent, nodes[k]) for k in range(len(bodies))
-            )
-        down = tuple(layout.sent_down(k, sent).reshape(NODES, NODES, 3) for k in layout.ground_bodies)
-        return AmbientLight(layout, values, self._table, down, self._shot.environment.ambient)
+            values = tuple(self._values(k, everywhere[k], sent, nodes[k]) for k in range(len(bodies)))
+        return AmbientLight(layout, values, self._table, layout.sent_down(sent), self._shot.environment.ambient)
+
+    def _with_far(self, open_: Sequence[Floats], sent: NDArray[np.float32]) -> list[Floats]:
+        """Return the light (COUNT, 3) around each body with far bodies before it. sent: (all lookouts, 3)."""
+        far = self._layout.far
+        sides = self._layout.sent_sides(sent) if any(far) else np.zeros((0, 6, 3))
+        return [of if field is None else field.before(of, sides) for of, field in zip(open_, far, strict=True)]
 
     def _material(self, body: Body) -> tuple[Floats, Floats]:
         """Return the fraction (C, 3) of light that the surface about a body's lookouts sends back, and its emission
@@ -144,8 +144,8 @@ class Solver:
         """
         needs = [
             (k, matrix, light[k])
-            for k, (body, view) in enumerate(zip(self._layout.bodies, self._layout.views, strict=True))
-            if body.own.lost is not None and not view.nothing(body)
+            for k, body in enumerate(self._layout.bodies)
+            if body.own.lost is not None and not self._layout.untouched(k)
             for matrix, light in (
                 (body.transfer.cosine, self._radiance),
                 (body.transfer.cosine, self._around),
@@ -161,25 +161,23 @@ class Solver:
     def _values(
         self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values of a body's knots (knot_values.py), None where nothing is in its way. own_light: (C, 3)
-        irradiance of its lookouts were nothing in the way, by the environment at the camera and at the body, then
+        """Return the values of a body's knots (knot_values.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all lookouts, and of the nodes.
         """
         body, view = self._layout.bodies[number], self._layout.views[number]
         light, around = self._radiance[number], self._around[number]
-        if view.nothing(body):
+        if self._layout.untouched(number):
             return None
         transfer, own = body.transfer, body.own
         others = [self._from_others(look, around, sent, nodes) for look in (view.lookouts, view.near)]
         if own.lost is None:
-            near = transfer.cosine[view.near_site] @ np.append(light, around, axis=1)
-            at_lookouts = np.concatenate([*own_light, others[0]], axis=1)
-            plain, at_body, of_others = np.split(
-                view.spread(body, at_lookouts, np.append(near, others[1], axis=1)), 3, axis=1
-            )
+            both = np.append(light, around, axis=1)
+            at_lookouts = np.append(own.plain @ both, others[0], axis=1)
+            near = np.append(transfer.cosine[view.near_site] @ both, others[1], axis=1)
+            plain, at_body, of_others = np.split(view.spread(body, at_lookouts, near), 3, axis=1)
             irradiance = at_body + of_others
         else:
-            (_, _, plain, at_body, lost), first = own_light, self._layout.first
+            (plain, at_body, lost), first = own_light, self._layout.first
             inside = product(own.sites, sent[first[number] : first[number + 1]])
             irradiance = at_body - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9

@@ -66,5 +66,5 @@ class Sunlight:
         assert self._sun is not None
         towards = np.round(_STEPS * np.asarray(self._sun.direction))
         towards = towards / np.linalg.norm(towards)
-        make = functools.partial(self._layout.shaded, place, towards, self._cache)
+        make = functools.partial(self._layout.shaded, place, towards)
         return self._cache.get("ambient shade", (self._layout, what, towards.tobytes()), make, keep=_KEPT)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.composite.ambient.on_ground.height_sweep import STEP
 from mr360uw.types import Floats
 
 CELLS = 32
@@ -22,8 +21,6 @@ _SUPPORTS = 64
 thousandth of its radius."""
 _LEAST_WIDTH = 0.01
 """Least half width of the plan as a part of its half length: thin cards that stand upright keep one."""
-_STRAIGHT = 0.012
-"""Slope by which heights may leave a straight line between two steps of a ray: a thousandth of the light."""
 _STANDS_OUT, _OF_A_CELL = 1e-3, 0.25
 """Parts of a body's height, and of the side of a cell, by which edges stand out of what vertical rays found before they
 count. A foot that is hollowed by less stays as round as its cells; were its rim spread over them, its shade would lie
@@ -36,25 +33,17 @@ class HeightField:
 
     frame: (6,) x and z of the middle, x and z of the unit vector along the first side, both half sides [m]. outline:
     (E, 2) corners [m] of the convex hull of the plan along the two sides from the middle, from +x to +z about it.
-    squares: (CELLS + 1, CELLS + 1, 13), first index along the first side: squares between the middles of cells, with a
-    border around. Each has four coefficients, of 1, u, v and uv with u, v in 0..1 along its sides, of the fraction of
-    the outline that the body covers and of the lower and the upper height of its surface; then the distance [m] from
-    which all are straight to a ray that passes `STEP` cells. What lies off the body has the values of the nearest cell.
+    cells: (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction of the cell
+    within the outline that the body covers, and the lower and the upper height of its surface; off the body those of
+    the nearest cell. heights: (2,) least and greatest. filled: (2,) part of the rectangle around the body that it
+    fills, seen along each side.
     """
 
     frame: Floats
     outline: Floats
-    squares: Floats
-
-    @property
-    def lowest_m(self) -> float:
-        """Least height of the body."""
-        return float(self.squares[..., 4].min())
-
-    @property
-    def highest_m(self) -> float:
-        """Greatest height of the body."""
-        return float(self.squares[..., 8].max())
+    cells: Floats
+    heights: Floats
+    filled: Floats
 
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
@@ -82,7 +71,8 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
     least = max(_STANDS_OUT * (high - low), _OF_A_CELL * 2.0 * min(frame[4:]) / CELLS)
     cells = _with_thin_parts(_samples(points, frame), cover, lower, upper, least)
-    return HeightField(frame, outline, _squares(cells))
+    heights = np.array([cells[..., 1].min(), cells[..., 2].max()])
+    return HeightField(frame, outline, cells, heights, _filled(cells, heights))
 
 
 def _hull(plan: Floats) -> Floats:
@@ -197,31 +187,13 @@ def _with_thin_parts(
     return np.stack([cover, lower, upper], axis=-1)
 
 
-def _squares(cells: Floats) -> Floats:
-    """Return the squares of `HeightField` between cells (n, n, 3) of cover, lower and upper height."""
-    one, along, across = cells[:-1, :-1], cells[1:, :-1] - cells[:-1, :-1], cells[:-1, 1:] - cells[:-1, :-1]
-    twist = cells[1:, 1:] - cells[1:, :-1] - across
-    numbers = np.stack([one, along, across, twist], axis=-1).reshape(*one.shape[:2], 12)
-    return np.concatenate([numbers, _straight_from(cells)[..., None]], axis=-1)
-
-
-def _straight_from(cells: Floats) -> Floats:
-    """Return the distance (n - 1, n - 1) from which heights and cover are straight enough for `STEP` cells at once,
-    the middle one within the square.
-    """
-    from scipy.ndimage import maximum_filter, minimum_filter
-
-    bend = np.zeros(cells.shape[:2])
-    for height in (cells[..., 1], cells[..., 2]):
-        padded = np.pad(height, 1, mode="edge")
-        along = np.abs(padded[2:, 1:-1] + padded[:-2, 1:-1] - 2.0 * height)
-        across = np.abs(padded[1:-1, 2:] + padded[1:-1, :-2] - 2.0 * height)
-        twist = 0.25 * np.abs(padded[2:, 2:] + padded[:-2, :-2] - padded[2:, :-2] - padded[:-2, 2:])
-        bend = np.maximum(bend, np.maximum(along, across) + twist)
-    reach = STEP + 2  # all cells between which heights on the way are interpolated
-    most, least = (f(cells[..., 0], reach, origin=-1)[:-1, :-1] for f in (maximum_filter, minimum_filter))
-    distance = maximum_filter(bend, reach, origin=-1)[:-1, :-1] * (STEP**2 / 8.0 / _STRAIGHT)
-    return np.where((least >= 0.5) | (most <= 0.25), distance, np.inf)
+def _filled(cells: Floats, heights: Floats) -> Floats:
+    """Return the part (2,) of the rectangle around a body that its silhouette fills, seen along each side."""
+    there = cells[1:-1, 1:-1, 0] >= 0.5
+    high = [np.where(there, cells[1:-1, 1:-1, 2], -np.inf).max(axis=axis) for axis in (0, 1)]
+    low = [np.where(there, cells[1:-1, 1:-1, 1], np.inf).min(axis=axis) for axis in (0, 1)]
+    tall = [np.maximum(upper - lower, 0.0).mean() for upper, lower in zip(high, low, strict=True)]
+    return np.minimum(np.array(tall) / max(heights[1] - heights[0], 1e-9), 1.0)
 
 
 def _spread_out(there: NDArray[np.bool_], *values: Floats) -> tuple[Floats, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.jit import exact, fast
+from mr360uw.jit import fast
 
 
 @fast
@@ -38,28 +38,3 @@ def between_nodes(place: Any, values: Any, out: Any) -> None:
                     if 0 < k < 3 and 0 < m < 3:
                         least, most = min(least, value), max(most, value)
             out[n, c] = min(max(total, least), most)
-
-
-@exact
-def from_nodes(points: Any, ends: Any, factor: Any, side: Any, begin: Any, column: Any, weight: Any) -> None:
-    """Set `begin`, `column` and `weight` of a sparse matrix that gives the sum over b bodies of the values of their
-    side^2 nodes at places (n, 3), bilinear, times factors (b, n).
-
-    ends: (b, 2, 3) places of the first and the last node of each.
-    """
-    used = 0
-    for n in range(len(points)):
-        for m in range(len(ends)):
-            if factor[m, n] == 0.0:
-                continue
-            low, high = ends[m, 0], ends[m, 1]
-            x = min(max((points[n, 0] - low[0]) / (high[0] - low[0]) * (side - 1), 0.0), side - 1.001)
-            z = min(max((points[n, 2] - low[2]) / (high[2] - low[2]) * (side - 1), 0.0), side - 1.001)
-            i, j = int(x), int(z)
-            for corner in range(4):
-                a, b = corner // 2, corner % 2
-                share = (x - i if a else 1.0 - (x - i)) * (z - j if b else 1.0 - (z - j))
-                column[used] = (m * side + i + a) * side + j + b
-                weight[used] = share * factor[m, n]
-                used += 1
-        begin[n + 1] = used

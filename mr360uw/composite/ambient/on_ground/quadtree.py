@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.on_ground.ground_kernel import UNNOTICED, shown
-from mr360uw.composite.ambient.on_ground.light_table import glow_table
-from mr360uw.composite.ambient.on_ground.patch_kernel import (
+from mr360uw.composite.ambient.on_ground.blocked_light import UNNOTICED, BlockedLight, Occluders, joined, shown
+from mr360uw.composite.ambient.on_ground.quadtree_kernel import (
     JUMP_PATCH,
     NOTHING,
     SMOOTH_PATCH,
@@ -26,12 +25,11 @@ from mr360uw.composite.ambient.on_ground.patch_kernel import (
     set_hanging,
     survey,
 )
-from mr360uw.composite.ambient.on_ground.sky_weights import SkyWeights, sky_weights
-from mr360uw.composite.ambient.on_ground.standing import Standing
+from mr360uw.composite.ambient.on_ground.sky_table import glow_table
 from mr360uw.types import Floats
 
-TOLERANCE = 0.002
-"""Largest error of the blocked fraction between samples: less than a code value."""
+TOLERANCE = 0.004
+"""Largest error of the blocked fraction between samples: a code value. With half of it there are a third more."""
 _PREDICTED = 4.0
 """Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
 _ROOTS = 4
@@ -57,17 +55,16 @@ _QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patches:
-    """Nested squares of ground around bodies, seen from above or (not up) from below; places are from the point of the
-    ground that those of the bodies are from.
+class Quadtree:
+    """Nested squares of ground around bodies, fine where it changes; places are from the point of the ground that those
+    of the bodies are from.
 
     low: (2,) x and z [m] of the lowest corner; root_m: side of the largest squares; roots: (2,) of them. child:
-    (nodes,) first of four quarters, or -1; kind: (nodes,) of patch_kernel.py; sample: (nodes, 9).
+    (nodes,) first of four quarters, or -1; kind: (nodes,) of quadtree_kernel.py; sample: (nodes, 9).
 
-    place: (samples, 3) [m]; blocked: there. hanging, leaf, at: of `patch_kernel.set_hanging`.
+    place: (samples, 3) [m]; blocked: there. hanging, leaf, at: of `quadtree_kernel.set_hanging`.
     """
 
-    up: bool
     low: Floats
     root_m: float
     roots: NDArray[np.int64]
@@ -75,7 +72,7 @@ class Patches:
     kind: NDArray[np.int8]
     sample: NDArray[np.int32]
     place: Floats
-    blocked: SkyWeights
+    blocked: BlockedLight
     hanging: NDArray[np.int64]
     leaf: NDArray[np.int64]
     at: Floats
@@ -102,7 +99,7 @@ class Patches:
         return self.place[np.unique(self.sample[leaf])]
 
 
-def make_patches(bodies: Standing, camera: Floats, pixel_rad: float, extent_m: float) -> Patches:
+def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m: float) -> Quadtree:
     """Return the patches of the ground around bodies, as far from a camera as `extent_m`.
 
     camera: (3,) of `camera_place`. pixel_rad: width of its pixels, which samples are not much finer than.
@@ -121,25 +118,23 @@ def camera_place(camera: Floats) -> Floats:
 class _Builder:
     """Quarters squares, one depth after the other."""
 
-    def __init__(self, bodies: Standing, camera: Floats, pixel_rad: float, extent_m: float) -> None:
-        self._standing, self._up = bodies, bool(camera[1] >= 0.0)
+    def __init__(self, bodies: Occluders, camera: Floats, pixel_rad: float, extent_m: float) -> None:
+        self._bodies, self._normal = bodies, np.array([0.0, 1.0 if camera[1] >= 0.0 else -1.0, 0.0])
         self._camera, self._pixel_rad, self._extent_m = camera, pixel_rad, extent_m
-        self._bodies = bodies.plans()
-        wide = np.hypot(self._bodies[:, 4], self._bodies[:, 5])
-        reach = (wide + np.cbrt(wide * self._bodies[:, 7] ** 2 * len(self._bodies) / (2.0 * UNNOTICED)))[:, None]
-        low, high = ((self._bodies[:, :2] + way * reach) for way in (-1.0, 1.0))
+        self._plans = plans = bodies.plans()
+        wide = np.hypot(plans[:, 4], plans[:, 5])
+        reach = (wide + np.cbrt(wide * plans[:, 7] ** 2 * len(plans) / (2.0 * UNNOTICED)))[:, None]
+        low, high = ((plans[:, :2] + way * reach) for way in (-1.0, 1.0))
         low, high = low.min(axis=0), high.max(axis=0)
         self._root_m = 2.0 ** np.ceil(np.log2(max(float((high - low).max()), 1e-6) / _ROOTS))
         first = np.floor(low / self._root_m - _ASIDE)
         self._roots = (np.floor(high / self._root_m - _ASIDE) + 1.0 - first).astype(np.int64)
         self._low = (first + _ASIDE) * self._root_m
         self._keys, self._number = np.zeros(0, np.int64), np.zeros(0, np.int64)
-        self._place, table = np.zeros((0, 3)), glow_table()
-        # of no place, for bodies whose light on the ground is nowhere noticed
-        self._parts = [sky_weights(bodies, self._place, table[..., 0], up=self._up)]
-        self._value = np.zeros((0, table.shape[-1]))
+        self._place, self._value = np.zeros((0, 3)), np.zeros((0, glow_table().shape[1]))
+        self._parts: list[BlockedLight] = []
 
-    def build(self) -> Patches:
+    def build(self) -> Quadtree:
         """Return the patches."""
         square = np.stack(np.meshgrid(*(np.arange(n) for n in self._roots), indexing="ij"), axis=-1).reshape(-1, 2)
         predicted = np.full((len(square), 9, self._value.shape[1]), np.inf)
@@ -154,10 +149,10 @@ class _Builder:
                 break
         sample, kind, child = (np.concatenate(column) for column in zip(*levels, strict=True))
         hanging, leaf, at = self._hanging(child, kind)
-        weights = np.concatenate([part.weights for part in self._parts])
-        blocked = SkyWeights(weights, np.concatenate([part.share for part in self._parts], axis=1))
-        squares = self._up, self._low, self._root_m, self._roots, child, kind, sample, self._place
-        return Patches(*squares, blocked, hanging, leaf, at)
+        none = self._bodies.blocked(np.zeros((0, 3)), np.zeros((0, 3)))  # light of the bodies may nowhere be noticed
+        blocked = joined([none, *self._parts])
+        squares = self._low, self._root_m, self._roots, child, kind, sample, self._place
+        return Quadtree(*squares, blocked, hanging, leaf, at)
 
     def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
         """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
@@ -165,7 +160,7 @@ class _Builder:
         """
         size = self._root_m / 2**depth
         bound, coarsest, seen_m = np.zeros((3, len(square)))
-        survey(self._low + square * size, size, self._bodies, self._camera, TOLERANCE, bound, coarsest, seen_m)
+        survey(self._low + square * size, size, self._plans, self._camera, TOLERANCE, bound, coarsest, seen_m)
         there = np.flatnonzero((bound > UNNOTICED) & (seen_m <= self._extent_m + np.abs(self._camera[1])))
         sample, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
         sample[there] = self._sampled(square[there], depth)
@@ -191,10 +186,9 @@ class _Builder:
         if np.any(new):
             place = np.zeros((np.count_nonzero(new), 3))
             place[:, [0, 2]] = self._low + nine.reshape(-1, 2)[first[new]] * (self._root_m / 2 ** (_DEEPEST + 1))
-            table = glow_table()
-            found = sky_weights(self._standing, place, table[..., 0], up=self._up)
-            part = shown(found.share.sum(axis=0))[:, None]
-            value = part * (found.weights @ table.reshape(-1, table.shape[-1]).astype(np.float32)) / np.pi
+            found = self._bodies.blocked(place, np.tile(self._normal, (len(place), 1)))
+            blocked = found.weights @ (glow_table() * self._normal[1]).astype(np.float32)
+            value = shown(found.share.sum(axis=0))[:, None] * blocked / np.pi
             numbers = np.concatenate([self._number, len(self._place) + np.arange(len(place))])
             self._keys = np.concatenate([self._keys, asked[new]])
             order = np.argsort(self._keys)

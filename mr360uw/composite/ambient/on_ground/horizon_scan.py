@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Elevations that a body blocks at places: rays in its plan, cut exactly by the plan's outline, along which its lower
-and upper heights are followed.
+"""Horizon scan: intervals of elevation that a body's height field covers, seen from a place, for every azimuth.
+
+Rays in the plan of the body enter and leave at the edges of its convex outline; along them its lower and upper heights
+are followed, cell by cell. Bodies that block little are a rectangle of the sky instead, as wide and high as they look.
 """
 
 from __future__ import annotations
@@ -9,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import inlined
 
 AZIMUTHS, _FROM_OUTSIDE = 32, 24
 """Azimuths all around a place within the outline of a body, and over its width from outside. With 24 within, light
@@ -18,14 +19,25 @@ blocked by a box rises by .003 from its middle outwards; the time grows with bot
 """
 _HALF, _LEAST = 0.5, 0.25
 """Covered fraction at which a body begins and ends along a ray; from the second on a narrow part blocks a share."""
-_UNSEEN = 0.003
-"""A body that cannot block more than this fraction is passed over: far less than what is shown of one."""
-_HALVED, _QUARTERED = 4.0, 9.0
-"""From so many half widths on, half and a quarter of the azimuths and of the steps along them do."""
-STEP = 4
-"""Cells that a ray passes at once where the heights on its way are straight."""
+UNSEEN, SCANNED, _APART = 0.003, 0.03, 3.0
+"""A body that cannot block more than the first fraction of uniform light is passed over; it is scanned from the second
+on, and nearer than so many radii of its plan: a flat one shows little but its underside, which is no rectangle."""
 _ON_EDGE = 1e-9
 """A place nearer to an edge of the outline than this part of the body's size counts as within it."""
+
+
+@inlined
+def most_blocked(squared: Any, beside: Any, wide_squared: Any, highest: Any) -> Any:
+    """Return a bound on the fraction of uniform light that a body blocks on level ground: all azimuths of the circle
+    around its plan, up to the largest elevation.
+
+    squared, beside, wide_squared: cells of the horizontal distances to the plan's middle and to the plan, and of the
+    circle's radius [m^2]. highest: height of the body's upper end above the ground [m].
+    """
+    if highest <= 0.0:
+        return 0.0
+    turn = np.arcsin(np.sqrt(wide_squared / squared)) / np.pi if squared > wide_squared else 1.0
+    return turn * highest * highest / (beside + highest * highest)
 
 
 @inlined
@@ -114,30 +126,21 @@ def _add_part(found: Any, parts: Any, low: Any, high: Any) -> Any:
 
 
 @inlined
-def _at(squares: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
-    """Return a bilinear value of a square, whose coefficients begin at the k-th number."""
-    return squares[i, j, k] + u * squares[i, j, k + 1] + v * (squares[i, j, k + 2] + u * squares[i, j, k + 3])
+def _at(cells: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
+    """Return the k-th number of cells at (u, v), 0 to 1, between four of them."""
+    low = cells[i, j, k] + v * (cells[i, j + 1, k] - cells[i, j, k])
+    high = cells[i + 1, j, k] + v * (cells[i + 1, j + 1, k] - cells[i + 1, j, k])
+    return low + u * (high - low)
 
 
 @inlined
-def _hop(squares: Any, ga: Any, gb: Any, s: Any, hops: Any) -> Any:
-    """Return how many steps a ray at distance s may take at once, up to `hops`, about a place in cells."""
-    n = squares.shape[0] - 1
-    from_there = squares[min(max(int(ga), 0), n), min(max(int(gb), 0), n), 12]
-    return hops if from_there <= s else max(0.5 * hops, 1.0) if from_there <= 4.0 * s else 1.0
-
-
-@inlined
-def _slopes(
-    squares: Any, y: Any, bounds: Any, way: Any, stride: Any, hops: Any, at: Any, steps: Any, found: Any
-) -> Any:
+def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, steps: Any, found: Any) -> Any:
     """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
     body along a ray; return how many there are, and the share of the ray's width.
 
-    bounds: least and greatest height. way: the ray's begin and end; at, steps: its begin and stride in cells. hops:
-    strides over `STEP` cells.
+    bounds: least and greatest height. way: the ray's begin and end; at, steps: its begin and stride in cells.
     """
-    n = squares.shape[0] - 1
+    n = cells.shape[0] - 2
     bottom, top = bounds
     begin, end = way
     parts, inside = 0, False
@@ -149,10 +152,10 @@ def _slopes(
         s, ga, gb = begin + turns * stride, at[0] + turns * steps[0], at[1] + turns * steps[1]
         ia, ib = min(max(int(ga), 0), n), min(max(int(gb), 0), n)
         u, v = min(max(ga - ia, 0.0), 1.0), min(max(gb - ib, 0.0), 1.0)
-        covered = _at(squares, ia, ib, 0, u, v)
+        covered = _at(cells, ia, ib, 0, u, v)
         now = covered >= _HALF
         if covered > _LEAST or inside:
-            lower, upper = _at(squares, ia, ib, 4, u, v) - y, _at(squares, ia, ib, 8, u, v) - y
+            lower, upper = _at(cells, ia, ib, 1, u, v) - y, _at(cells, ia, ib, 2, u, v) - y
             if now != inside and number > 0.0:
                 t = (_HALF - before) / (covered - before)
                 if before <= _LEAST:  # heights beside the body are those of its edge
@@ -174,72 +177,81 @@ def _slopes(
         if number >= whole or (now and over):  # nothing behind is higher or lower than what was met
             break
         inside, before, s_before = now, covered, s
-        number += _hop(squares, ga + hops * 0.5 * steps[0], gb + hops * 0.5 * steps[1], s, hops)
+        number += 1.0
     if high >= low:
         parts = _add_part(found, parts, low, high)
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
 @inlined
-def _bound(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
-    """Return where a place lies along both sides of a plan from its middle, and a bound on what is blocked there."""
+def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
+    """Return where a place lies along both sides of a plan from its middle, whether its body is seen from there, and
+    whether it must be scanned.
+    """
     a, b = (x - frame[0]) * frame[2] + (z - frame[1]) * frame[3], (z - frame[1]) * frame[2] - (x - frame[0]) * frame[3]
     beside = max(abs(a) - frame[4], 0.0) ** 2 + max(abs(b) - frame[5], 0.0) ** 2
-    return a, b, most_blocked(a * a + b * b, beside, frame[4] * frame[4] + frame[5] * frame[5], highest - y)
+    away, wide = a * a + b * b, frame[4] * frame[4] + frame[5] * frame[5]
+    bound = most_blocked(away, beside, wide, highest - y)
+    return a, b, bound >= UNSEEN, bound >= SCANNED or away < _APART * _APART * wide
 
 
-@fast
-def may_block(point: Any, origin: Any, frame: Any, highest: Any, found: Any) -> None:
-    """Set `found` (n,) to whether a body is not passed over at places (n, 3); highest: its greatest height."""
-    for k in range(len(point)):
-        x, y, z = point[k, 0] - origin[0], point[k, 1] - origin[1], point[k, 2] - origin[2]
-        found[k] = _bound(x, y, z, frame, highest)[2] >= _UNSEEN
+@inlined
+def as_rectangle(
+    a: Any, b: Any, y: Any, frame: Any, outline: Any, heights: Any, filled: Any, begin: Any, blocked: Any
+) -> None:
+    """Set one interval for a body at a distance: its width across the view, and its height, of which a part is filled.
 
-
-@fast
-def sweep(point: Any, origin: Any, frame: Any, outline: Any, squares: Any, begins: Any, blocked: Any) -> None:
-    """Find what a body blocks at places (n, 3), from `origin` (3,) as heights are.
-
-    frame, outline, squares: of `HeightField`. begins: (n, 3), the first azimuth [rad], the width of one, from +x to +z,
-    and how many there are. blocked: (n, AZIMUTHS, 5), lowest and highest elevation [rad] of an interval, those of a
-    second one, equal for none, and the fraction of the azimuth's width.
+    The arguments are those of `scan`. filled: of `HeightField`.
     """
-    n = squares.shape[0] - 1
-    ux, uz, hu, hv = frame[2], frame[3], frame[4], frame[5]
-    turn = np.arctan2(uz, ux)
+    away = np.sqrt(a * a + b * b)
+    u, v = -a / away, -b / away
+    least, most = 1e30, -1e30
+    for k in range(outline.shape[0]):
+        aside = outline[k, 1] * u - outline[k, 0] * v
+        least, most = min(least, aside), max(most, aside)
+    begin[0] = np.arctan2(v, u) + np.arctan2(frame[3], frame[2]) + np.arctan(least / away)
+    begin[1], begin[2] = np.arctan(most / away) - np.arctan(least / away), 1.0
+    blocked[0] = 0.0
+    blocked[0, 0], blocked[0, 1] = np.arctan((heights[0] - y) / away), np.arctan((heights[1] - y) / away)
+    blocked[0, 4] = (abs(u) * frame[5] * filled[0] + abs(v) * frame[4] * filled[1]) / (
+        abs(u) * frame[5] + abs(v) * frame[4]
+    )
+
+
+@inlined
+def scan(
+    a: Any, b: Any, y: Any, frame: Any, outline: Any, cells: Any, heights: Any, begin: Any, blocked: Any, found: Any
+) -> None:
+    """Set the intervals of elevation that a body covers, seen from a place.
+
+    a, b, y: the place along both sides of the plan from its middle, and its height over the body's origin [m]. frame,
+    outline, cells: of `HeightField`; heights: (2,) its least and greatest. found: (2, 2) scratch.
+    begin: (3,), set to the first azimuth [rad], the width of one, from +x to +z, and how many there are. blocked:
+    (AZIMUTHS, 5), set to lowest and highest elevation [rad] of an interval, those of a second one, equal for none, and
+    the fraction of the azimuth's width.
+    """
+    n = cells.shape[0] - 2
+    hu, hv = frame[4], frame[5]
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
-    highest, lowest = squares[..., 8].max(), squares[..., 4].min()
-    wide_squared = hu * hu + hv * hv
-    tiny = _ON_EDGE * wide_squared
-    radius_squared = wide_squared + (highest - lowest) ** 2 / 4.0
-    found = np.zeros((2, 2))
-    for k in range(len(point)):
-        y = point[k, 1] - origin[1]
-        a, b, bound = _bound(point[k, 0] - origin[0], y, point[k, 2] - origin[2], frame, highest)
-        begins[k, 2] = 0.0
-        if bound < _UNSEEN:
-            continue
-        apart = (a * a + b * b) / radius_squared
-        fewer = 4 if apart > _QUARTERED * _QUARTERED else 2 if apart > _HALVED * _HALVED else 1
-        first, width, far, near, outside = _width_at(outline, a, b, tiny)
-        count, coarse = (_FROM_OUTSIDE if outside else AZIMUTHS) // fewer, min(fewer, 2)
-        step = width / count
-        begins[k, 0], begins[k, 1], begins[k, 2] = first + turn, step, count
-        da, db = np.cos(first + 0.5 * step), np.sin(first + 0.5 * step)
-        turn_a, turn_b = np.cos(step), np.sin(step)
-        for q in range(count):
-            if q > 0:
-                da, db = da * turn_a - db * turn_b, da * turn_b + db * turn_a
-            far, near = _edges_met(outline, far, near, a, b, da, db)
-            begin = _distance(outline, near, a, b, da, db) if outside else 0.0
-            end = max(_distance(outline, far, a, b, da, db), begin)
-            stride = coarse / max(abs(da) / cu, abs(db) / cv)
-            at = (a + begin * da + hu) / cu + 0.5, (b + begin * db + hv) / cv + 0.5
-            steps = stride * da / cu, stride * db / cv
-            bounds = lowest - y, highest - y
-            parts, share = _slopes(squares, y, bounds, (begin, end), stride, STEP / coarse, at, steps, found)
-            blocked[k, q] = 0.0
-            if share > 0.0:
-                blocked[k, q, 4] = share
-                for p in range(parts):
-                    blocked[k, q, 2 * p], blocked[k, q, 2 * p + 1] = np.arctan(found[p, 0]), np.arctan(found[p, 1])
+    first, width, far, near, outside = _width_at(outline, a, b, _ON_EDGE * (hu * hu + hv * hv))
+    count = _FROM_OUTSIDE if outside else AZIMUTHS
+    step = width / count
+    begin[0], begin[1], begin[2] = first + np.arctan2(frame[3], frame[2]), step, count
+    da, db = np.cos(first + 0.5 * step), np.sin(first + 0.5 * step)
+    turn_a, turn_b = np.cos(step), np.sin(step)
+    bounds = heights[0] - y, heights[1] - y
+    for q in range(count):
+        if q > 0:
+            da, db = da * turn_a - db * turn_b, da * turn_b + db * turn_a
+        far, near = _edges_met(outline, far, near, a, b, da, db)
+        start = _distance(outline, near, a, b, da, db) if outside else 0.0
+        end = max(_distance(outline, far, a, b, da, db), start)
+        stride = 1.0 / max(abs(da) / cu, abs(db) / cv)
+        at = (a + start * da + hu) / cu + 0.5, (b + start * db + hv) / cv + 0.5
+        steps = stride * da / cu, stride * db / cv
+        parts, share = _slopes(cells, y, bounds, (start, end), stride, at, steps, found)
+        blocked[q] = 0.0
+        if share > 0.0:
+            blocked[q, 4] = share
+            for p in range(parts):
+                blocked[q, 2 * p], blocked[q, 2 * p + 1] = np.arctan(found[p, 0]), np.arctan(found[p, 1])

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
+from mr360uw.composite.ambient.on_ground.horizon_scan import most_blocked
 from mr360uw.jit import fast, inlined
 
 NOTHING, SMOOTH_PATCH, JUMP_PATCH = 0, 1, 2
-"""Kinds of patches: where no light is blocked, biquadratic, and bilinear between samples."""
+"""Kinds of cells: where no light is blocked, biquadratic, and bilinear between samples."""
 
 _LARGEST = 1.6
 """Largest side of a square over its distance to a body: twice as large, squares pass over what bodies block."""
