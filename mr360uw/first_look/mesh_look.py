@@ -37,7 +37,7 @@ class MeshLook:
     """What was found in a mesh. size_m: its longest side. why_size: the reason, in words.
 
     extent: (3,) sides over the longest. front: the side that is its front. long: whether it is longer than wide. kind:
-    of thing, or None. tinted: whether it has vertex colours beside textures. clips: names of its animations.
+    of thing, or None. clips: names of its animations.
     """
 
     path: Path
@@ -49,7 +49,6 @@ class MeshLook:
     why_front: str
     long: bool
     habit: Habit
-    tinted: bool
     clips: tuple[str, ...]
 
 
@@ -57,15 +56,12 @@ def look_at_mesh(path: Path, *, outside_files: bool = False) -> MeshLook:
     """Return what a mesh shows; raise `MeshError` where it cannot be read."""
     file = read_mesh_file(path, outside=outside_files)
     mesh, clips = mesh_of_file(path, file), () if file.rigging is None else file.rigging.clips
-    tinted = bool(np.any(mesh.colors != 1.0)) and any(m.base_map is not None for m in mesh.materials)
     kind = kind_of(path.stem, (part.name for part in file.parts))
     longest = float(np.max(mesh.extent_m))
     size, why = _size(kind, longest)
     front, why_front, long = _front(mesh, kind)
     x, y, z = (mesh.extent_m / longest).tolist()
-    return MeshLook(
-        path, kind, size, why, (x, y, z), front, why_front, long, kind.habit if kind else "stands", tinted, clips
-    )
+    return MeshLook(path, kind, size, why, (x, y, z), front, why_front, long, kind.habit if kind else "stands", clips)
 
 
 def _size(kind: Kind | None, units: float) -> tuple[float, str]:

@@ -215,8 +215,6 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
         (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
         (f"face = {face}", 'azimuth its front points to, or "camera"'),
     ]
-    if mesh.tinted:
-        rows.append(('vertex_colors = "ignore"', 'beside its textures; or "multiply"'))
     if len(mesh.clips) > 1:
         rows.append((f"animation = {toml_value(mesh.clips[0])}", f"the first of {len(mesh.clips)}"))
     return [*rows, ("outside_files = true", "")] if outside_files else rows

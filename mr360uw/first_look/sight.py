@@ -47,9 +47,9 @@ _DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
 """Share of directions that are dark places, the blur that takes their noise, and the height of the bands of them."""
 _SEEN = 0.01
 """Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
-_CLEAREST_M, _STEPS = 60.0, 7
-"""Greatest visibility that dark places tell, and how many are tried: where they ask for more, as in caves, the
-water before them is in the shade."""
+_STEPS = 7
+"""How many visibilities are tried, up to the clearest water: where dark places ask for more, as in caves, the water
+before them is in the shade."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def _by_dark_places(
     level, seen = np.sin(np.radians([open_water.elevation_deg])), color > _SEEN
     if not np.any(seen):
         return 0.0
-    visibility = np.geomspace(found.visibility_m, max(_CLEAREST_M, found.visibility_m), _STEPS)
+    visibility = np.geomspace(found.visibility_m, MOST_M, _STEPS)
     over = []
     for v in visibility:
         medium = Medium(water_seen_as_far(water, float(v)), camera_depth_m=depth_m)

@@ -64,9 +64,11 @@ _FROM, _TO = 0.8, 0.95
 wholly clipped. A sky that is as bright without clipping is raised too, as far as the whole light is too weak."""
 _MOST = 2.0
 """Greatest ratio of restored to shown light: one stop. A type of water that is not the plate's misleads by no more."""
-_LEAST_SUN = 0.7
-"""Least ratio of a sun's strength by the whole light to that by its share of it: where the water is not the plate's
-own, shadows get no fainter."""
+_LEAST_SUN = 0.5
+"""Least ratio of a sun's strength by the whole light to that by its share of it: one stop, as of `_MOST`."""
+_GLITTER, _DISC = 0.25, 0.5
+"""Light of a sharp spot that is not clipped, over that of the solved beam, up to which it is a glint of the waves and
+from which it is the sun's disc: a wave shows a part of the sun that is never steady from frame to frame."""
 _LEAST_SHARE = 0.02
 """Fraction of the ambient light that clipped pixels must bring for them to be raised; wholly from twice as much on."""
 _GREATEST_ALBEDO = 0.6
@@ -159,6 +161,8 @@ class LightReader:
         solved = environment_lookup(found.ambient, up) * beam / np.maximum(rest, _LEAST_LIGHT) / sun_up
         if float(luminance(solved)) <= 0.0:
             return sun
+        of_beam = float(luminance(sun.irradiance) / luminance(solved))
+        sun = replace(sun, shown=sun.shown * float(np.clip((of_beam - _GLITTER) / (_DISC - _GLITTER), 0.0, 1.0)))
         clear = max(self._clearness or 0.0, sun.shown)
         mixed = np.maximum(solved, _LEAST_LIGHT) ** (1.0 - clear) * np.maximum(sun.irradiance, _LEAST_LIGHT) ** clear
         if not self._closed:
@@ -173,7 +177,7 @@ class LightReader:
             seen: Plate = plate_of_yuv(plate, settings, **options)
         else:
             seen = LinearPlate.of(checked_plate(plate), settings, **options)
-        return sun_found(seen, world_from_camera, settings.minimum_confidence, underwater=self._underwater)
+        return sun_found(seen, world_from_camera, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,12 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.render.surroundings import load_surroundings
+from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.recording import record
+from mr360uw.sample.rendered_dive import Dive
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Floats
+from mr360uw.video import open_video
 from tests.ibl.plates import clipped, sky
 from tests.ibl.tolerances import CLOSURE_RATIO
 from tests.scenes import scene_with
@@ -21,6 +26,8 @@ from tests.tolerances import THIN_WATER
 AZIMUTH_DEG, ELEVATION_DEG = 40.0, 65.0
 PLACE = direction_from_angles(np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG))
 UP = np.array([0.0, 1.0, 0.0])
+STEADY_BEAM = 1.5
+"""Waves move the light about the sun by some tenths; a beam that is now and then a glint's falls to an eighth."""
 
 
 def light_in(folder: Path, water: str, depth_m: float, ratio: float | None = None) -> Environment:
@@ -60,3 +67,19 @@ def test_a_given_ratio_is_that_at_the_camera(tmp_path: Path, depth_m: float) -> 
     beam = luminance(beam_of(light)) * light.sun.direction[1]
     sky_light = luminance(environment_lookup(light.ambient, UP))
     assert beam / sky_light == pytest.approx(1.5, rel=CLOSURE_RATIO)
+
+
+def test_a_glint_of_the_waves_is_not_taken_for_the_disc(tmp_path: Path) -> None:
+    """In some frames the glitter is a sharp spot that does not clip, with a twentieth of the beam's light."""
+    dive = DiveSettings(
+        depth_m=5.9, floor_m=8.38, water="II", sky="even", sun_elevation_deg=48.7, sun_azimuth_deg=14.8,
+        wind_m_s=2.49, wind_direction_deg=100.3, sand_albedo=0.175, relief=0.0, rocks=0.0, grass=0.0, seed=1121458970,
+    )  # fmt: skip
+    light = load_surroundings(
+        scene_with(tmp_path, None, water={"type": dive.water}, camera={"depth_m": dive.depth_m})
+    ).light
+    plate = Dive(dive, 512, 256)
+    record(tmp_path / "dive.mp4", [plate.radiance(k / 6.0) for k in range(4)], Fraction(6), dive.seed)
+    with open_video(tmp_path / "dive.mp4") as video:
+        beams = [luminance(beam_of(light.of(frame.pixels, time_s=frame.time_s))) for frame in video.frames()]
+    assert max(beams) < STEADY_BEAM * min(beams)

@@ -26,8 +26,9 @@ BAND_RAD = np.radians(1.0)
 """Half height [rad] of the band, one row at least. Twice as high, sand 3 m below shows in the clearest water."""
 SECTORS = 64
 """Azimuths that are told apart; each is a mean over hundreds of pixels, in which noise and dither are gone."""
-DOUBTFUL = 0.35
-"""Residual from which the gain counts as not known: water varies by a quarter about the sun, rocks by more."""
+DOUBTFUL = 0.45
+"""Residual from which the gain counts as not known: open water varies by up to 0.37 about a low sun, by a tenth without
+one; rocks and walls by 0.5 and more."""
 _TYPICAL_RANK = 0.3
 """Rank in red of an azimuth that shows water alone, as long as bodies and rocks leave a third of the horizon."""
 _OPEN, _CLOSED = 1.2, 1.6
