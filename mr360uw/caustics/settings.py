@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, ModelWrapValidatorHandler, Tag, ValidationError, field_validator, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import Discriminator, Tag, field_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 
 Method = Literal["exact", "ratio", "fan", "jacobian", "scrolling"]
 """exact: flux by exact coverage. The others are published methods, see `published`."""
@@ -33,19 +32,20 @@ class CausticSettings(Parameters):
     """Method and resolution of the caustics."""
 
     enabled: bool = parameter(True, "whether the surface focuses light")
-    method: Method = parameter("exact", "exact conserves energy; ratio, fan, jacobian, scrolling: for comparison")
-    size: int = parameter(
+    method: Method = parameter(
+        "exact", "exact conserves energy; ratio, fan, jacobian, scrolling: as published", internal="comparisons"
+    )
+    size: int = advanced(
         512, "pixels of the map across the sea's tile, a power of two; fewer where no picture shows them",
         low=16, high=4096,
     )  # fmt: skip
-    grid: int | None = parameter(
+    grid: int | None = advanced(
         None, "cells of the surface across the tile; none: as many as the sea needs, 64 to 256", low=4, high=2048
     )
-    planes: int = parameter(4, "most depths that a frame's caustics are computed at", low=1, high=64)
-    chromatic: Literal[1, 3] = parameter(1, "1: one refractive index; 3: one for each of red, green and blue")
-    water_blur: bool = parameter(
-        True, "whether light that the water turns by small angles keeps a blurred pattern; false: none"
+    planes: int = parameter(
+        4, "most depths that a frame's caustics are computed at", low=1, high=64, internal="draw.quality"
     )
+    chromatic: Literal[1, 3] = advanced(1, "1: one refractive index; 3: one for each of red, green and blue")
     sun_half_angle_rad: float = parameter(
         SUN_HALF_ANGLE_RAD, "angular radius of the sun's disc in air; larger for haze", unit="rad", low=0.0, high=0.5
     )
@@ -56,21 +56,3 @@ class CausticSettings(Parameters):
         if size & (size - 1):
             raise ValueError(f"must be a power of two (got {size}): 128, 256, 512")
         return size
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _say_where_the_index_is(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Report the key that `[water]` has now with its new name, beside all other problems of the table."""
-        try:
-            return handler(data)
-        except ValidationError as error:
-            lines: list[InitErrorDetails] = []
-            for item in error.errors(include_url=False):
-                line = InitErrorDetails(
-                    type=item["type"], loc=item["loc"], input=item["input"], ctx=item.get("ctx", {})
-                )
-                if item["type"] == "extra_forbidden" and item["loc"] == ("refractive_index",):
-                    problem = f"unknown key (got {item['input']!r}) - it is water.refractive_index now"
-                    line["type"] = PydanticCustomError("value_error", "{error}", {"error": problem})
-                lines.append(line)
-            raise ValidationError.from_exception_data(cls.__name__, lines) from None

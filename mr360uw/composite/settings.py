@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 
 FARTHEST = 1e9
 """Largest number of a position [m] or a rotation [deg]: beyond it the sums of single-precision numbers overflow."""
@@ -23,6 +23,10 @@ Quality = Literal["draft", "final", "reference"]
 Samples = Literal[1, 5, 13, 17, 29, 41, 65]
 MOTION = "it is a motion over time itself"
 """Why keys of motions are not keyed themselves."""
+PLACE = "position (right, up, back): of a lamp in its frame; of the receiver's mesh or the middle of its height map"
+TURN = "(yaw, pitch, roll): nose or beam (-z) to the right, up, right side down; roll first"
+SIZE, CASTS = "factor on its size", "whether there are shadows: of this object on all, or of all in this lamp's light"
+"""What keys of several tables mean."""
 
 
 def check_times(times: Sequence[float]) -> None:
@@ -48,21 +52,18 @@ class ReceiverSettings(Parameters):
     path: Path | None = parameter(
         None, "the mesh, the height map, or the distance map (image, sequence or video; 0, inf, NaN: no surface)"
     )
-    position_m: Vector = parameter((0.0, 0.0, 0.0), "position of the mesh or centre of the height map", unit="m")
-    rotation_deg: Vector = parameter((0.0, 0.0, 0.0), "(yaw, pitch, roll) of the mesh", unit="deg")
-    scale: float = parameter(1.0, "factor on the mesh's size", unit="1", above=0.0, high=1e6)
-    size_m: tuple[Extent, Extent] = parameter((20.0, 20.0), "extent of the height map along x and z", unit="m")
-    range_m: tuple[float, float] = parameter(
+    position_m: Vector = parameter((0.0, 0.0, 0.0), PLACE, unit="m")
+    rotation_deg: Vector = parameter((0.0, 0.0, 0.0), TURN, unit="deg")
+    scale: float = parameter(1.0, SIZE, unit="1", low=1e-6, high=1e6)
+    size_m: tuple[Extent, Extent] = advanced((20.0, 20.0), "extent of the height map along x and z", unit="m")
+    range_m: tuple[float, float] = advanced(
         (0.0, 1.0), "heights of black and white of the height map, or distances of a distance map in codes", unit="m"
     )
-    outside_files: bool = parameter(False, "whether the mesh file may name files outside of its own folder")
+    outside_files: bool = advanced(False, "whether the mesh file may name files outside of its own folder")
     shadow: bool = parameter(True, "whether the sun's shadow falls on it")
-    occlusion: bool = parameter(True, "whether objects block ambient light on it")
+    occlusion: bool = advanced(True, "whether objects block ambient light on it")
     caustics: bool = parameter(False, "whether caustics are added to those the plate already shows")
-    plate_caustics: Literal["auto", "keep"] = parameter(
-        "auto", "the plate's own caustics in a shadow; auto: they go with the sun's light"
-    )
-    extent_m: float = parameter(
+    extent_m: float = advanced(
         30.0, "distance from the camera beyond which it is not changed", unit="m", above=0.0, high=1e4
     )
 
@@ -78,11 +79,10 @@ class HoldoutSettings(Parameters):
 
     path: Path = parameter(..., "image, sequence (matte_%04d.png) or video of the plate's shape")
     kind: Literal["mask", "distance"] = parameter("mask", "white hides the objects, or a distance along the ray")
-    range_m: tuple[float, float] = parameter(
+    invert: bool = advanced(False, "whether black hides the objects instead")
+    range_m: tuple[float, float] = advanced(
         (0.0, 100.0), "distances of black and white of a distance map in codes; EXR holds metres", unit="m"
     )
-    invert: bool = parameter(False, "whether black hides the objects instead")
-    feather_px: float = parameter(0.0, "width of a soft edge added to the matte", unit="px", low=0.0, high=200.0)
 
 
 class LampKeySettings(Parameters):
@@ -96,30 +96,21 @@ class LampKeySettings(Parameters):
 class LampSettings(Parameters):
     """A lamp that the plate does not show: a torch, a strobe, a light on an object."""
 
-    kind: Literal["spot", "point"] = parameter("spot", "a cone of light, or light to all sides")
-    position_m: Vector = parameter((0.0, 0.0, 0.0), "position (right, up, back) in its frame of reference", unit="m")
-    rotation_deg: Vector = parameter(
-        (0.0, 0.0, 0.0), "(yaw, pitch, roll) of a spot's beam; (0, 0, 0) is straight ahead (-z)", unit="deg"
+    position_m: Vector = parameter((0.0, 0.0, 0.0), PLACE, unit="m")
+    rotation_deg: Vector = parameter((0.0, 0.0, 0.0), TURN, unit="deg")
+    attach: Literal["world", "camera"] | Annotated[int, Field(ge=0, le=10000)] = parameter(
+        "world", "frame of reference: the world, the camera, or an object by its number, the first is 0"
     )
-    attach: Literal["world", "camera", "object"] = parameter("world", "frame of reference")
-    object: int = parameter(0, "for attach object: its number, the first is 0", low=0, high=10000)
     key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time", fixed=MOTION)
-    interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
-    lumen: float | None = parameter(None, "luminous flux; none: from watts, or 2000", unit="lm", low=0.0, high=1e7)
-    watts: float | None = parameter(
-        None, "radiant flux between 400 and 700 nm, instead of lumen (LEDs give a third of what they draw)",
-        unit="W", low=0.0, high=1e5,
-    )  # fmt: skip
+    interpolation: Interpolation = advanced("smooth", "between keys: straight, or a monotone cubic")
+    lumen: float | None = parameter(None, "luminous flux; none: 2000", unit="lm", low=0.0, high=1e7)
     temperature_k: float = parameter(5600.0, "colour temperature of its spectrum", unit="K", low=1000.0, high=25000.0)
-    color: Vector = parameter((1.0, 1.0, 1.0), "linear filter on its colour, before the water", unit="1")
+    color: Vector = advanced((1.0, 1.0, 1.0), "linear filter on its colour, before the water", unit="1")
     cone_deg: float = parameter(
-        60.0, "of a spot: full angle beyond which it is dark", unit="deg", above=0.0, high=360.0
+        60.0, "full angle beyond which it is dark; 360: it shines to all sides", unit="deg", above=0.0, high=360.0
     )
-    edge: float = parameter(
-        0.3, "of a spot: fraction of the half angle over which it fades", unit="1", low=0.0, high=1.0
-    )
-    radius_m: float = parameter(0.02, "radius of the luminous ball, for soft shadows", unit="m", low=0.0, high=100.0)
-    casts_shadow: bool = parameter(True, "whether objects cast shadows in its light")
+    radius_m: float = advanced(0.02, "radius of the luminous ball, for soft shadows", unit="m", low=0.0, high=100.0)
+    casts_shadow: bool = parameter(True, CASTS)
 
     @field_validator("color")
     @classmethod
@@ -132,12 +123,6 @@ class LampSettings(Parameters):
         check_times([key.time_s for key in keys])
         return keys
 
-    @model_validator(mode="after")
-    def _one_flux(self) -> LampSettings:
-        if self.lumen is not None and self.watts is not None:
-            raise ValueError("watts - lumen is given too (got both) - remove one of them")
-        return self
-
 
 class DrawSettings(Parameters):
     """Sampling of objects and shadows, motion blur, grain."""
@@ -146,15 +131,18 @@ class DrawSettings(Parameters):
         "final", "values of the settings that trade time for accuracy, where a scene does not set them",
         fixed="a clip has one quality",
     )  # fmt: skip
-    samples: Samples = parameter(65, "samples of every pixel, on a rotated grid", unit="1")
-    shading: Literal["pixel", "sample"] = parameter("pixel", "shade each surface once a pixel, or once a sample")
-    ambient_occlusion: bool = parameter(
+    samples: Samples = advanced(65, "samples of every pixel, on a rotated grid", unit="1")
+    shading: Literal["pixel", "sample"] = parameter(
+        "pixel", "shade each surface once a pixel, or once a sample", internal="draw.quality"
+    )
+    ambient_occlusion: bool = advanced(
         True, "bodies block ambient light from themselves and from each other, and reflect light onto each other"
     )
     sun_samples: int = parameter(
-        24, "directions over a light's disc, averaged for soft shadows", low=1, high=MAXIMUM_SUN_SAMPLES
-    )
-    sun_spread_deg: float = parameter(
+        24, "directions over a light's disc, averaged for soft shadows", low=1, high=MAXIMUM_SUN_SAMPLES,
+        internal="draw.quality",
+    )  # fmt: skip
+    sun_spread_deg: float = advanced(
         5.0,
         "standard deviation of the directions of sunlight scattered forwards by the water, for shadows",
         unit="deg",

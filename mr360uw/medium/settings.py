@@ -9,25 +9,26 @@ from typing import Annotated, Literal, Self, cast
 
 from pydantic import Field, field_validator, model_validator
 
-from mr360uw.constants import MEAN_COSINE_SEA, REFRACTIVE_INDEX_SEA
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit.exposure import fit_gain
-from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType
+from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase
-from mr360uw.medium.spectral.bands import Rule
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
-from mr360uw.medium.transfer import SurfaceKind
 from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
 from mr360uw.medium.water import Water
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.types import Floats
 
 Place = Literal["tropical", "temperate", "harbour"]
 PLACES: dict[str, JerlovType] = {"tropical": "IB", "temperate": "1C", "harbour": "7C"}
 """Words for waters, and the types they stand for: black targets are lost at 71, 27 and 5.4 m there."""
 WaterType = JerlovType | Place | Literal["pure", "chlorophyll", "csv", "none"]
-PhaseName = Literal["auto", "petzold", "hg", "isotropic", "water", "fournier-forand"]
+PhaseName = Literal["auto", "petzold", "isotropic", "water"]
+MeanCosine = Annotated[float, Field(ge=-0.95, le=0.99)]
+Index = Annotated[float, Field(ge=1.01, le=1.35)]
+Slope = Annotated[float, Field(ge=3.05, le=4.95)]
 Gain = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
@@ -45,23 +46,19 @@ class WaterKindSettings(Parameters):
     csv: Path | None = parameter(
         None, "for type csv: table with wavelength_nm, absorption, scattering and, if known, kd"
     )
-    inherent: Inherent = parameter("solonenko2015", "source of absorption and scattering of the Jerlov types")
-    kd: Diffuse | Literal["auto"] = parameter("auto", "source of the diffuse attenuation of the Jerlov types")
-    phase: PhaseName = parameter("auto", "phase function of the particles; auto = the one that goes with the water")
-    mean_cosine: float = parameter(MEAN_COSINE_SEA, "for phase hg: mean cosine g", unit="1", low=-0.95, high=0.99)
-    particle_index: float = parameter(
-        1.10, "for phase fournier-forand: relative refractive index", unit="1", low=1.01, high=1.35
-    )
-    junge_slope: float = parameter(
-        3.5835, "for phase fournier-forand: slope of the size distribution", unit="1", low=3.05, high=4.95
-    )
+    phase: PhaseName | MeanCosine | tuple[Index, Slope] = advanced(
+        "auto", "phase function of the particles: by name, auto = the one that goes with the water; Henyey-Greenstein "
+        "of a mean cosine; or Fournier-Forand of [refractive index, slope of sizes], as in [1.1, 3.58]",
+        fixed="water has one phase function",
+    )  # fmt: skip
     sensor: str | Path = parameter(
         DEFAULT_SENSOR, "a built-in camera, CIE 1931, or a CSV file with wavelength_nm, R, G, B"
     )
     illuminant: str = parameter(
-        DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ..."
-    )
-    refractive_index: float = parameter(
+        DEFAULT_ILLUMINANT, "light that white is balanced for: equal-energy, D65, sun-sky, D50, A, ...",
+        internal="water.sensor",
+    )  # fmt: skip
+    refractive_index: float = advanced(
         REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
     )
 
@@ -79,7 +76,7 @@ class WaterKindSettings(Parameters):
     @property
     def of_visibility_alone(self) -> bool:
         """True if the water follows from the visibility alone."""
-        return self.visibility_m is not None and not {"type", "inherent", "kd"} & self.model_fields_set
+        return self.visibility_m is not None and "type" not in self.model_fields_set
 
     @property
     def label(self) -> str:
@@ -112,38 +109,40 @@ class WaterKindSettings(Parameters):
                 raise ParameterError("csv - type csv needs a file (got none) - name it")
             return Water.from_csv(self.csv)
         kind = PLACES.get(self.type) or cast("JerlovType", self.type)
-        return Water.jerlov(kind, self.inherent, None if self.kd == "auto" else self.kd)
+        return Water.jerlov(kind)
 
     def _phase(self) -> Phase:
-        if self.phase == "hg":
-            return "hg", self.mean_cosine
-        if self.phase == "fournier-forand":
-            return "fournier-forand", self.particle_index, self.junge_slope
+        if isinstance(self.phase, float):
+            return "hg", self.phase
+        if isinstance(self.phase, tuple):
+            return "fournier-forand", *self.phase
+        assert self.phase != "auto"
         return self.phase
 
 
 class WaterSettings(WaterKindSettings):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
-    mode: Mode = parameter(
+    mode: Mode = advanced(
         "plate",
         "how the haze (veil) is computed; plate = far away what the plate shows, on the way as the solved light "
         "field; table = that alone, kd = as published",
     )
-    bands: int = parameter(DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000)
-    rule: Rule = parameter("rectangle", "how wavelengths and weights are chosen")
-    surface: SurfaceKind = parameter("snell", "flat surface with reflection and refraction, or none")
-    sun_share: float = parameter(
+    bands: int = parameter(
+        DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000,
+        internal="draw.quality",
+    )  # fmt: skip
+    sun_share: float = advanced(
         0.0,
         "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
         unit="1",
         low=0.0,
         high=1.0,
     )
-    sun_elevation_deg: float = parameter(
+    sun_elevation_deg: float = advanced(
         60.0, "elevation of that beam in the water", unit="deg", low=5.0, high=90.0
     )  # fmt: skip
-    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = parameter(
+    gain: Literal["auto"] | tuple[Gain, Gain, Gain] = advanced(
         "auto",
         "factor on the haze (veil) per channel, the same in all directions; auto = it has the plate's own colour, "
         "steady over a clip",
@@ -176,9 +175,7 @@ class WaterSettings(WaterKindSettings):
             self.mode,
             camera_depth_m,
             band_count=self.bands,
-            rule=self.rule,
             illuminant=self.illuminant,
-            surface=self.surface,
             sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
             refractive_index=self.refractive_index,
             floor_m=floor_m,

@@ -1,57 +1,112 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates the reference tables of all scene parameters from the parameters' declarations."""
+"""Generates the reference tables of all scene parameters from the parameters' declarations.
+
+A key that several tables have with the same meaning stands once, and keys that few users need stand in tables of their
+own, marked `[advanced]`. Those that users need not set are left out.
+"""
 
 from __future__ import annotations
 
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from mr360uw.parameters import stated
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.template import toml_value
+
+_COLUMNS = ("key", "default", "values, range, unit", "meaning")
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A parameter as the tables show it."""
+
+    cells: tuple[str, ...]
+    advanced: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A table of a scene file. header: as the file has it, in code."""
+
+    header: str
+    name: str
+    text: str
+    rows: tuple[_Row, ...]
+
+    def lines(self, columns: tuple[str, ...] = _COLUMNS) -> list[str]:
+        """Return the lines of its heading, its text and its rows, those that few users need last."""
+        title = f"{self.header} {self.name}".strip()
+        lines = ["", f"## {title}", "", self.text]
+        for advanced in (False, True):
+            cells = [row.cells for row in self.rows if row.advanced == advanced]
+            if cells:
+                lines += ["", f"### {title} `[advanced]`"] if advanced else []
+                lines += ["", *(f"| {' | '.join(row)} |" for row in (columns, ("---",) * len(columns), *cells))]
+        return lines
 
 
 def parameters_markdown(
     scene: type[BaseModel] = Scene, title: str = "Parameters of a scene", command: str = "mr360uw schema --markdown"
 ) -> str:
     """Return the page docs/parameters.md, or that of another kind of scene: one table for each table of its file."""
+    tables = [table for name, field in scene.model_fields.items() for table in _tables(field.alias or name, field)]
+    headers: dict[_Row, list[str]] = {}
+    for table in tables:
+        for row in table.rows:
+            headers.setdefault(row, []).append(table.header)
     lines = [f"# {title}", "", f"Written by `{command}`. A key without a default must be given."]
-    for name, field in scene.model_fields.items():
-        key = field.alias or name
-        repeated = isinstance(field.default, tuple)
-        for model in models_of(field.annotation):
-            lines += table_of(f"[[{key}]]" if repeated else f"[{key}]", model)
+    for table in tables:
+        lines += replace(table, rows=tuple(row for row in table.rows if len(headers[row]) == 1)).lines()
+    several = [replace(row, cells=(", ".join(of), *row.cells)) for row, of in headers.items() if len(of) > 1]
+    if several:
+        text = "With the same meaning in each."
+        lines += _Table("Keys of several tables", "", text, tuple(several)).lines(("tables", *_COLUMNS))
     return "\n".join(lines) + "\n"
 
 
 def table_of(header: str, model: type[BaseModel]) -> list[str]:
-    """Return the lines of a heading and a table of a model's parameters, and those of the models in it."""
-    summary = (model.__doc__ or "").strip().splitlines()[0]
-    lines = [
-        "",
-        f"## `{header}` {model.__name__}",
-        "",
-        summary,
-        "",
-        "| key | default | values, range, unit | meaning |",
-    ]
-    nested = []
+    """Return the lines of a heading and a table of a model's parameters."""
+    return _table(header, model).lines()
+
+
+def _tables(path: str, field: FieldInfo, outer: Collection[str] = ()) -> list[_Table]:
+    """Return the tables of the models that a field holds, and of the models in these.
+
+    What the kinds of a table inherit from one class stands first. outer: keys of the table around it.
+    """
+    header = f"[[{path}]]" if get_origin(field.annotation) is tuple else f"[{path}]"
+    kinds, tables = [] if stated(field, "internal") else models_of(field.annotation), list[_Table]()
+    base = kinds[0].__base__ if len(kinds) > 1 else None
+    inherited = base.model_fields if base is not None and issubclass(base, BaseModel) else {}
+    if base is not None and inherited:
+        tables.append(_table(header, base))
+    for kind in kinds:
+        tables.append(_table(header, kind, outer, inherited))
+        for name, inner in kind.model_fields.items():
+            key = inner.alias or name
+            tables += _tables(f"{path}.{key}", inner, {f.alias or n for n, f in kind.model_fields.items()})
+    return tables
+
+
+def _table(header: str, model: type[BaseModel], outer: Collection[str] = (), inherited: Collection[str] = ()) -> _Table:
+    rows, again = [], []
     for name, field in model.model_fields.items():
-        inner = models_of(field.annotation)
-        if inner:
-            path = f"{header.strip('[]')}.{field.alias or name}"
-            single = get_origin(field.annotation) in (Union, UnionType) and inner[0] in get_args(field.annotation)
-            nested += [(f"[{path}]" if single else f"[[{path}]]", m) for m in inner]
-            continue
-        allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
-        cells = (f"`{field.alias or name}`", _default(field), allowed, field.description or "")
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    for inner_header, inner_model in nested:
-        lines += table_of(inner_header, inner_model)
-    return lines
+        key = field.alias or name
+        if key in outer:
+            again.append(f"`{key}`")
+        elif name not in inherited and not stated(field, "internal") and not models_of(field.annotation):
+            allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
+            cells = f"`{key}`", _default(field), allowed, field.description or ""
+            rows.append(_Row(tuple(cell.replace("|", "\\|") for cell in cells), stated(field, "audience") == "few"))
+    text = (model.__doc__ or "").strip().splitlines()[0]
+    text += f" As around it: {', '.join(again)}." if again else ""
+    return _Table(f"`{header}`", model.__name__, text, tuple(rows))
 
 
 def choices(annotation: Any) -> list[str]:

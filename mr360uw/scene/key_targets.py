@@ -23,6 +23,7 @@ from mr360uw.scene.file_lines import Location
 from mr360uw.scene.key_settings import KeyedParameter, Value
 from mr360uw.scene.overrides import dotted, entry
 from mr360uw.scene.problems import allowed_text
+from mr360uw.scene.removed_keys import removed
 
 M = TypeVar("M", bound=BaseModel)
 ANY_LENGTH = -1
@@ -97,6 +98,8 @@ def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | i
         raise ParameterError(f"has no {part!r} (got {name!r}) - {where} is {_in_words(owner)}")
     fields = {field.alias or known: known for known, field in type(owner).model_fields.items()}
     if part not in fields:
+        if became := removed((*location, part)):
+            raise ParameterError(f"unknown parameter (got {name!r}) - {became}")
         near = difflib.get_close_matches(part, fields, 1)
         begin = "".join(f"{one}." for one in location)
         todo = f"did you mean '{begin}{near[0]}'?" if near else f"known here: {', '.join(fields)}"

@@ -25,12 +25,13 @@ from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.scene.file_lines import Lines
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
+from mr360uw.shapes import file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.yuv.ocio_transform import OcioSettings
@@ -42,30 +43,31 @@ class PlateSettings(Parameters):
 
     path: Path = parameter(..., "360 video (mp4, mov, mkv, webm), image sequence (plate_%04d.png) or still")
     transfer: Transfer | None = parameter(None, "curve from code values to linear light; none: as the file is tagged")
-    primaries: Primaries | None = parameter(None, "primaries of the plate's light; none: as its matrix has them")
+    primaries: Primaries | None = advanced(None, "primaries of the plate's light; none: as its matrix has them")
     lut: Path | None = parameter(
         None, "lookup table (.cube) from the plate's values to a picture or to light, instead of transfer; invertible"
     )
-    lut_to: DisplayTransfer = parameter("srgb", "curve of the table's output, a picture of Rec.709; linear: light")
-    levels: Levels = parameter(
+    lut_to: DisplayTransfer = advanced("srgb", "curve of the table's output, a picture of Rec.709; linear: light")
+    levels: Levels = advanced(
         "video", "what 0 and 1 are for lut and ocio: black and white of the plate's range, or code 0 and full scale"
     )
     ocio: OcioSettings | None = parameter(None, "colour spaces of an OpenColorIO config, instead of transfer")
     eye: Literal["left", "right", "both"] | None = parameter(None, "the eyes of a stereo plate to work on")
-    layout: Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"] | None = parameter(
+    layout: Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"] | None = advanced(
         None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
     )
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
     scale: float = parameter(
-        1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0
-    )
-    damaged: Literal["stop", "hold"] = parameter(
+        1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0,
+        internal="--scale",
+    )  # fmt: skip
+    damaged: Literal["stop", "hold"] = advanced(
         "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
     )
     projection: Projection = parameter(
         "auto", "of the file's pictures, which are turned to equirectangular; auto: .insv dual_fisheye, .360 eac"
     )
-    fisheye_fov_deg: float = parameter(
+    fisheye_fov_deg: float = advanced(
         FISHEYE_FOV_DEG, "angle across one half of a dual-fisheye frame; most cameras: 190 to 205", unit="deg",
         low=120.0, high=280.0,
     )  # fmt: skip
@@ -116,7 +118,7 @@ class CameraSettings(Parameters):
     tilt_keys: tuple[tuple[float, float, float], ...] = parameter(
         (), "(time_s, roll_deg, pitch_deg), ascending, instead"
     )
-    ipd_m: float = parameter(
+    ipd_m: float = advanced(
         0.064, 'distance between the eyes of the plate\'s camera, for plate.eye = "both"',
         unit="m", low=0.01, high=0.2, fixed="the eyes keep their distance",
     )  # fmt: skip
@@ -177,9 +179,9 @@ class Scene(Parameters):
     @model_validator(mode="after")
     def _lamps_on_objects(self) -> Scene:
         for number, lamp in enumerate(self.lamps):
-            if lamp.attach == "object" and lamp.object >= len(self.objects):
+            if isinstance(lamp.attach, int) and lamp.attach >= len(self.objects):
                 raise ValueError(
-                    f"lamp.{number}.object - no such object (got {lamp.object}) - the scene has {len(self.objects)}, "
+                    f"lamp.{number}.attach - no such object (got {lamp.attach}) - the scene has {len(self.objects)}, "
                     "the first is 0"
                 )
         return self
@@ -197,7 +199,6 @@ class Scene(Parameters):
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Scene:
-        self.shafts.check(self.water.mode)
         check_keys(self, self.keys)
         return self
 
@@ -208,7 +209,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
     Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
     """
-    return load_model(Scene, path, overrides, made="mr360uw new VIDEO MESH")
+    return load_model(Scene, file_path("scene", path), overrides, made="mr360uw new VIDEO MESH")
 
 
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:

@@ -15,7 +15,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from mr360uw.parameters import stated
 from mr360uw.scene.file_lines import Lines, Location, line_of, place
+from mr360uw.scene.removed_keys import removed
 
 _WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
@@ -177,10 +179,8 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
                 continue  # the near miss is reported as the unknown key
             what, todo = "is missing", f"give {help_text}" + (f" [{bounds}]" if bounds else "")
         elif item["type"] == "extra_forbidden":
-            names = [f.alias or n for m in owners for n, f in m.model_fields.items()]
-            near = difflib.get_close_matches(str(location[-1]), names, 1)
             what = "unknown key"
-            todo = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(dict.fromkeys(names))}"
+            todo = removed(location) or _near_key(str(location[-1]), owners)
         elif shape is not None:
             what = shape[0]
             todo = shape[1] or _near(value, what) or (f"{help_text} [{bounds}]" if bounds else help_text)
@@ -205,6 +205,14 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
     deeper = {location[:k] for location in found for k in range(len(location)) if isinstance(location[k], int)}
     listed = {loc for loc in deeper & found.keys() if models_of(_locate(root, loc, "")[2].annotation) == []}
     return [text for location, (_, text) in sorted(found.items(), key=_by_line) if location not in listed]
+
+
+def _near_key(key: str, owners: list[type[BaseModel]]) -> str:
+    """Return a question after the nearest key of a table's models, or all of their keys that users set."""
+    fields = [(f.alias or n, f) for m in owners for n, f in m.model_fields.items()]
+    names = dict.fromkeys(name for name, field in fields if not stated(field, "internal"))
+    near = difflib.get_close_matches(key, names, 1)
+    return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(names)}"
 
 
 def _by_line(item: tuple[Location, tuple[int, str]]) -> tuple[int, str]:

@@ -37,7 +37,7 @@ def caustic_chart(shown: ShownFrame) -> Codes:
         return message("no caustics: there is no water above the receiver", shown.palette, _SIDE, _SIDE)
     index, settings = scene.water.refractive_index, shown.loaded.caustic_depths.settings
     medium = shown.loaded.surroundings.medium
-    spread = spread_of(medium) if medium is not None and settings.water_blur else None
+    spread = spread_of(medium) if medium is not None else None
     in_air = refract_to_air(sun.direction, index)
     stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread)
     ratio = stack.ratio[0]

@@ -9,7 +9,7 @@ from mr360uw.errors import Mr360uwError
 from mr360uw.preview.drafts import COARSE_WIDTH
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import encoded
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
@@ -46,7 +46,7 @@ class PageRenderer:
         except (Mr360uwError, OSError):  # the picture says it
             return wanted.index
 
-    def take_facts(self, scene: Scene, facts: ClipFacts) -> None:
+    def take_facts(self, scene: Scene, facts: ClipAnalysis) -> None:
         """Take what was measured of a scene's clip."""
         self.preview.take_facts(scene, facts)
 

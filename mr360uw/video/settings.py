@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Self, get_args
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 
 Codec = Literal["h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
@@ -46,33 +46,32 @@ class EncodeSettings(Parameters):
     target: Literal["none", "youtube-360", "quest"] = parameter(
         "none", "what the file is for: codec, pixel format, bit rate and key frames as that place recommends, in mp4"
     )
-    encoder: Encoder = parameter(
+    encoder: Encoder = advanced(
         "software", "FFmpeg's encoder of a graphics card, which decides the codec; it is tried at the start"
     )
-    quality: int = parameter(17, "constant rate factor, smaller is better (h264, h265, av1)", low=0, high=51)
-    preset: Preset = parameter("veryfast", "speed against size (h264, h265, av1)")
-    lossless: bool = parameter(False, "keep every code value (h264, h265; ffv1 always does)")
-    pixel_format: str = parameter("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
+    quality: Literal["lossless"] | Annotated[int, Field(ge=0, le=51)] = parameter(
+        17, "constant rate factor, 0 the best, 51 the worst (h264, h265, av1); or lossless (h264, h265; ffv1 always is)"
+    )
+    preset: Preset = advanced("veryfast", "speed against size (h264, h265, av1)")
+    pixel_format: str = advanced("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
     sound: bool = parameter(True, "copy the plate's sound")
-    data: bool = parameter(True, "keep the plate's tracks of data, its time code and its chapters")
-    threads: int = parameter(0, "encoder threads, 0 for one per core", low=0, high=256)
+    data: bool = advanced(True, "keep the plate's tracks of data, its time code and its chapters")
     segment_s: float = parameter(
         5.0, "length of the parts that a run keeps until all are there; a killed run loses one", unit="s", low=0.01,
-        high=3600.0,
+        high=3600.0, internal="the run",
     )  # fmt: skip
-    faststart: bool = parameter(True, "put the index of an mp4 or mov before the pictures, for the web")
 
     @model_validator(mode="after")
     def _lossless_codec(self) -> Self:
-        if self.lossless and self.codec in ("av1", "prores"):
+        if self.quality == "lossless" and self.codec in ("av1", "prores"):
             raise ValueError(f"lossless is not available with {self.codec}; take h264, h265 or ffv1")
         return self
 
     @model_validator(mode="after")
     def _one_choice(self) -> Self:
-        if self.lossless and self.encoder != "software":
+        if self.quality == "lossless" and self.encoder != "software":
             raise ValueError(f"lossless is not available with {self.encoder}; take the encoder software")
-        decided = ("codec", "pixel_format", "lossless", "quality", "faststart")
+        decided = ("codec", "pixel_format", "quality")
         named = [name for name in decided if getattr(self, name) != _default(name)]
         if self.target != "none" and named:
             raise ValueError(
@@ -117,6 +116,7 @@ class EncodeSettings(Parameters):
 
     def _hardware_options(self) -> dict[str, str]:
         """Return what means a constant quality to the encoder of a card; 0 best, as in software."""
+        assert self.quality != "lossless"
         quality = str(self.quality)
         return {
             "nvenc": {"rc": "vbr", "cq": quality, "b": "0"},
@@ -128,14 +128,14 @@ class EncodeSettings(Parameters):
         }[self.encoder.partition("_")[2]]
 
     def _plain_options(self) -> dict[str, str]:
-        crf = {"crf": str(self.quality)}
+        lossless, crf = self.quality == "lossless", {"crf": str(self.quality)}
         if self.codec == "h264":
-            return {"preset": self.preset, **({"qp": "0"} if self.lossless else crf)}
+            return {"preset": self.preset, **({"qp": "0"} if lossless else crf)}
         if self.codec == "h265":
             quiet = "log-level=error"
             return {
                 "preset": self.preset,
-                **({"x265-params": f"{quiet}:lossless=1"} if self.lossless else {"x265-params": quiet, **crf}),
+                **({"x265-params": f"{quiet}:lossless=1"} if lossless else {"x265-params": quiet, **crf}),
             }
         if self.codec == "av1":
             return {"preset": str(_AV1_PRESETS[self.preset]), **crf}

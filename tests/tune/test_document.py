@@ -68,7 +68,8 @@ def test_a_value_changes_its_own_characters_alone(document: Document) -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("sea.wind_speed", 3.0), ("water.type", "II"), ("plate.scale", 0.5), ("object.0.position_m", (1.0, 2.0, -3.0)),
+        ("sea.wind_speed", 3.0), ("water.type", "II"), ("plate.frame_rate", 24.0),
+        ("object.0.position_m", (1.0, 2.0, -3.0)),
         ("object.0.key", [{"time_s": 0.0, "scale": 2.0}, {"time_s": 1.0}]), ("caustics.enabled", False),
         ("receiver.height_m", -3.0), ("water.gain", "auto"), ("object.1.animation", 'a "quoted" name'),
     ],

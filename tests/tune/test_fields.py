@@ -27,7 +27,7 @@ def one(path: str) -> Field:
 @pytest.mark.parametrize(
     ("path", "changes"),
     [("sea.wind_speed", True), ("object.position_m", True), ("object.base_color", True), ("camera.depth_m", False),
-     ("sea.tile_m", False), ("sea.seed", False), ("water.type", False), ("plate.scale", False)],
+     ("sea.tile_m", False), ("sea.seed", False), ("water.type", False), ("plate.frame_rate", False)],
 )  # fmt: skip
 def test_what_cannot_change_within_a_clip_has_no_keys(path: str, changes: bool) -> None:
     assert one(path).changes is changes
@@ -75,7 +75,7 @@ def test_a_control_says_what_the_declaration_says(subtests: pytest.Subtests) -> 
 
 KINDS = [
     ("camera.depth_m", "number", {"unit": "m", "default": 5.0, "high": 200.0, "label": "Camera depth"}),
-    ("water.bands", "integer", {"default": 61}),
+    ("caustics.size", "integer", {"default": 512}),
     ("water.type", "choice", {"optional": False}),
     ("plate.transfer", "choice", {"optional": True, "default": None}),
     ("caustics.chromatic", "choice", {"choices": (1, 3)}),
@@ -90,7 +90,6 @@ KINDS = [
     ("water.sensor", "text", {"default": "Insta360 X5"}),
     ("water.gain", "toml", {"default": "auto"}),
     ("object.key", "toml", {"default": ()}),
-    ("light.glossy_roughness", "toml", {}),
     ("light.white_cd_m2", "number", {"logarithmic": True, "label": "White"}),
 ]
 

@@ -26,7 +26,6 @@ from mr360uw.tune.situation import situation
 from tests.tune.browser import chromium, started
 
 TOKEN = "for-tests"
-QUICK = "\n[draw]\nsamples = 1\nsun_samples = 1\nambient_occlusion = false\n"
 WAIT_MS = 60_000  # for pictures on a busy machine; they take a fraction of a second
 WIDTH, HEIGHT = 256, 128
 
@@ -100,7 +99,7 @@ def page(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     for file in (dive.plate, dive.mesh):
         shutil.copy(file, folder)
     scene = folder / "scene.toml"
-    scene.write_text(re.sub(r"(?m)^\[draw\]$", "# [draw]", dive.scene.read_text("utf-8")) + QUICK, "utf-8")
+    scene.write_text(dive.scene.read_text("utf-8"), "utf-8")
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}  # NiceGUI looks for it
     ours["MR360UW_TOKEN"] = TOKEN
     command = [sys.executable, "-m", "mr360uw", "tune", str(scene), "--port", "0", "--no-browser"]
@@ -137,13 +136,13 @@ NUMBER, SLIDER, CHOICE, SWITCH, TEXT, COLOUR = "number", "slider", "choice", "sw
     [
         ("camera.depth_m", NUMBER, "7.5", 7.5, True),
         ("water.visibility_m", SLIDER, "End", 90.0, True),
-        ("draw.sun_samples", NUMBER, "2", 2, False),
+        ("draw.motion_samples", NUMBER, "2", 2, False),
         ("water.type", CHOICE, '"III"', "III", True),  # in place of the visibility
         ("object.0.visible", SWITCH, "", False, True),
         ("object.0.double_sided", CHOICE, "true", True, False),
         ("object.0.position_m", NUMBER, "-0.5", [-0.5, -0.6, -3.6], False),
         ("object.0.base_color", COLOUR, "#ff0000", [1.0, 0.0, 0.0], False),
-        ("object.0.part", TEXT, "", None, False),
+        ("output.pixel_format", TEXT, "", None, False),
         ("water.gain", TEXT, "[1.0, 0.9, 0.8]", [1.0, 0.9, 0.8], False),
         ("light.sun_time", TEXT, "2026-06-21T12:00:00+00:00", "2026-06-21T12:00:00+00:00", False),
     ],
@@ -465,7 +464,7 @@ def test_the_whole_clip_is_rendered_from_the_page(page: Page) -> None:
     assert (page.scene.parent / "from_page.mp4").stat().st_size > 1000
     link = tab.page.get_by_role("link", name="Open from_page.mp4").get_attribute("href")
     assert tab.page.request.get(link, headers={"Range": "bytes=0-99"}).status == 206
-    tab.page.get_by_role("button", name="Close").click()
+    tab.page.get_by_role("form", name="Render").get_by_role("button", name="Close").click()
 
 
 def test_nothing_was_asked_of_other_machines(page: Page) -> None:

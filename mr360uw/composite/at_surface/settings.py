@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from mr360uw.composite.settings import Samples
 from mr360uw.parameters import Parameters, parameter
 
+WITHIN_M = 3.0
+"""Greatest depth of an object's top at which "auto" shows it in the surface; images fade in over its last quarter."""
 FAINTEST = 1e-3
 """Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
 
@@ -18,8 +19,3 @@ class SurfaceSettings(Parameters):
     objects: Literal["auto", "all", "none"] = parameter(
         "auto", "objects that the surface mirrors and cuts; auto: those that come near it"
     )
-    within_m: float = parameter(
-        3.0, "for auto: greatest depth of an object's top; images fade in over the last quarter of it",
-        unit="m", above=0.0, high=200.0,
-    )  # fmt: skip
-    samples: Samples = parameter(17, "rays of a pixel that meet the surface", unit="1")

@@ -19,7 +19,7 @@ from mr360uw.composite.grading.colour_grade import (
     ColourGrade,
     Three,
 )
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Floats
 
@@ -44,7 +44,7 @@ class PatchSettings(Parameters):
 
     azimuth_deg: float = parameter(..., "side of the panorama on which it is, 0: middle, +: right", unit="deg")
     elevation_deg: float = parameter(..., "height over the panorama's middle row", unit="deg", low=-90.0, high=90.0)
-    size_deg: float = parameter(1.0, "diameter of the part that is read", unit="deg", low=0.05, high=20.0)
+    size_deg: float = advanced(1.0, "diameter of the part that is read", unit="deg", low=0.05, high=20.0)
     shows: Literal["grey", "colour", "black", "white"] = parameter(
         "grey", "a grey, which reflects all colours alike; a colour; black; or white, a grey of 0.9", alias="is"
     )
@@ -84,7 +84,6 @@ class PatchSettings(Parameters):
 class MatchSettings(Parameters):
     """Grade, softness and sharpening of the plate: its light is read without the grade, bodies are given all of it."""
 
-    enabled: bool = parameter(True, "whether anything of the plate's look is reckoned with", fixed=_ONE_LOOK)
     black: Black = parameter(
         "auto", "code of black, 0 to 1, of all channels or of red, green, blue; auto: by the patches, else 0", unit="1",
         fixed=_ONE_LOOK,
@@ -115,9 +114,6 @@ class MatchSettings(Parameters):
         0.0, "amount of an unsharp mask on bodies, where the plate was sharpened; 0: none", unit="1", low=0.0, high=5.0,
         fixed=_ONE_LOOK,
     )  # fmt: skip
-    sharpening_px: float = parameter(
-        1.0, "standard deviation of that mask", unit="px", above=0.0, high=10.0, fixed=_ONE_LOOK
-    )
 
     @model_validator(mode="after")
     def _light_can_be_read(self) -> MatchSettings:
@@ -154,22 +150,22 @@ class MatchSettings(Parameters):
     @property
     def reading(self) -> Hashable:
         """Key of all that the plate's light is read by."""
-        return self.enabled, *(getattr(self, name) for name in COLOUR), self.patch
+        return *(getattr(self, name) for name in COLOUR), self.patch
 
     @property
     def measures(self) -> bool:
         """Whether anything of the plate's look is measured."""
-        return self.enabled and (self.softness == "auto" or bool(self.open_keys))
+        return self.softness == "auto" or bool(self.open_keys)
 
     @property
     def colours(self) -> bool:
         """Whether the plate may have a grade that its light is read without."""
-        return self.enabled and (bool(self.open_keys) or self.colour_over(NO_GRADE).changes)
+        return bool(self.open_keys) or self.colour_over(NO_GRADE).changes
 
     @property
     def changes(self) -> bool:
         """Whether bodies may be changed."""
-        return self.enabled and (self.softness != 0.0 or self.sharpening != 0.0 or self.colours)
+        return self.softness != 0.0 or self.sharpening != 0.0 or self.colours
 
     @property
     def in_words(self) -> str:

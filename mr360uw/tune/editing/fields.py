@@ -39,8 +39,6 @@ FIRST = {
     "object.tint": "Object tint",
 }
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
-INSTEAD = {"lamp.lumen": "lamp.watts", "lamp.watts": "lamp.lumen"}
-"""Parameters of which one stands in place of the other: a control that sets one removes the other."""
 
 _TITLES = {
     "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps", "output": "Output",

@@ -12,7 +12,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.editing.fields import FIRST, INSTEAD, Field, Group, groups
+from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
 from mr360uw.tune.editing.toml_edit import toml_text
 
 
@@ -109,12 +109,8 @@ class ControlPanel(Element, component="controls.js"):
             self._try(lambda: self._set(key, value, drag))
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
-        bare = ".".join(part for part in key.split(".") if not part.isdecimal())
-        other = key.replace(bare.rpartition(".")[2], INSTEAD.get(bare, bare).rpartition(".")[2])
         with self._document.together(f"set {key}", group=group):
             self._document.set(key, value)
-            if other != key and self._document.get(other) is not None:
-                self._document.unset(other)
 
     def _reset(self, event: GenericEventArguments) -> None:
         field = self._field(event.args["key"])
