@@ -1,7 +1,9 @@
 from . import caustics, composite, from_above, ibl, medium, surface, video
+from .compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
-from .pipeline import FrameResult, composite_video, render_frame
+from .pipeline import composite_video
+from .render.first_pass import ClipAnalysis
 from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
@@ -17,6 +19,8 @@ __all__ = [
     "AerialScene",
     "CameraTrack",
     "CausticStack",
+    "ClipAnalysis",
+    "Compositor",
     "Environment",
     "FloorMesh",
     "FrameResult",
@@ -33,6 +37,7 @@ __all__ = [
     "VideoError",
     "__version__",
     "aerial",
+    "analyse_clip",
     "caustics",
     "composite",
     "composite_video",

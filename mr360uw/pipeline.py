@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compositing of whole videos and of single frames.
+"""Compositing of whole videos.
 
 A video is made in parts that are kept until all are there: see `mr360uw.runs`; by one process or by several: see
 `mr360uw.farm`.
@@ -11,19 +11,15 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from mr360uw.errors import ParameterError
 from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts, measured_range
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.runs.clip_measured import measured_facts
@@ -36,71 +32,8 @@ from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import real
-from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
-from mr360uw.video import VideoFrame, VideoReader
-
-
-@dataclass(frozen=True, slots=True)
-class FrameResult:
-    """One composited frame and its intermediate results; stages that the scene does not need are None.
-
-    image_linear: (H, W, 3) float32. layer: objects, shadows and caustics over the plate. environment: the plate's
-    light. caustics: on planes around the objects' depths. medium: the water, its veil matched to the plate.
-    """
-
-    image_linear: Floats
-    layer: Layer
-    environment: Environment | None
-    caustics: CausticStack | None
-    medium: MediumTable | None
-
-    def _repr_png_(self) -> bytes:
-        """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
-        from mr360uw.preview.thumbnail import thumbnail
-
-        return thumbnail(self.image_linear)
-
-
-def render_frame(
-    plate: Floats,
-    scene: Scene,
-    time_s: float = 0.0,
-    backend: str = "auto",
-    *,
-    index: int = 0,
-    sun: Sun | Literal["scene"] | None = "scene",
-    gain: Floats | None = None,
-    facts: ClipFacts | None = None,
-    shutter_s: float = 0.0,
-) -> FrameResult:
-    """Return the composite of one plate (H, W, 3), float32, linear, values up to 1 where it clips.
-
-    time_s: of the sea and of moving objects. index: of the frame, for sequences and grain. backend: "auto", "gl" or
-    "reference". sun: "scene" follows the scene's settings in this plate alone; for a frame of a video give
-    `facts.sun_at(index)`. gain: (3,) of the veil if the scene's is "auto"; None fits it to this plate alone, for a
-    frame of a video give `facts.gain_at(index)`. facts: of a first pass over the plate's clip, in place of both.
-    shutter_s: exposure time, for motion blur. The scene is loaded on each call; for many frames use
-    `render.loaded.load` and `render.frame.frame_stages`.
-    """
-    plate = real("plate", plate)
-    if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
-        raise ParameterError(
-            f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"
-        )
-    if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
-        raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
-    loaded = load(scene, plate.shape[1], plate.shape[0], clip=False)
-    renderer, _ = make_backend(backend)
-    facts = ClipFacts.of_frame(sun, gain) if facts is None else facts
-    frame = finished(frame_stages(loaded, facts, renderer, VideoFrame.of_linear(plate, index, time_s), shutter_s))
-    return FrameResult(
-        image_linear=frame.picture.image_linear,
-        layer=frame.layer,
-        environment=frame.light.environment if frame.light is not None else None,
-        caustics=frame.caustics,
-        medium=frame.medium,
-    )
+from mr360uw.shapes import instance
+from mr360uw.video import VideoReader
 
 
 def composite_video(
@@ -133,6 +66,7 @@ def composite_video(
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
     """
     began = time.perf_counter()
+    instance("scene", scene, Scene, "load_scene reads one")
     with open_plate(scene) as video:
         span = video.check_range(*frames)
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
@@ -217,7 +151,7 @@ def _find_facts(
     progress: Progress | None,
     *,
     fresh: bool,
-) -> ClipFacts:
+) -> ClipAnalysis:
     """Return the facts of the clip's frames `span`, measured into the work folder unless they are there."""
     stored = work.facts()
     if stored is not None:

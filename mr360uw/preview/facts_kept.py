@@ -14,7 +14,7 @@ from mr360uw.preview.drafts import coarse
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import stamp
 from mr360uw.render.calm import CalmPlate
-from mr360uw.render.first_pass import ClipFacts, clip_facts
+from mr360uw.render.first_pass import ClipAnalysis, clip_facts
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_pattern import waves_key
 from mr360uw.video import VideoReader
@@ -28,7 +28,7 @@ class _Measured:
 
     of_clip: tuple[Hashable, Hashable]
     of_ground: tuple[Hashable, Hashable]
-    facts: ClipFacts
+    facts: ClipAnalysis
 
 
 class KeptFacts:
@@ -38,13 +38,15 @@ class KeptFacts:
         self._kept = kept
         self._last: _Measured | None = None
 
-    def measure(self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None) -> ClipFacts:
+    def measure(
+        self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None
+    ) -> ClipAnalysis:
         """Return the facts of a scene's clip, and keep them. plate: at full size. video: at the scene's own."""
         facts = clip_facts(loaded, video, progress)
         self.take(loaded, plate, facts)
         return facts
 
-    def take(self, loaded: Loaded, plate: VideoReader, facts: ClipFacts) -> None:
+    def take(self, loaded: Loaded, plate: VideoReader, facts: ClipAnalysis) -> None:
         """Keep facts that were measured of a scene's clip. plate: at full size."""
         draft = replace(loaded, scene=coarse(loaded.scene))
         of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
@@ -54,11 +56,11 @@ class KeptFacts:
         """Return whether there are facts of a scene's clip."""
         return self._last is not None and _of_clip(plate, loaded) in self._last.of_clip
 
-    def of(self, loaded: Loaded, plate: VideoReader) -> ClipFacts:
+    def of(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
         """Return the facts for frames of a scene; those that are not known for its settings are left out."""
         last = self._last
         if last is None or not self.holds(loaded, plate):
-            return ClipFacts()
+            return ClipAnalysis()
         calm = last.facts.calm
         if calm is None or _of_ground(loaded) not in last.of_ground:
             return replace(last.facts, calm=None)

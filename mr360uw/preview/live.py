@@ -14,7 +14,7 @@ from mr360uw.preview.plate_clip import PlateClip
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, finished, frame_stages
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.stages.match_stage import look_in_frame, patch_frames
@@ -68,7 +68,7 @@ class LivePreview:
 
     coarse = staticmethod(coarse)
 
-    def measure(self, scene: Scene, progress: Progress | None = None) -> ClipFacts:
+    def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
 
         The sun's and the gain's tracks over the clip are smoother than what single frames show, and the mean of a clip
@@ -79,7 +79,7 @@ class LivePreview:
         reader, loaded = self._plates.reader(scene), self.loaded(scene)
         return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
 
-    def take_facts(self, scene: Scene, facts: ClipFacts) -> None:
+    def take_facts(self, scene: Scene, facts: ClipAnalysis) -> None:
         """Use facts of a scene's clip that another preview's `measure` returned."""
         self._facts.take(self.loaded(scene), self._plates.reader(scene), facts)
 

@@ -9,7 +9,7 @@ from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import cache_file, keep_arrays
 from mr360uw.reading.kept_reads import stamp
 from mr360uw.reading.numbered_files import files_named
-from mr360uw.render.first_pass import ClipFacts, clip_facts
+from mr360uw.render.first_pass import ClipAnalysis, clip_facts
 from mr360uw.render.loaded import Loaded
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_facts import arrays_of_facts, load_facts
@@ -25,7 +25,7 @@ def measured_facts(
     progress: Progress | None = None,
     *,
     fresh: bool = False,
-) -> ClipFacts:
+) -> ClipAnalysis:
     """Return the facts of a clip's frames [a, b), of an earlier run if there was one over the same with the same.
 
     fresh: measure them anyway. Raises as `clip_facts`.

@@ -21,8 +21,8 @@ _BLOCKS = 16
 """Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
 _FIRST_PASS = ("plate", "camera", "water", "light", "receiver", "sea", "caustics", "match")
 """Tables of a scene that the first pass depends on."""
-_JOINED = ("sound", "faststart", "threads")
-"""Settings of the output that act when segments are joined, or on speed alone."""
+_JOINED = ("sound",)
+"""Settings of the output that act when segments are joined."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 from mr360uw.composite.aovs import RECIPE, Part, exr_parts, stereo_parts
 from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, Stages, finished, frame_stages
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.stages.light_stage import LightKnots
@@ -66,7 +66,7 @@ class RangeRenderer:
     """
 
     loaded: Loaded
-    facts: ClipFacts
+    facts: ClipAnalysis
     backend: Backend
     video: VideoReader
     layers: Path | None

@@ -17,14 +17,14 @@ from mr360uw.ibl import SunTrack
 from mr360uw.medium.fit.open_water_track import OpenWaterTrack
 from mr360uw.reading.disk_cache import read_arrays, write_arrays
 from mr360uw.render.calm import CalmPlate
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 
 _SUN, _LOOK, _OPEN_WATER = "sun_", "look_", "open_water_"
 _PLAIN = ("softness_px", "sharpening", "sharpening_px", "columns")
 """Fields of a look that are numbers."""
 
 
-def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
+def arrays_of_facts(facts: ClipAnalysis) -> dict[str, Any]:
     """Return a clip's facts, with a track of the sun or none, as arrays by name."""
     arrays: dict[str, Any] = {"notes": np.array(facts.notes, dtype=np.str_), "first": np.array(facts.first)}
     if isinstance(facts.sun, SunTrack):
@@ -45,14 +45,14 @@ def arrays_of_facts(facts: ClipFacts) -> dict[str, Any]:
     return arrays
 
 
-def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipFacts:
+def facts_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipAnalysis:
     """Return the facts that `arrays_of_facts` was given."""
     of_sun, of_look, of_water = (_under(prefix, arrays) for prefix in (_SUN, _LOOK, _OPEN_WATER))
     if of_sun:
         of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
     calm = CalmPlate(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
     notes = tuple(str(note) for note in arrays["notes"])
-    return ClipFacts(
+    return ClipAnalysis(
         SunTrack(**of_sun) if of_sun else None,
         arrays.get("gain"),
         calm,
@@ -67,12 +67,12 @@ def _under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
-def save_facts(facts: ClipFacts, path: Path) -> None:
+def save_facts(facts: ClipAnalysis, path: Path) -> None:
     """Write a clip's facts to a file."""
     write_arrays(path, arrays_of_facts(facts))
 
 
-def load_facts(path: Path) -> ClipFacts | None:
+def load_facts(path: Path) -> ClipAnalysis | None:
     """Return the facts of a file, or None where there is none, or it is damaged or lacks some."""
     arrays = read_arrays(path)
     try:

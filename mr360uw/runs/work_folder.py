@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 from mr360uw.errors import OutputExistsError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_facts import load_facts, save_facts
 from mr360uw.video.write.segment import Segment, stored_segments
@@ -41,11 +41,11 @@ class WorkFolder:
     resumed: bool
     notes: tuple[str, ...]
 
-    def facts(self) -> ClipFacts | None:
+    def facts(self) -> ClipAnalysis | None:
         """Return the stored facts of the clip, or None."""
         return load_facts(self.path / _FACTS)
 
-    def keep_facts(self, facts: ClipFacts) -> None:
+    def keep_facts(self, facts: ClipAnalysis) -> None:
         """Store the facts of the clip."""
         save_facts(facts, self.path / _FACTS)
 

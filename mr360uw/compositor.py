@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compositing of single frames by a library call: one frame, or many with a scene that is loaded once."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+
+from mr360uw.cache import Cache
+from mr360uw.errors import ParameterError
+from mr360uw.progress import Progress
+from mr360uw.render.backends import make_backend
+from mr360uw.render.first_pass import ClipAnalysis, clip_facts
+from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.loaded import Loaded, load
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.shapes import file_path, instance, real
+from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
+from mr360uw.video import VideoFrame
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """One composited frame and its intermediate results; stages that the scene does not need are None.
+
+    image_linear: (H, W, 3) float32. layer: objects, shadows and caustics over the plate. environment: the plate's
+    light. caustics: on planes around the objects' depths. medium: the water, its veil matched to the plate.
+    """
+
+    image_linear: Floats
+    layer: Layer
+    environment: Environment | None
+    caustics: CausticStack | None
+    medium: MediumTable | None
+
+    def _repr_png_(self) -> bytes:
+        """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
+        from mr360uw.preview.thumbnail import thumbnail
+
+        return thumbnail(self.image_linear)
+
+
+class Compositor:
+    """Composites frames with one scene, which is loaded once: from the second frame on only the frame is computed.
+
+    Parameters
+    ----------
+    scene : of a file (`load_scene`), or made in Python.
+    backend : "auto", "gl" or "reference".
+    analysis : of the frames' clip (`analyse_clip`); without it the light of a frame is measured in that frame alone.
+
+    A frame depends on its plate, index and time alone, never on the frames before it; its light is measured in itself,
+    where `composite_video` takes that of most frames from frames before and after. Frames are made in the thread
+    that made the compositor, as OpenGL asks for; any thread may close it. Raises what `load_scene` and `GlError` say.
+
+    Examples
+    --------
+    >>> with uw.Compositor(scene) as compositor:
+    ...     pictures = [compositor.frame(frame).image_linear for frame in video.frames()]
+    """
+
+    def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
+        self._scene = instance("scene", scene, Scene, "load_scene reads one")
+        self._analysis = analysis
+        self._renderer, self.note = make_backend(backend)
+        self._loaded: Loaded | None = None
+        self._kept: Cache | None = Cache(scene.plate.eyes)
+        self._one_thread = threading.Lock()
+
+    def frame(
+        self,
+        plate: Floats | VideoFrame,
+        time_s: float = 0.0,
+        *,
+        index: int = 0,
+        sun: Sun | Literal["scene"] | None = "scene",
+        gain: Floats | None = None,
+        shutter_s: float = 0.0,
+    ) -> FrameResult:
+        """Return the composite of one plate.
+
+        Parameters
+        ----------
+        plate : (H, W, 3) float32, linear, values up to 1 where it clips; or a frame of `open_video`, which brings its
+            index and time, and whose light is read from its codes as `composite_video` does.
+        time_s : of the sea and of moving objects [s].
+        index : of the frame, for sequences, grain and the analysis.
+        sun : "scene" follows the scene's settings in this plate alone. Without an analysis only.
+        gain : (3,) of the veil if the scene's is "auto"; None fits it to this plate alone. Without an analysis only.
+        shutter_s : exposure time [s], for motion blur.
+        """
+        with self._one_thread:
+            if self._kept is None:
+                raise ParameterError("compositor - is closed - make another")
+            shown = plate if isinstance(plate, VideoFrame) else VideoFrame.of_linear(_checked(plate), index, time_s)
+            height, width = shown.shape
+            if self._loaded is None or (self._loaded.height, self._loaded.width) != (height, width):
+                self._loaded = load(self._scene, width, height, clip=self._analysis is not None)
+            facts = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
+            stages = frame_stages(self._loaded, facts, self._renderer, shown, shutter_s, kept=self._kept)
+            frame = finished(stages)
+        return FrameResult(
+            image_linear=frame.picture.image_linear,
+            layer=frame.layer,
+            environment=frame.light.environment if frame.light is not None else None,
+            caustics=frame.caustics,
+            medium=frame.medium,
+        )
+
+    def close(self) -> None:
+        """Let go of all that is kept. It waits for a frame that is being made."""
+        with self._one_thread:
+            self._loaded = self._kept = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def render_frame(
+    plate: Floats | VideoFrame,
+    scene: Scene,
+    time_s: float = 0.0,
+    backend: str = "auto",
+    *,
+    index: int = 0,
+    sun: Sun | Literal["scene"] | None = "scene",
+    gain: Floats | None = None,
+    facts: ClipAnalysis | None = None,
+    shutter_s: float = 0.0,
+) -> FrameResult:
+    """Return the composite of one plate; see `Compositor`, which is faster for more than one. facts: its analysis."""
+    if not isinstance(plate, VideoFrame):
+        plate = _checked(plate)
+    with Compositor(scene, backend=backend, analysis=facts) as compositor:
+        return compositor.frame(plate, time_s, index=index, sun=sun, gain=gain, shutter_s=shutter_s)
+
+
+def analyse_clip(
+    video: str | Path,
+    scene: Scene,
+    *,
+    frames: tuple[int, int] | None = None,
+    progress: Progress | None = None,
+) -> ClipAnalysis:
+    """Return what a composite measures over a clip before its first frame: sun, gain of the veil, calm ground, look.
+
+    video: the clip, instead of the plate that the scene names. frames: [a, b), with ten seconds on either side; by
+    default all. progress: is called with (done, total) frames. Raises `VideoError` or `SceneError`.
+    """
+    plate = scene.plate.model_copy(update={"path": file_path("video", video)})
+    with open_plate(scene.model_copy(update={"plate": plate})) as reader:
+        loaded = load(scene, reader.width, reader.height, clip=not reader.is_still)
+        return clip_facts(loaded, reader, progress, frames=frames)
+
+
+def _checked(plate: Floats) -> Floats:
+    """Return a plate of linear light; raise `ParameterError` for other arrays."""
+    plate = real("plate", plate)
+    if plate.ndim != 3 or plate.shape[2] != 3 or plate.shape[1] != 2 * plate.shape[0] or plate.shape[0] % 2:
+        raise ParameterError(
+            f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"
+        )
+    if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
+        raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
+    return plate

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single frames by library calls: a scene that is loaded once, and what a clip's analysis gives to its frames."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.color import encode
+from mr360uw.sample import SampleDive
+from mr360uw.types import Floats
+from tests.tolerances import FRAME_ALONE_CODES, FRAME_ALONE_FRACTION
+
+
+def codes(linear: Floats) -> Floats:
+    return np.round(255.0 * encode(np.clip(linear, 0.0, 1.0), "srgb"))
+
+
+def test_frames_of_a_clip_are_those_that_a_composite_writes(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    scene = uw.load_scene(dive.scene)
+    uw.composite_video(scene, tmp_path / "out_%d.exr", frames=(2, 5), backend=backend)
+    analysis = uw.analyse_clip(dive.plate, scene)
+    with uw.open_video(dive.plate) as video, uw.Compositor(scene, backend=backend, analysis=analysis) as compositor:
+        found = {frame.index: compositor.frame(frame).image_linear for frame in video.frames(2, 5)}
+    with uw.open_video(tmp_path / "out_%d.exr") as written:
+        for frame in written.frames():
+            off = np.abs(codes(found[frame.index + 2]) - codes(frame.image_linear)).max(axis=-1)
+            # a composite takes the light of most frames from that of frames before and after
+            assert np.mean(off <= FRAME_ALONE_CODES) >= FRAME_ALONE_FRACTION
+            assert np.mean(off == 0.0) > 0.5  # what nothing touches keeps its codes
+
+
+def test_a_scene_is_loaded_once(dive: SampleDive, tmp_path: Path) -> None:
+    mesh = tmp_path / "whale.glb"
+    mesh.write_bytes(dive.mesh.read_bytes())
+    scene = uw.load_scene(dive.scene)
+    scene = scene.model_copy(update={"objects": (scene.objects[0].model_copy(update={"mesh": mesh}),)})
+    plate = np.full((64, 128, 3), 0.2, np.float32)
+    with uw.Compositor(scene, backend="reference") as compositor:
+        compositor.frame(plate, 0.0)
+        mesh.unlink()
+        later = compositor.frame(plate, 0.5).image_linear
+    mesh.write_bytes(dive.mesh.read_bytes())
+    np.testing.assert_array_equal(later, uw.render_frame(plate, scene, 0.5, "reference").image_linear)
+
+
+def test_frames_of_another_size_follow(dive: SampleDive) -> None:
+    scene = uw.load_scene(dive.scene)
+    with uw.Compositor(scene, backend="reference") as compositor:
+        for height in (32, 64):
+            plate = np.full((height, 2 * height, 3), 0.2, np.float32)
+            assert compositor.frame(plate).image_linear.shape == plate.shape
+
+
+def test_any_thread_may_close_it(dive: SampleDive) -> None:
+    compositor = uw.Compositor(uw.load_scene(dive.scene), backend="reference")
+    other = threading.Thread(target=compositor.close)
+    other.start()
+    other.join()
+    with pytest.raises(uw.ParameterError, match="compositor - is closed"):
+        compositor.frame(np.full((32, 64, 3), 0.2, np.float32))
